@@ -134,7 +134,21 @@ class GateSpec:
 
 @dataclass(frozen=True, slots=True)
 class StageSpec:
-    """What the columns of a stage's candidates and trace mean; stated once per stage and topic."""
+    """What the columns of a stage's candidates and trace mean; stated once per stage and topic.
+
+    Attributes
+    ----------
+    stage, plugin
+        Name of the stage in its pipeline, and what it runs.
+    topic
+        The stream it runs on.
+    channels
+        Names of the channels of its candidates and trace.
+    columns, gates, trace
+        The columns of candidates, the gates that decide them, the quantities of the trace.
+    emits
+        What an accepted candidate becomes: ``pick``, ``step`` or ``impact``.
+    """
 
     stage: str
     plugin: str
@@ -143,7 +157,7 @@ class StageSpec:
     columns: tuple[Quantity, ...]
     gates: tuple[GateSpec, ...]
     trace: tuple[Quantity, ...]
-    trace_period_s: float
+    emits: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

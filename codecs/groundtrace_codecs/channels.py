@@ -1,0 +1,276 @@
+"""Channels that carry signals: which those are, and their messages as blocks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from .description import PREVIEW_KEY, STREAM_KEY, placed, stream_from_json
+from .errors import CodecError, SchemaError
+from .schemas.cdr import CdrDecoder
+from .schemas.protobuf import get_time, parse
+from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
+from .schemas.ros2msg import parse_ros2msg
+from .schemas.waveform import decode_waveform, to_block
+from .signals import NS_PER_S, Channel, SignalBlock, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from .geometry import Geometry
+    from .mcap import ChannelRecord, McapFile, Message, Schema
+    from .schemas.ros2msg import Definition
+
+_PROBE_MESSAGES = 500
+_PROBE_NS = 30 * NS_PER_S
+_LOCATION_KINDS = {"foxglove.LocationFix", "foxglove.LocationFixes"}
+
+
+class Stamped(NamedTuple):
+    """A block and the log time of the (last) message it came from [ns]."""
+
+    log_ns: int
+    block: SignalBlock
+
+
+class ChannelReader(Protocol):
+    """Turns the messages of one channel into blocks of the streams it holds."""
+
+    streams: tuple[Stream, ...]
+
+    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+        """Yield the blocks of consecutive messages of the channel."""
+
+
+def probe(file: McapFile, channel_id: int) -> list[Message]:
+    """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
+    messages = file.messages({channel_id})
+    first = next(messages, None)
+    if first is None:
+        return []
+    early = takewhile(lambda m: m.log_time - first.log_time < _PROBE_NS, messages)
+    return [first, *(m for m, _ in zip(early, range(_PROBE_MESSAGES - 1), strict=False))]
+
+
+def reader_for(
+    file: McapFile, channel: ChannelRecord, geometry: Geometry | None
+) -> ChannelReader | None:
+    """Return the reader of a channel, or None where it carries no known signal.
+
+    Raises
+    ------
+    CodecError
+        Where the channel says that it carries a stream but its description or first messages do
+        not.
+    """
+    schema = file.schemas.get(channel.schema_id)
+    if schema is None or PREVIEW_KEY in channel.metadata:
+        return None
+    kind = (channel.message_encoding, schema.encoding)
+    reader: ChannelReader | None = None
+    if kind == ("protobuf", "protobuf") and schema.name == "groundtrace.WaveformBlock":
+        reader = _waveform_reader(file, channel)
+    elif kind == ("protobuf", "protobuf") and schema.name in _LOCATION_KINDS:
+        reader = _location_reader(file, channel, schema.name)
+    elif kind == ("cdr", "ros2msg"):
+        reader = _ros_reader(file, channel, schema)
+    if reader is not None:
+        reader.streams = tuple(placed(s, geometry) for s in reader.streams)
+    return reader
+
+
+def _place(file: McapFile, channel: ChannelRecord) -> str:
+    return f"{file.name}: {channel.topic}"
+
+
+def median_rate(times_ns: NDArray[np.int64]) -> float:
+    """Return the inverse of the median interval [Hz]; 1 where there are no two distinct times."""
+    steps = np.diff(np.unique(times_ns))
+    return NS_PER_S / float(np.median(steps)) if len(steps) else 1.0
+
+
+class WaveformReader:
+    """Reads ``groundtrace.WaveformBlock`` messages, one block each."""
+
+    def __init__(self, stream: Stream, place: str) -> None:
+        self.streams: tuple[Stream, ...] = (stream,)
+        self._place = place
+
+    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+        """Yield one block per message."""
+        for message in messages:
+            wave = decode_waveform(message.data, self._place)
+            yield Stamped(message.log_time, to_block(self.streams[0], wave, self._place))
+
+
+def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:
+    place = _place(file, channel)
+    if STREAM_KEY in channel.metadata:
+        text = channel.metadata[STREAM_KEY]
+        return WaveformReader(stream_from_json(text, channel.topic, place), place)
+    first = next(file.messages({channel.id}), None)
+    if first is None:
+        return None
+    wave = decode_waveform(first.data, place)
+    names = (f"ch{i + 1}" for i in range(wave.samples.shape[1]))
+    channels = tuple(Channel(name, "seismic", "count") for name in names)
+    irregular = wave.times_ns is not None
+    rate = wave.rate_hz if wave.times_ns is None else median_rate(wave.times_ns)
+    return WaveformReader(Stream(channel.topic, channels, rate, irregular=irregular), place)
+
+
+class RosReader:
+    """Reads ROS 2 messages, many at once; a message may hold several streams."""
+
+    def __init__(
+        self,
+        definition: Definition,
+        sources: Sequence[RosSource],
+        streams: Sequence[Stream],
+        place: str,
+    ) -> None:
+        self.streams: tuple[Stream, ...] = tuple(streams)
+        self._sources = sources
+        self._decoder = CdrDecoder(definition, place)
+        self._orders = [column_order(s.kind, t) for s, t in zip(sources, streams, strict=True)]
+
+    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+        """Yield the blocks of consecutive messages: one per stream and contiguous run."""
+        log_ns = log_times(messages)
+        tables = list(self._decoder.tables([m.data for m in messages]))
+        for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
+            found = read_samples(source, tables, log_ns)
+            if not len(found.times_ns):
+                continue
+            in_order = order == sorted(order)
+            values = found.values if in_order else found.values[:, order]
+            if stream.irregular:
+                first = messages[0].sequence
+                block = SignalBlock(stream, int(found.times_ns[0]), first, values, found.times_ns)
+                yield Stamped(messages[-1].log_time, block)
+            else:
+                indices = np.array([m.sequence for m in messages], np.int64)
+                yield from _runs(stream, indices, found.times_ns, values, log_ns)
+
+
+def log_times(messages: Sequence[Message]) -> NDArray[np.int64]:
+    """Return the log time of every message [ns].
+
+    Raises
+    ------
+    SchemaError
+        Where one does not fit an int64.
+    """
+    try:
+        return np.array([m.log_time for m in messages], np.int64)
+    except OverflowError as error:
+        raise SchemaError(f"log_time: expected less than 2^63 ns, found: {error}") from error
+
+
+def _runs(
+    stream: Stream,
+    indices: NDArray[np.int64],
+    times_ns: NDArray[np.int64],
+    values: NDArray[np.float64],
+    log_ns: NDArray[np.int64],
+) -> Iterator[Stamped]:
+    """Cut uniform samples where index or anchor jump; the index is the message's sequence."""
+    anchors = times_ns - np.rint(indices * stream.period_ns).astype(np.int64)
+    breaks = np.flatnonzero((np.diff(indices) != 1) | (np.diff(anchors) != 0)) + 1
+    for start, stop in zip([0, *breaks], [*breaks, len(indices)], strict=True):
+        block = SignalBlock(stream, int(anchors[start]), int(indices[start]), values[start:stop])
+        yield Stamped(int(log_ns[stop - 1]), block)
+
+
+def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosReader | None:
+    place = _place(file, channel)
+    try:
+        definition = parse_ros2msg(schema.name, schema.data.decode("utf-8", "replace"))
+    except SchemaError:
+        # A foreign schema that cannot be read is a channel left alone, not a broken recording.
+        return None
+    sources = find_sources(definition)
+    if not sources:
+        return None
+    if STREAM_KEY in channel.metadata:
+        stream = stream_from_json(channel.metadata[STREAM_KEY], channel.topic, place)
+        if definition.name not in KINDS or kind_of(stream) != definition.name:
+            raise SchemaError(f"{place}: expected the channels of {definition.name}, found others")
+        return RosReader(definition, sources, (stream,), place)
+    return _estimated(file, channel, definition, sources)
+
+
+def _estimated(
+    file: McapFile,
+    channel: ChannelRecord,
+    definition: Definition,
+    sources: Sequence[RosSource],
+) -> RosReader | None:
+    """Return the reader of a foreign channel; its rates are those of its first messages."""
+    place = _place(file, channel)
+    messages = probe(file, channel.id)
+    if not messages:
+        return None
+    topics = [channel.topic + s.suffix for s in sources]
+    streams = [
+        Stream(t, s.channels, 1.0, irregular=True) for t, s in zip(topics, sources, strict=True)
+    ]
+    reader = RosReader(definition, sources, streams, place)
+    times = {b.topic: b.sample_times() for _, b in reader.blocks(messages)}
+    reader.streams = tuple(
+        replace(s, rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64)))) for s in streams
+    )
+    return reader
+
+
+class LocationReader:
+    """Reads ``foxglove.LocationFix`` and ``foxglove.LocationFixes``."""
+
+    def __init__(self, stream: Stream, schema_name: str, place: str) -> None:
+        self.streams: tuple[Stream, ...] = (stream,)
+        self._many = schema_name.endswith("Fixes")
+        self._place = place
+
+    def _fixes(self, message: Message) -> Sequence[Any]:
+        if self._many:
+            from foxglove_schemas_protobuf.LocationFixes_pb2 import LocationFixes
+
+            fixes: Sequence[Any] = parse(LocationFixes, message.data, self._place).fixes
+            return fixes
+        from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+
+        return (parse(LocationFix, message.data, self._place),)
+
+    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+        """Yield one block of all the fixes."""
+        logs = log_times(messages)
+        pairs = [(m, fix) for m in messages for fix in self._fixes(m)]
+        if not pairs:
+            return
+        times = [get_time(fix.timestamp, self._place) or m.log_time for m, fix in pairs]
+        values = np.array([(f.latitude, f.longitude, f.altitude) for _, f in pairs], np.float64)
+        block = SignalBlock(self.streams[0], times[0], 0, values, np.array(times, np.int64))
+        yield Stamped(int(logs[-1]), block)
+
+
+def _location_reader(
+    file: McapFile, channel: ChannelRecord, schema_name: str
+) -> LocationReader | None:
+    try:
+        import foxglove_schemas_protobuf  # noqa: F401
+    except ImportError as error:
+        raise CodecError(f"{file.name}: expected foxglove-schemas-protobuf, found none") from error
+    messages = probe(file, channel.id)
+    channels = tuple(c for _, c in KINDS["sensor_msgs/NavSatFix"])
+    stream = Stream(channel.topic, channels, 1.0, irregular=True)
+    reader = LocationReader(stream, schema_name, _place(file, channel))
+    times = [b.sample_times() for _, b in reader.blocks(messages)]
+    if not times:
+        return None
+    reader.streams = (replace(stream, rate_hz=median_rate(times[0])),)
+    return reader

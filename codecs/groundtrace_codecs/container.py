@@ -1,0 +1,118 @@
+"""The MCAP file being written: channels, messages, and how it gets its name."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING
+
+from .errors import CodecError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from .encoders import Output, Packet
+
+TOOL = "groundtrace"
+_CHUNK_BYTES = 256 << 10
+_COMPRESSIONS = {"zstd": "ZSTD", "lz4": "LZ4", "none": "NONE"}
+
+
+def tool_version() -> str:
+    """Return the installed version of groundtrace; ``0`` where it runs from a bare checkout."""
+    with suppress(PackageNotFoundError):
+        return version(TOOL)
+    return "0"
+
+
+class Container:
+    """An MCAP file that grows as ``NAME.partial``.
+
+    Parameters
+    ----------
+    path
+        Its name in the end.
+    compression
+        ``zstd``, ``lz4`` or ``none``.
+    force
+        Replace an existing file.
+
+    Raises
+    ------
+    CodecError
+        Where the file exists already and ``force`` is not given, or cannot be written.
+    """
+
+    def __init__(self, path: Path, compression: str, force: bool) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self.path = path
+        self._partial = path.with_name(f"{path.name}.partial")
+        if path.exists() and not force:
+            raise CodecError(f"{path}: expected a new file, found an existing one")
+        if compression not in _COMPRESSIONS:
+            known = ", ".join(_COMPRESSIONS)
+            raise CodecError(f"{path}: compression: expected one of {known}, found {compression!r}")
+        try:
+            self._file = self._partial.open("wb")
+        except OSError as error:
+            raise CodecError(
+                f"{path}: expected a place to write, found: {error.strerror}"
+            ) from error
+        self._mcap = Writer(
+            self._file,
+            chunk_size=_CHUNK_BYTES,
+            compression=CompressionType[_COMPRESSIONS[compression]],
+            enable_data_crcs=True,
+        )
+        self._mcap.start(profile="", library=f"{TOOL} {tool_version()}")
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._channels: dict[Output, int] = {}
+
+    def channel(self, output: Output) -> int:
+        """Return the id of a channel, registered at its first use."""
+        if output not in self._channels:
+            key = (output.schema, output.schema_data)
+            if key not in self._schemas:
+                self._schemas[key] = self._mcap.register_schema(
+                    output.schema, output.schema_encoding, output.schema_data
+                )
+            self._channels[output] = self._mcap.register_channel(
+                output.topic, output.encoding, self._schemas[key], dict(output.metadata)
+            )
+        return self._channels[output]
+
+    def send(self, output: Output, packet: Packet) -> None:
+        """Write one message.
+
+        Raises
+        ------
+        CodecError
+            Where one of its times is negative, which MCAP cannot hold.
+        """
+        earliest = min(packet.publish_ns, packet.log_ns)
+        if earliest < 0:
+            raise CodecError(
+                f"{self.path}: {output.topic}: expected times >= 0, found {earliest} ns"
+            )
+        self._mcap.add_message(
+            self.channel(output), packet.log_ns, packet.data, packet.publish_ns, packet.sequence
+        )
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a Metadata record."""
+        self._mcap.add_metadata(name, dict(values))
+
+    def add_attachment(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment."""
+        self._mcap.add_attachment(time_ns, time_ns, name, media_type, data)
+
+    def close(self, *, complete: bool) -> None:
+        """Write the summary; give the file its name only if it is complete."""
+        try:
+            self._mcap.finish()  # type: ignore[no-untyped-call]
+        finally:
+            self._file.close()
+        if complete:
+            self._partial.replace(self.path)

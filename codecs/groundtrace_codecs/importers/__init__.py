@@ -1,0 +1,19 @@
+"""Importers: files of other tools become recordings."""
+
+from __future__ import annotations
+
+from .api import Imported, Importer
+from .maps import ImportMap, load_map
+from .registry import choose, importers
+from .run import ImportReport, import_recording
+
+__all__ = [
+    "ImportMap",
+    "ImportReport",
+    "Imported",
+    "Importer",
+    "choose",
+    "import_recording",
+    "importers",
+    "load_map",
+]

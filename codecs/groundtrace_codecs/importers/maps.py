@@ -1,0 +1,283 @@
+"""Map TOML: what the columns of a table or archive mean, typed and checked when loaded."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import tomllib
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+from ..errors import SchemaError
+from ..labels import TRUTH_KINDS
+from ..units import to_quantity
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+#: Units a time may have; ``iso`` reads ISO 8601, ``sample`` counts samples of the first stream.
+TimeUnit = Literal["s", "ms", "us", "ns", "iso"]
+EventUnit = Literal["s", "ms", "us", "ns", "sample"]
+
+
+class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a map: no unknown keys, no wrong types."""
+
+
+class ColumnMap(_Strict, frozen=True):
+    """One channel.
+
+    Attributes
+    ----------
+    column
+        Header name or 0-based index of a table, or a path into an archive such as
+        ``data.SU.LowerBack.Acc[:,0]``.
+    quantity, unit, axis
+        What it is, see :mod:`groundtrace_codecs.units`.
+    name
+        Channel name; by default the column's, or quantity and axis.
+    scale
+        Factor from the file's number to ``unit``.
+    """
+
+    column: str | int
+    quantity: str
+    unit: str
+    axis: Literal["x", "y", "z", "w", ""] = ""
+    name: str = ""
+    scale: float = 1.0
+
+
+class TimeMap(_Strict, frozen=True):
+    """Where a stream's sample times are.
+
+    Attributes
+    ----------
+    column
+        As in :class:`ColumnMap`.
+    unit
+        Of the times.
+    even
+        True: samples were taken evenly between the first and the last time, whatever the times
+        between say (receivers that stamp whole packets).
+    """
+
+    column: str | int
+    unit: TimeUnit = "s"
+    even: bool = False
+
+
+class StartMap(_Strict, frozen=True):
+    """Where the file itself says when it starts: ISO 8601 text or unix seconds."""
+
+    column: str
+
+
+class StreamMap(_Strict, frozen=True):
+    """One stream; ``time`` or ``rate_hz`` overrides the map's."""
+
+    topic: str
+    columns: tuple[ColumnMap, ...]
+    placement: str = ""
+    rate_hz: float | None = None
+    time: TimeMap | None = None
+
+
+class TruthMap(_Strict, frozen=True):
+    """Reference events in the file itself.
+
+    Attributes
+    ----------
+    kind
+        Kind of label, see :data:`groundtrace_codecs.labels.TRUTH_KINDS`.
+    time, end
+        Paths to the moments, or to the starts and ends of spans. Each element of a struct array
+        (``[*]``) is one bout: rules about neighbours do not cross bouts.
+    unit
+        Of ``time`` and ``end``, from the first sample.
+    label, value, x, y
+        Paths to as many cells as ``time`` has.
+    increments_of
+        Table column of a running count: an event at each row where it grows.
+    total_of
+        Table column whose one filled cell counts the events of the whole recording.
+    missing
+        What a NaN time means: ``ignore`` writes an ``ignore`` span between its neighbours,
+        ``error`` refuses.
+    alternating
+        True: equal labels in a row prove a contact missing between them: ``ignore`` span.
+    min_interval_s
+        Events nearer than this are one, merged with a warning [s].
+    margin_s
+        ``ignore`` spans keep this distance from known events, so that these are still
+        scored [s].
+    """
+
+    kind: str
+    time: str | None = None
+    end: str | None = None
+    unit: EventUnit = "s"
+    label: str | None = None
+    value: str | None = None
+    x: str | None = None
+    y: str | None = None
+    increments_of: str | int | None = None
+    total_of: str | int | None = None
+    missing: Literal["ignore", "error"] = "error"
+    alternating: bool = False
+    min_interval_s: float = 0.0
+    margin_s: float = 0.12
+
+
+class ImportMap(_Strict, frozen=True):
+    """A whole map.
+
+    Attributes
+    ----------
+    format
+        The importer it is for.
+    stream
+        The streams, at least one.
+    truth
+        Reference events in the file.
+    time, rate_hz
+        Exactly one, unless each stream has its own.
+    start
+        Added to the times: ISO 8601, unix seconds, or where the file says it; 0 without.
+    delimiter, decimal, comment, skip_rows, encoding
+        Of text tables. Names of columns are sought in the last skipped row and the first after
+        it. Lines that start with ``comment`` are no rows.
+    file
+        Name of the map's file, for messages.
+    """
+
+    format: str
+    stream: tuple[StreamMap, ...]
+    truth: tuple[TruthMap, ...] = ()
+    time: TimeMap | None = None
+    rate_hz: float | None = None
+    start: float | str | StartMap | None = None
+    delimiter: str | None = None
+    decimal: Literal[".", ","] = "."
+    comment: str = "#"
+    skip_rows: int = 0
+    encoding: str = "utf-8-sig"
+    file: str = "map"
+
+
+def load_map(path: Path) -> ImportMap:
+    """Read and check a map TOML.
+
+    Parameters
+    ----------
+    path
+        The map.
+
+    Raises
+    ------
+    SchemaError
+        One line "FILE: KEY: expected X, found Y": unknown key, wrong type, unknown unit,
+        quantity or kind, or a stream without time.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SchemaError(f"{path.name}: expected TOML, found: {error}") from error
+    start = table.get("start")
+    if isinstance(start, datetime.datetime | datetime.date):
+        table["start"] = start.isoformat()
+    try:
+        map_ = msgspec.convert({**table, "file": path.name}, ImportMap)
+    except msgspec.ValidationError as error:
+        raise SchemaError(f"{path.name}: {_sentence(str(error))}") from error
+    _check(map_)
+    return map_
+
+
+def _sentence(message: str) -> str:
+    """Return msgspec's message as "KEY: expected X, found Y"."""
+    what, _, where = message.partition(" - at `$")
+    key = where.rstrip("`").removeprefix(".")
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
+        return f"{_join(key, unknown[1])}: expected a known key, found an unknown one"
+    if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
+        return f"{_join(key, missing[1])}: expected a value, found none"
+    if wrong := re.fullmatch(r"Expected `(.*)`, got `(.*)`", what):
+        return f"{key}: expected {wrong[1]}, found {wrong[2]}"
+    if value := re.fullmatch(r"Invalid enum value (.*)", what):
+        return f"{key}: expected {_choices(key)}, found {value[1]}"
+    return f"{key or 'map'}: expected a map, found: {what}"
+
+
+_CHOICES = {
+    "axis": "x, y, z or w",
+    "decimal": "'.' or ','",
+    "missing": "ignore or error",
+    "unit": "s, ms, us, ns, iso (times of samples) or sample (times of events)",
+}
+
+
+def _choices(key: str) -> str:
+    return _CHOICES.get(key.rpartition(".")[2], "another value")
+
+
+def _join(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+def _check(map_: ImportMap) -> None:
+    """Refuse what types cannot: units, quantities, kinds, rates, and streams without time."""
+    if not map_.stream:
+        raise SchemaError(f"{map_.file}: stream: expected at least one, found none")
+    if map_.delimiter is not None and len(map_.delimiter) != 1:
+        raise SchemaError(
+            f"{map_.file}: delimiter: expected one character, found {map_.delimiter!r}"
+        )
+    if map_.skip_rows < 0:
+        raise SchemaError(f"{map_.file}: skip_rows: expected 0 or more, found {map_.skip_rows}")
+    topics = [s.topic for s in map_.stream]
+    for i, stream in enumerate(map_.stream):
+        place = f"{map_.file}: stream[{i}]"
+        if not stream.topic.startswith("/") or topics.count(stream.topic) > 1:
+            raise SchemaError(
+                f"{place}.topic: expected a name of its own that starts with /, "
+                f"found {stream.topic!r}"
+            )
+        _check_stream(map_, stream, place)
+    for i, truth in enumerate(map_.truth):
+        _check_truth(truth, f"{map_.file}: truth[{i}]")
+
+
+def _check_stream(map_: ImportMap, stream: StreamMap, place: str) -> None:
+    if not stream.columns:
+        raise SchemaError(f"{place}.columns: expected at least one, found none")
+    for j, column in enumerate(stream.columns):
+        try:
+            to_quantity(column.quantity, column.unit)
+        except SchemaError as error:
+            raise SchemaError(f"{place}.columns[{j}].{error}") from error
+    own = (stream.time, stream.rate_hz) != (None, None)
+    time, rate = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
+    if (time is None) == (rate is None):
+        found = "neither" if time is None else "both"
+        raise SchemaError(f"{place}: expected one of time and rate_hz, found {found}")
+    if rate is not None and not 0 < rate < 1e9:
+        raise SchemaError(f"{place}.rate_hz: expected a positive rate, found {rate}")
+
+
+def _check_truth(truth: TruthMap, place: str) -> None:
+    if truth.kind not in TRUTH_KINDS:
+        raise SchemaError(
+            f"{place}.kind: expected one of {', '.join(sorted(TRUTH_KINDS))}, found {truth.kind!r}"
+        )
+    origins = (truth.time, truth.increments_of, truth.total_of)
+    if sum(o is not None for o in origins) != 1:
+        raise SchemaError(
+            f"{place}: expected one of time, increments_of and total_of, "
+            f"found {sum(o is not None for o in origins)}"
+        )
+    if truth.total_of is not None and truth.kind != "count":
+        raise SchemaError(f"{place}.kind: expected count with total_of, found {truth.kind!r}")
+    if truth.kind in ("walking", "ignore") and truth.end is None:
+        raise SchemaError(f"{place}.end: expected a path, as {truth.kind} is a span, found none")

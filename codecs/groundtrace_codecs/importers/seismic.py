@@ -1,0 +1,212 @@
+"""Importer for seismic files, read by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y and others."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FormatError, MissingReaderError, SchemaError
+from ..signals import NS_PER_S, Channel, SignalBlock, Stream
+from .api import Imported
+from .mapped import sample_format
+from .shots import Shot, lay
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from .api import Source
+    from .maps import ImportMap
+
+_SUFFIXES = frozenset(
+    {".sg2", ".seg2", ".mseed", ".miniseed", ".ms", ".sac", ".sgy", ".segy", ".su", ".gse2"}
+)
+_SEG2 = (b"\x55\x3a", b"\x3a\x55")
+#: Metres per unit of coordinates, as the header names it.
+_LENGTHS_M = {"METERS": 1.0, "FEET": 0.3048, "CENTIMETERS": 0.01, "INCHES": 0.0254}
+#: Formats that keep whole seconds of the start time only.
+_WHOLE_SECONDS = frozenset({"SEGY", "SU"})
+_AXES = {"Z": "z", "N": "y", "E": "x"}
+
+
+class SeismicImporter:
+    """Reads what ObsPy reads; SEG-2 files become the shots of one line."""
+
+    name = "obspy"
+    description = "seismic files by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for SEG-2, 0.9 for miniSEED, 0.6 for the suffix of a seismic format."""
+        with path.open("rb") as file:
+            head = file.read(8)
+        if head[:2] in _SEG2:
+            return 1.0
+        if len(head) == 8 and head[:6].isdigit() and head[6:7] in b"DRQM":
+            return 0.9
+        return 0.6 if path.suffix.lower() in _SUFFIXES else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read the files of one recording.
+
+        Raises
+        ------
+        MissingReaderError
+            Without ObsPy.
+        FormatError
+            Where ObsPy cannot read a file.
+        SchemaError
+            Where the files do not make one recording, or a map is given.
+        """
+        if map_ is not None:
+            raise SchemaError(f"{map_.file}: expected no map for seismic files, found one")
+        read = [(path, _read(path)) for path in paths]
+        formats = {str(trace.stats._format) for _, traces in read for trace in traces}
+        if formats == {"SEG2"}:
+            return lay([_shot(path, traces) for path, traces in read])
+        if "SEG2" in formats:
+            raise SchemaError(
+                f"{paths[0].name}: expected shots of one format, found {', '.join(sorted(formats))}"
+            )
+        return _continuous([t for _, traces in read for t in traces], formats, paths[0].name)
+
+
+def _read(path: Path) -> list[Any]:
+    """Return ObsPy's traces of one file."""
+    try:
+        with warnings.catch_warnings():
+            # ObsPy's own use of importlib, matplotlib and its remarks on custom headers
+            warnings.simplefilter("ignore")
+            from obspy import read
+    except ImportError as error:
+        raise MissingReaderError(path.name, "obspy", "seismic") from error
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # from memory: a reader that fails would leave its file open
+            traces = list(read(io.BytesIO(path.read_bytes())))
+    except Exception as error:  # ObsPy's readers raise whatever their parsers meet
+        raise FormatError(
+            f"{path.name}: expected a seismic file ObsPy can read, found: {error}"
+        ) from error
+    if not traces or not all(len(t.data) and t.stats.sampling_rate > 0 for t in traces):
+        raise FormatError(f"{path.name}: expected traces with samples, found none")
+    return traces
+
+
+def _shot(path: Path, traces: list[Any]) -> Shot:
+    """Return one SEG-2 file as a shot.
+
+    ``DESCALING_FACTOR`` takes a sample to millivolts at the input, ``DELAY`` is the time from the
+    shot to the first sample (S. E. Pullan, Recommended standard for seismic (/radar) data files
+    in the personal computer environment, Geophysics 55, 1990).
+    """
+    headers = [t.stats.seg2 for t in traces]
+    shapes = {(t.stats.npts, t.stats.sampling_rate) for t in traces}
+    delays = {_number(path, h, "DELAY", 0.0) for h in headers}
+    if len(shapes) != 1 or len(delays) != 1:
+        raise SchemaError(
+            f"{path.name}: expected traces of one length, rate and DELAY, "
+            f"found {len(shapes)} lengths or rates and {len(delays)} delays"
+        )
+    receivers = [_place(path, h, "RECEIVER_LOCATION") for h in headers]
+    known = [r for r in receivers if r is not None]
+    scales = [_number(path, h, "DESCALING_FACTOR", 0.0) * 1e-3 for h in headers]
+    return Shot(
+        name=path.stem,
+        start_ns=int(traces[0].stats.starttime.ns),
+        rate_hz=float(traces[0].stats.sampling_rate),
+        delay_s=delays.pop(),
+        source=_place(path, headers[0], "SOURCE_LOCATION"),
+        receivers=tuple(known) if len(known) == len(receivers) else None,
+        scales_v=tuple(scales) if all(s > 0 for s in scales) else None,
+        samples=np.stack([t.data for t in traces], axis=1),
+    )
+
+
+def _number(path: Path, header: Any, key: str, default: float) -> float:
+    text = str(header.get(key, default)).strip()
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise FormatError(f"{path.name}: {key}: expected a number, found {text[:40]!r}")
+    return value
+
+
+def _place(path: Path, header: Any, key: str) -> tuple[float, float, float] | None:
+    """Return a place of the header [m]: one to three coordinates, the rest 0."""
+    words = str(header.get(key, "")).split()
+    if not words:
+        return None
+    unit = str(header.get("UNITS", "METERS")).strip().upper() or "METERS"
+    metres = _LENGTHS_M.get(unit, 1.0)
+    try:
+        x, y, z = [float(w) * metres for w in words] + [0.0] * (3 - len(words))
+    except ValueError as error:
+        raise FormatError(
+            f"{path.name}: {key}: expected one to three coordinates, found {' '.join(words)[:40]!r}"
+        ) from error
+    return x, y, z
+
+
+def _continuous(traces: list[Any], formats: set[str], place: str) -> Imported:
+    """Return traces as streams: those with one rate and the same segments share a stream."""
+    start_ns = min(int(t.stats.starttime.ns) for t in traces)
+    if start_ns < 0:
+        raise SchemaError(f"{place}: start time: expected 1970 or later, found {start_ns} ns")
+    streams: dict[Any, dict[str, list[Any]]] = {}
+    for name, segments in _segments(traces).items():
+        key = (
+            segments[0].stats.sampling_rate,
+            *((int(t.stats.starttime.ns), t.stats.npts) for t in segments),
+        )
+        streams.setdefault(key, {})[name] = segments
+    several = len(streams) > 1
+    return Imported(
+        sources=tuple(
+            _stream(f"/seismic/{i}" if several else "/seismic", channels)
+            for i, channels in enumerate(streams.values(), start=1)
+        ),
+        start_ns=start_ns,
+        warnings=tuple(
+            f"{f}: the start time has whole seconds only" for f in sorted(formats & _WHOLE_SECONDS)
+        ),
+    )
+
+
+def _segments(traces: list[Any]) -> dict[str, list[Any]]:
+    """Return the segments of each channel in time order; traces without an id are channels."""
+    channels: dict[str, list[Any]] = {}
+    for i, trace in enumerate(traces, start=1):
+        name = trace.id if trace.id.strip(".") else f"G{i:02d}"
+        known = channels.get(name)
+        if known and known[0].stats.sampling_rate != trace.stats.sampling_rate:
+            name += f" {trace.stats.sampling_rate:g} Hz"
+        channels.setdefault(name, []).append(trace)
+    return {n: sorted(ts, key=lambda t: int(t.stats.starttime.ns)) for n, ts in channels.items()}
+
+
+def _stream(topic: str, channels: dict[str, list[Any]]) -> Source:
+    """Return one stream; a segment starts at its own time to the nanosecond."""
+    segments = list(zip(*channels.values(), strict=True))
+    rate_hz = float(segments[0][0].stats.sampling_rate)
+    stream = Stream(topic, tuple(_channel(n, ts[0]) for n, ts in channels.items()), rate_hz)
+    rows = [np.stack([t.data for t in segment], axis=1) for segment in segments]
+    name, samples = sample_format(np.concatenate(rows).astype(np.float64))
+    start_ns = int(segments[0][0].stats.starttime.ns)
+    blocks, row = [], 0
+    for segment in segments:
+        begin_ns, count = int(segment[0].stats.starttime.ns), segment[0].stats.npts
+        first = round((begin_ns - start_ns) * rate_hz / NS_PER_S)
+        anchor_ns = begin_ns - round(first * NS_PER_S / rate_hz)
+        blocks.append(SignalBlock(stream, anchor_ns, first, samples[row : row + count]))
+        row += count
+    return stream, name, blocks
+
+
+def _channel(name: str, trace: Any) -> Channel:
+    return Channel(name, "seismic", "count", _AXES.get(trace.stats.channel[-1:], ""))

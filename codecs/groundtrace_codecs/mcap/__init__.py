@@ -1,0 +1,27 @@
+"""MCAP recordings: reading them whatever their state, with every damaged part accounted for."""
+
+from __future__ import annotations
+
+from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes, MemoryBytes
+from groundtrace_codecs.mcap.reader import McapFile
+from groundtrace_codecs.mcap.records import (
+    AttachmentRef,
+    ChannelRecord,
+    Damage,
+    Message,
+    MetadataRecord,
+    Schema,
+)
+
+__all__ = [
+    "AttachmentRef",
+    "ByteSource",
+    "ChannelRecord",
+    "Damage",
+    "FileBytes",
+    "McapFile",
+    "MemoryBytes",
+    "Message",
+    "MetadataRecord",
+    "Schema",
+]

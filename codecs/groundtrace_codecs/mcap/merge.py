@@ -1,0 +1,66 @@
+"""Messages of many chunks as one stream in the order of a replay."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from heapq import heappop, heappush
+from operator import itemgetter
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.mcap.chunks import ChunkEntry, replay_order
+from groundtrace_codecs.mcap.records import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+_log_time = itemgetter(2)
+
+#: Order of the first message left, offset of its chunk, its place in the chunk, the messages.
+_Run = tuple[tuple[int, int, int], int, int, list[Message]]
+
+
+def merge(
+    chunks: Sequence[ChunkEntry], load: Callable[[ChunkEntry, int], list[Message]]
+) -> Iterator[Message]:
+    """Merge the messages of ``chunks`` in the order (log time, channel id, sequence, offset).
+
+    A chunk is loaded when its start time is due, so that as many are in memory as overlap. Where
+    one chunk alone is due, its messages go out in one piece.
+
+    Parameters
+    ----------
+    chunks
+        In the order (start time, offset).
+    load
+        Gives the messages of a chunk in order, none earlier than the log time it is told.
+    """
+    heap: list[_Run] = []
+    waiting, floor_ns = 0, 0
+    while True:
+        while waiting < len(chunks) and (not heap or chunks[waiting].start_ns <= heap[0][0][0]):
+            chunk = chunks[waiting]
+            waiting += 1
+            if run := load(chunk, floor_ns):
+                heappush(heap, (replay_order(run[0]), chunk.offset, 0, run))
+        if not heap:
+            return
+        _, offset, start, run = heappop(heap)
+        stop = _before_others(run, start, heap)
+        if waiting < len(chunks):
+            stop = bisect_left(run, chunks[waiting].start_ns, start, stop, key=_log_time)
+        yield from run[start:stop] if stop - start < len(run) else run
+        floor_ns = run[stop - 1].log_time
+        if stop < len(run):
+            heappush(heap, (replay_order(run[stop]), offset, stop, run))
+
+
+def _before_others(run: list[Message], start: int, heap: list[_Run]) -> int:
+    """Find where ``run`` must let the next chunk of ``heap`` go first."""
+    if not heap:
+        return len(run)
+    key = heap[0][0]
+    # Interleaved chunks change place every few messages: search near the start first.
+    stop = start + 1
+    while stop < len(run) and replay_order(run[stop]) < key:
+        stop = min(len(run), start + 2 * (stop - start))
+    return bisect_left(run, key, start + 1, stop, key=replay_order)

@@ -1,0 +1,247 @@
+"""Reading MCAP recordings: ordered, checked, in constant memory, whatever state the file is in."""
+
+from __future__ import annotations
+
+import zlib
+from bisect import bisect_left
+from operator import itemgetter
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from groundtrace_codecs.errors import FormatError
+from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes
+from groundtrace_codecs.mcap.chunks import (
+    ChunkEntry,
+    ChunkReader,
+    Definitions,
+    MisplacedError,
+    count_indexed,
+)
+from groundtrace_codecs.mcap.index import FileIndex, load_index
+from groundtrace_codecs.mcap.merge import merge
+from groundtrace_codecs.mcap.records import (
+    ATTACHMENT,
+    U32,
+    AttachmentRef,
+    ChannelRecord,
+    Damage,
+    Fields,
+    MalformedError,
+    Message,
+    MetadataRecord,
+    Schema,
+    parse_attachment,
+    read_record,
+)
+from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan, stray_reason
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Container, Iterator
+    from types import TracebackType
+
+_log_time = itemgetter(2)
+
+
+class McapFile:
+    """One MCAP file, open for reading.
+
+    Damaged parts are left out and listed in `damage`; a byte that fails its check is never passed
+    on. Made by `open`.
+
+    Attributes
+    ----------
+    name
+        What errors call the file.
+    profile, library
+        Of its Header record.
+    schemas, channels
+        By id. Every channel's ``schema_id`` is 0 or a key of ``schemas``.
+    attachments, metadata
+        In the order of the file.
+    message_counts
+        Messages by channel id: as the statistics state them, or as a front scan found them.
+    start_ns, end_ns
+        Log times of the first and the last message; both 0 without messages.
+    indexed
+        True if the file's own summary was used, False after a front scan.
+    """
+
+    def __init__(self, source: ByteSource, index: FileIndex, *, strict: bool) -> None:
+        self.name: str = source.name
+        self.profile: str = index.profile
+        self.library: str = index.library
+        self.schemas: dict[int, Schema] = index.definitions.schemas
+        self.channels: dict[int, ChannelRecord] = index.definitions.channels
+        self.attachments: tuple[AttachmentRef, ...] = index.attachments
+        self.metadata: tuple[MetadataRecord, ...] = index.metadata
+        self.message_counts: dict[int, int] = index.message_counts
+        self.start_ns: int = index.start_ns
+        self.end_ns: int = index.end_ns
+        self.indexed: bool = index.indexed
+        self._source = source
+        self._definitions: Definitions = index.definitions
+        self._chunks = index.chunks
+        self._strict = strict
+        self._damage: dict[tuple[int, str], Damage] = {}
+        self._scanned: tuple[ChunkEntry, ...] | None = None
+        for damage in index.damage:
+            self._note(damage)
+
+    @classmethod
+    def open(cls, source: str | Path | ByteSource, *, strict: bool = False) -> McapFile:
+        """Open a file and find out what it holds.
+
+        Parameters
+        ----------
+        source
+            Path, or bytes from elsewhere; closed with the file.
+        strict
+            Raise at the first damage instead of listing it.
+
+        Raises
+        ------
+        FormatError
+            If it is no MCAP file, or, with ``strict``, at any damage.
+        OSError
+            If it cannot be read.
+        """
+        opened = FileBytes(source) if isinstance(source, str | Path) else source
+        try:
+            return cls(opened, load_index(opened), strict=strict)
+        except BaseException:
+            opened.close()
+            raise
+
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What was left out so far; grows while messages are read."""
+        return tuple(self._damage.values())
+
+    def messages(
+        self,
+        channel_ids: Collection[int] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[Message]:
+        """Read messages in the order (log time, channel id, sequence, file offset).
+
+        Parameters
+        ----------
+        channel_ids
+            Channels to read; None = all.
+        start_ns, stop_ns
+            Log times ``[start_ns, stop_ns)``; None = no bound.
+
+        Raises
+        ------
+        FormatError
+            With ``strict``, at the first damage met.
+        """
+        low = ANY_TIME[0] if start_ns is None else start_ns
+        high = ANY_TIME[1] if stop_ns is None else stop_ns
+        wanted: Container[int] = self.channels
+        chunks = [c for c in self._chunks if c.start_ns < high and low <= c.end_ns]
+        if channel_ids is not None:
+            wanted = chosen = self.channels.keys() & set(channel_ids)
+            chunks = [c for c in chunks if c.channel_ids is None or c.channel_ids & chosen]
+        reader = ChunkReader(self._source, self._definitions)
+
+        def load(entry: ChunkEntry, floor_ns: int) -> list[Message]:
+            found = self._load(reader, entry, wanted, low, high)
+            return self._in_time(entry, found, floor_ns)
+
+        return merge(chunks, load)
+
+    def attachment(self, ref: AttachmentRef) -> bytes:
+        """Read the content of an attachment.
+
+        Raises
+        ------
+        FormatError
+            If it is not where ``ref`` says, or its CRC does not match.
+        """
+        try:
+            record = read_record(self._source, ref.offset, ATTACHMENT)
+            fields = Fields(record)
+            if parse_attachment(ref.offset, ref.length, fields) != ref:
+                raise MalformedError("expected the attachment of the index, found another one")
+            data = fields.blob(ref.size)
+            checked = record[: fields.position]
+            (crc,) = fields.unpack(U32)
+            # As with chunks, 0 means that the writer kept none.
+            if crc and (found := zlib.crc32(checked)) != crc:
+                raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{found:08x}")
+        except MalformedError as error:
+            raise FormatError(f"{self.name}: attachment {ref.name!r}: {error}") from error
+        return bytes(data)
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _load(
+        self,
+        reader: ChunkReader,
+        entry: ChunkEntry,
+        wanted: Container[int],
+        low: int,
+        high: int,
+    ) -> list[Message]:
+        """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
+        try:
+            records = self._records(reader, entry)
+            found, strays = reader.messages(records, wanted, low, high)
+        except MalformedError as error:
+            lost = count_indexed(self._source, entry.offset + entry.length)
+            self._lost(entry, lost, f"chunk: {error}")
+            return []
+        if strays:
+            self._lost(entry, strays, stray_reason(entry))
+        return found
+
+    def _records(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
+        """Give the records of a chunk, found by a front scan if it is not where the index says."""
+        try:
+            return reader.records(entry)
+        except MisplacedError:
+            for other in self._unindexed_chunks():
+                if (other.start_ns, other.end_ns) == (entry.start_ns, entry.end_ns):
+                    return reader.records(other)
+            raise
+
+    def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:
+        if self._scanned is None:
+            known = {chunk.offset for chunk in self._chunks}
+            found = front_scan(self._source).chunks
+            self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
+        return self._scanned
+
+    def _in_time(self, entry: ChunkEntry, found: list[Message], floor_ns: int) -> list[Message]:
+        """Leave out what would go back in time because the chunk states too late a start."""
+        if not found or found[0].log_time >= floor_ns:
+            return found
+        late = bisect_left(found, floor_ns, key=_log_time)
+        reason = f"chunk: expected log times from {entry.start_ns}, found {found[0].log_time}"
+        self._lost(entry, late, reason)
+        return found[late:]
+
+    def _lost(self, entry: ChunkEntry, messages: int | None, reason: str) -> None:
+        self._note(
+            Damage(entry.offset, entry.length, entry.start_ns, entry.end_ns, messages, reason)
+        )
+
+    def _note(self, damage: Damage) -> None:
+        if self._strict:
+            raise FormatError(f"{self.name}: byte {damage.offset}: {damage.reason}")
+        self._damage.setdefault((damage.offset, damage.reason), damage)

@@ -1,0 +1,277 @@
+"""Recordings as typed blocks: streams out of an MCAP file, ours or another's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from .channels import ChannelReader, Stamped, reader_for
+from .errors import CodecError
+from .geometry import Geometry
+from .label_codec import TRUTH_TOPIC, labels_of
+from .mcap import McapFile
+from .others import OtherTopic, is_ours, other_topic
+from .signals import NS_PER_S, SignalBlock, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from types import TracebackType
+
+    from .labels import Label
+    from .mcap import ByteSource, Damage, Message
+
+SITE_NAME = "site.json"
+#: Log time over which messages are decoded together; blocks come out in order of log time.
+BATCH_NS = NS_PER_S // 4
+#: How much later or earlier than seen at its start a channel may be logged after its samples.
+_SLACK_NS = 2 * NS_PER_S
+
+
+@dataclass(frozen=True, slots=True)
+class _Lag:
+    """Range of log time minus sample time at the start of a channel, and its first sample."""
+
+    low_ns: int
+    high_ns: int
+    first_ns: int
+
+
+class Recording:
+    """An open recording.
+
+    Made by :meth:`open`; a context manager.
+
+    Attributes
+    ----------
+    name
+        File name.
+    file
+        The MCAP file underneath.
+    streams
+        In the order of their channels' ids; channels with the positions the geometry gives.
+    others
+        Topics left alone.
+    geometry
+        Of the site, or None.
+    metadata
+        Values of every Metadata record by its name.
+    """
+
+    def __init__(self, file: McapFile) -> None:
+        self.file = file
+        self.name = Path(file.name).name
+        self.geometry = _geometry(file)
+        self.metadata: dict[str, dict[str, str]] = {}
+        for record in file.metadata:
+            self.metadata.setdefault(record.name, {}).update(record.values)
+        self._readers: dict[int, ChannelReader] = {}
+        others: list[OtherTopic] = []
+        for channel in sorted(file.channels.values(), key=lambda c: c.id):
+            reader = reader_for(file, channel, self.geometry)
+            if reader is not None:
+                self._readers[channel.id] = reader
+            elif not is_ours(file, channel):
+                others.append(other_topic(file, channel))
+        self.others = tuple(others)
+        self.streams = _unify(self._readers)
+        self._lags = {i: lag for i, r in self._readers.items() if (lag := _lag(file, i, r))}
+
+    @classmethod
+    def open(cls, source: str | Path | ByteSource, *, strict: bool = False) -> Self:
+        """Open a recording.
+
+        Parameters
+        ----------
+        source
+            Path, or bytes from elsewhere.
+        strict
+            Raise at the first damage instead of listing it.
+
+        Raises
+        ------
+        CodecError
+            Where there is no such file, it is no MCAP file, or a channel is not what it says.
+        """
+        try:
+            file = McapFile.open(source, strict=strict)
+        except OSError as error:
+            raise CodecError(f"{source}: expected a recording, found: {error.strerror}") from error
+        try:
+            return cls(file)
+        except BaseException:
+            file.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What was left out so far; grows while blocks are read."""
+        return self.file.damage
+
+    @property
+    def topic_counts(self) -> dict[str, int]:
+        """Messages by topic, in the order of the channels' ids."""
+        counts: dict[str, int] = {}
+        for channel in sorted(self.file.channels.values(), key=lambda c: c.id):
+            found = self.file.message_counts.get(channel.id, 0)
+            counts[channel.topic] = counts.get(channel.topic, 0) + found
+        return counts
+
+    @cached_property
+    def labels(self) -> tuple[Label, ...]:
+        """The recording's own truth, by time."""
+        return labels_of(self.file, TRUTH_TOPIC)
+
+    @cached_property
+    def start_ns(self) -> int:
+        """Time of the first sample over all streams [ns]; 0 without samples."""
+        return min((lag.first_ns for lag in self._lags.values()), default=0)
+
+    @cached_property
+    def end_ns(self) -> int:
+        """Time of the last sample over all streams [ns]; 0 without samples."""
+        if not self._lags:
+            return 0
+        span = NS_PER_S
+        while True:
+            low = self.file.end_ns - span
+            blocks = self._decoded(self._readers, low, None)
+            last = max((int(b.sample_times().max()) for _, b in blocks), default=None)
+            if last is not None or low <= self.file.start_ns:
+                return self.start_ns if last is None else last
+            span *= 4
+
+    def blocks(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[Stamped]:
+        """Yield blocks of all streams in order of log time, then of channel id.
+
+        One block per WaveformBlock; messages of one sample are put together over 0.25 s of log
+        time.
+
+        Parameters
+        ----------
+        topics
+            Streams to read; None = all.
+        start_ns, stop_ns
+            Sample times ``[start_ns, stop_ns)``; None = no bound. Messages are looked for where
+            their channel's first messages were logged after their samples, and 2 s around.
+
+        Raises
+        ------
+        CodecError
+            Where a message is not what its schema says, or a topic is none of the streams.
+        """
+        wanted = {s.topic for s in self.streams} if topics is None else set(topics)
+        missing = sorted(wanted - {s.topic for s in self.streams})
+        if missing:
+            raise CodecError(f"{self.name}: expected a stream {missing[0]}, found none")
+        readers = {
+            i: r for i, r in self._readers.items() if any(s.topic in wanted for s in r.streams)
+        }
+        lags = [self._lags[i] for i in readers if i in self._lags]
+        if not lags:
+            return
+        low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - _SLACK_NS
+        high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + _SLACK_NS
+        for log_ns, block in self._decoded(readers, low, high):
+            if block.topic in wanted:
+                part = _cut(block, start_ns, stop_ns)
+                if len(part):
+                    yield Stamped(log_ns, part)
+
+    def _decoded(
+        self, readers: dict[int, ChannelReader], low_ns: int | None, high_ns: int | None
+    ) -> Iterator[Stamped]:
+        """Yield decoded blocks by log time, one batch after the other."""
+        pending: dict[int, list[Message]] = {}
+        batch = None
+        for message in self.file.messages(readers.keys(), low_ns, high_ns):
+            if message.log_time // BATCH_NS != batch:
+                yield from _in_order(readers, pending)
+                pending = {}
+                batch = message.log_time // BATCH_NS
+            pending.setdefault(message.channel_id, []).append(message)
+        yield from _in_order(readers, pending)
+
+
+def _in_order(
+    readers: dict[int, ChannelReader], pending: dict[int, list[Message]]
+) -> list[Stamped]:
+    # The sort is stable: blocks of one log time stay in the order of their channels' ids.
+    blocks = [b for i in sorted(pending) for b in readers[i].blocks(pending[i])]
+    return sorted(blocks, key=lambda stamped: stamped.log_ns)
+
+
+def _cut(block: SignalBlock, start_ns: int | None, stop_ns: int | None) -> SignalBlock:
+    """Return the samples of a block in ``[start_ns, stop_ns)``."""
+    if start_ns is None and stop_ns is None:
+        return block
+    times = block.sample_times()
+    inside = np.ones(len(block), np.bool_)
+    if start_ns is not None:
+        inside &= times >= start_ns
+    if stop_ns is not None:
+        inside &= times < stop_ns
+    if inside.all():
+        return block
+    if block.times_ns is not None:
+        return replace(block, samples=block.samples[inside], times_ns=times[inside])
+    kept = np.flatnonzero(inside)
+    return block.slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else block.slice(0, 0)
+
+
+def _geometry(file: McapFile) -> Geometry | None:
+    sites = [ref for ref in file.attachments if ref.name == SITE_NAME]
+    if not sites:
+        return None
+    return Geometry.from_json(file.attachment(sites[-1]), f"{file.name}: {SITE_NAME}")
+
+
+def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
+    """Let channels of one topic share its stream; a topic's other kind of stream gets the id."""
+    streams: dict[str, Stream] = {}
+    for channel_id, reader in readers.items():
+        own = []
+        for stream in reader.streams:
+            known = streams.setdefault(stream.topic, stream)
+            same = replace(stream, rate_hz=known.rate_hz) == known
+            if not same or (stream.rate_hz != known.rate_hz and not stream.irregular):
+                stream = replace(stream, topic=f"{stream.topic}#{channel_id}")
+                known = streams.setdefault(stream.topic, stream)
+            own.append(known)
+        reader.streams = tuple(own)
+    return tuple(streams.values())
+
+
+def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> _Lag | None:
+    first = next(file.messages({channel_id}), None)
+    if first is None:
+        return None
+    times = [b.sample_times() for _, b in reader.blocks([first])]
+    if not times:
+        return None
+    early = min(int(t.min()) for t in times)
+    late = max(int(t.max()) for t in times)
+    return _Lag(first.log_time - late, first.log_time - early, early)

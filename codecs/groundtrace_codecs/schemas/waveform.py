@@ -1,0 +1,152 @@
+"""``groundtrace.WaveformBlock``: samples of one stream as planar little-endian bytes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..errors import CodecError, SchemaError
+from ..signals import SignalBlock, Stream
+from .protobuf import get_time, message_class, parse, set_time
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+#: Sample formats and their numpy types; 24-bit samples travel in ``i32le``.
+FORMATS = {"i16le": "<i2", "i32le": "<i4", "f32le": "<f4", "f64le": "<f8"}
+
+
+class Waveform(NamedTuple):
+    """A decoded WaveformBlock: first sample's time, rate, index, samples (n, channels), times."""
+
+    start_ns: int
+    rate_hz: float
+    first: int
+    samples: NDArray[Any]
+    times_ns: NDArray[np.int64] | None
+
+
+def _samples(message: Any, place: str) -> NDArray[Any]:
+    if message.format not in FORMATS:
+        known = ", ".join(FORMATS)
+        raise SchemaError(f"{place}: format: expected one of {known}, found {message.format!r}")
+    dtype = np.dtype(FORMATS[message.format])
+    shape = (message.channels, message.samples)
+    size = math.prod(shape) * dtype.itemsize
+    if size == 0 or size != len(message.data):
+        raise SchemaError(
+            f"{place}: data: expected {size} bytes for {shape[0]} channels of {shape[1]} samples, "
+            f"found {len(message.data)}"
+        )
+    # The transposed view keeps each channel contiguous, as stored: no copy.
+    return np.frombuffer(message.data, dtype).reshape(shape).T
+
+
+def _times(message: Any, place: str) -> NDArray[np.int64] | None:
+    if not message.sample_times_ns:
+        return None
+    if len(message.sample_times_ns) != 8 * message.samples:
+        raise SchemaError(
+            f"{place}: sample_times_ns: expected {8 * message.samples} bytes, "
+            f"found {len(message.sample_times_ns)}"
+        )
+    return np.frombuffer(message.sample_times_ns, "<i8")
+
+
+def decode_waveform(data: bytes | memoryview, place: str = "WaveformBlock") -> Waveform:
+    """Decode a WaveformBlock.
+
+    Raises
+    ------
+    SchemaError
+        Where the bytes are not a WaveformBlock with at least one sample of one channel; names
+        ``place``.
+    """
+    message = parse(message_class("WaveformBlock"), data, place)
+    times = _times(message, place)
+    rate = message.sample_rate
+    if times is None and not 0.0 < rate < math.inf:
+        raise SchemaError(f"{place}: sample_rate: expected a positive number, found {rate}")
+    if message.first_sample >= 1 << 63:
+        raise SchemaError(
+            f"{place}: first_sample: expected less than 2^63, found {message.first_sample}"
+        )
+    samples = _samples(message, place)
+    return Waveform(get_time(message.timestamp, place), rate, message.first_sample, samples, times)
+
+
+def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
+    """Return a decoded waveform as a block of its stream.
+
+    Raises
+    ------
+    SchemaError
+        Where channels, rate or kind of sampling are not the stream's.
+    """
+    columns = len(stream.channels)
+    if wave.samples.shape[1] != columns:
+        raise SchemaError(f"{place}: expected {columns} channels, found {wave.samples.shape[1]}")
+    if stream.irregular != (wave.times_ns is not None):
+        expected, found = ("own", "no") if stream.irregular else ("no", "own")
+        raise SchemaError(f"{place}: expected {expected} sample times, found {found}")
+    if stream.irregular:
+        return SignalBlock(stream, wave.start_ns, wave.first, wave.samples, wave.times_ns)
+    if wave.rate_hz != stream.rate_hz:
+        raise SchemaError(f"{place}: expected {stream.rate_hz} Hz, found {wave.rate_hz} Hz")
+    anchor_ns = wave.start_ns - round(wave.first * stream.period_ns)
+    return SignalBlock(stream, anchor_ns, wave.first, wave.samples)
+
+
+def encode_waveform(block: SignalBlock, sample_format: str) -> bytes:
+    """Encode a block whose samples already have the type of ``sample_format``."""
+    message = message_class("WaveformBlock")(
+        frame_id=block.stream.placement,
+        sample_rate=0.0 if block.stream.irregular else block.stream.rate_hz,
+        channels=len(block.stream.channels),
+        samples=len(block),
+        first_sample=block.first,
+        format=sample_format,
+        data=np.ascontiguousarray(block.samples.T).tobytes(),
+    )
+    if block.times_ns is not None:
+        message.sample_times_ns = block.times_ns.astype("<i8").tobytes()
+    set_time(message.timestamp, block.start_ns)
+    encoded: bytes = message.SerializeToString()
+    return encoded
+
+
+def to_format(samples: NDArray[Any], sample_format: str, place: str) -> NDArray[Any]:
+    """Return samples in a stored format, refusing to change them.
+
+    Integers must come out as they went in and nothing may overflow; rounding float64 to float32
+    is the one loss allowed, as it is what asking for ``f32le`` means.
+
+    Parameters
+    ----------
+    samples
+        Shape (n_samples, n_channels), any integer or floating type.
+    sample_format
+        One of :data:`FORMATS`.
+    place
+        Named in the error.
+
+    Raises
+    ------
+    CodecError
+        Where a sample does not fit the format.
+    """
+    target = np.dtype(FORMATS[sample_format])
+    if samples.dtype == target:
+        return samples
+    with np.errstate(invalid="ignore", over="ignore"):
+        stored = samples.astype(target)
+        if samples.dtype.kind == "f" and target.kind == "f":
+            kept = np.isfinite(stored) | ~np.isfinite(samples)
+        else:
+            kept = stored.astype(samples.dtype) == samples
+    if not kept.all():
+        value = samples[~kept].flat[0]
+        raise CodecError(f"{place}: expected samples that fit {sample_format}, found {value}")
+    return stored

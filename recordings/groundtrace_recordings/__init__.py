@@ -1,0 +1,66 @@
+"""Small recordings made by groundtrace's own simulators, with their truth, and maps for importing.
+
+``README.md`` beside this file says which command made each recording. The files are found in a
+wheel and in an editable install alike.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+
+from groundtrace_codecs.errors import CodecError
+
+__all__ = ["UnknownFileError", "bundled", "map_path", "maps", "path_of"]
+
+
+class UnknownFileError(CodecError):
+    """No bundled recording or map has this name."""
+
+
+def bundled() -> dict[str, Path]:
+    """Return the bundled recordings by file name, e.g. ``room-walk.mcap``."""
+    return _listing(_folder(), ".mcap")
+
+
+def maps() -> dict[str, Path]:
+    """Return the bundled import maps by file name."""
+    return _listing(_folder() / "maps", ".toml")
+
+
+def path_of(name: str) -> Path:
+    """Return the path of the bundled recording ``name``.
+
+    Raises
+    ------
+    UnknownFileError
+        Where there is none of this name; lists those there are.
+    """
+    return _found(name, bundled(), "a bundled recording")
+
+
+def map_path(name: str) -> Path:
+    """Return the path of the bundled map ``name``.
+
+    Raises
+    ------
+    UnknownFileError
+        Where there is none of this name; lists those there are.
+    """
+    return _found(name, maps(), "a bundled map")
+
+
+def _folder() -> Path:
+    return Path(str(files(__name__)))
+
+
+def _listing(folder: Path, suffix: str) -> dict[str, Path]:
+    if not folder.is_dir():
+        return {}
+    return {path.name: path for path in sorted(folder.iterdir()) if path.suffix == suffix}
+
+
+def _found(name: str, known: dict[str, Path], what: str) -> Path:
+    if name not in known:
+        raise UnknownFileError(f"{name}: expected {what} ({', '.join(known) or 'none'})")
+    return known[name]

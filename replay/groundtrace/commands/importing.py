@@ -1,0 +1,79 @@
+"""``groundtrace import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from groundtrace_codecs.importers import import_recording
+
+from ..errors import RecordingError
+from .output import print_json, say, writable
+
+
+def import_(
+    *sources: Path,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    format_: Annotated[str | None, Parameter(name="--format")] = None,
+    geometry: Path | None = None,
+    truth: Path | None = None,
+    map_: Annotated[Path | None, Parameter(name="--map")] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Turn files of another tool into a recording.
+
+    Example: groundtrace import shots/*.dat -o line.mcap --truth picks.sgt
+
+    Parameters
+    ----------
+    sources
+        Files of one recording, or folders of them.
+    out
+        The recording to write.
+    format_
+        Name of the importer (groundtrace plugins lists them); chosen by content without it.
+    geometry
+        TOML with sensors, outline and medium.
+    truth
+        What is known to have happened: CSV, .sgt hand picks, or another MCAP.
+    map_
+        TOML that says what the columns are; a path, or the name of a shipped map.
+    force
+        Overwrite an existing file.
+    json
+        Print one JSON document.
+    """
+    if not sources:
+        raise RecordingError("import: expected at least one file, found none")
+    report = import_recording(
+        sources,
+        writable(out, force=force),
+        format_name=format_,
+        geometry=geometry,
+        truth=truth,
+        map_path=_map(map_),
+        force=force,
+    )
+    for warning in report.warnings:
+        say(f"warning: {warning}")
+    if json:
+        print_json(report)
+        return
+    print(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
+    for topic, samples in report.samples.items():
+        print(f"  {topic}: {samples} samples")
+    print(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
+    if report.labels:
+        print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
+
+
+def _map(path: Path | None) -> Path | None:
+    """Return a map's path; a bare name may be that of a shipped one."""
+    if path is None or path.exists() or path.parent != Path():
+        return path
+    from groundtrace_recordings import maps
+
+    return maps().get(path.stem, path)

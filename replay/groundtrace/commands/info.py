@@ -1,0 +1,241 @@
+"""``groundtrace info``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from groundtrace_codecs.events import Gap
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..source import Source
+from .output import FIRST_DATE_NS, existing, print_json, print_table, progress
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.signals import Stream
+
+
+@dataclass(frozen=True, slots=True)
+class StreamInfo:
+    """One sampled stream of a recording; times are seconds from its first sample."""
+
+    topic: str
+    rate_hz: float
+    irregular: bool
+    placement: str
+    channels: list[dict[str, str]]
+    samples: int
+    start_s: float | None
+    end_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class GapInfo:
+    """One interruption."""
+
+    topic: str
+    start_s: float
+    end_s: float
+    reason: str
+    lost: int
+    bridged: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DamageInfo:
+    """One damaged place of the file."""
+
+    offset: int
+    length: int
+    messages: int | None
+    start_s: float | None
+    end_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingInfo:
+    """Everything ``info`` says."""
+
+    recording: str
+    bytes: int
+    start_ns: int
+    start: str | None
+    duration_s: float
+    streams: list[StreamInfo]
+    others: list[dict[str, str | int]]
+    gaps: list[GapInfo]
+    damage: list[DamageInfo]
+    truth: dict[str, int]
+    geometry: dict[str, int] | None
+    metadata: list[str]
+
+
+def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
+    """Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.
+
+    Example: groundtrace info walk.mcap
+
+    Parameters
+    ----------
+    recording
+        MCAP file.
+    json
+        Print one JSON document.
+    """
+    existing(recording)
+    with Recording.open(recording) as opened:
+        duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
+        with progress(duration_s, "reading") as show:
+            found = examine(opened, recording.stat().st_size, show)
+    if json:
+        print_json(found)
+        return
+    _print(found)
+
+
+def examine(recording: Recording, size: int, show: Callable[[float], None]) -> RecordingInfo:
+    """Read a recording from end to end and say what it holds."""
+    start_ns = recording.start_ns
+    samples: Counter[str] = Counter()
+    spans: dict[str, tuple[int, int]] = {}
+    gaps: list[GapInfo] = []
+    for item in Source(recording):
+        if isinstance(item, Gap):
+            gaps.append(_gap(item, start_ns))
+            continue
+        samples[item.topic] += len(item)
+        first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
+        spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
+        show((item.last_ns - start_ns) / NS_PER_S)
+    return RecordingInfo(
+        recording=recording.name,
+        bytes=size,
+        start_ns=start_ns,
+        start=_date(start_ns),
+        duration_s=(recording.end_ns - start_ns) / NS_PER_S,
+        streams=[
+            _stream(s, samples[s.topic], spans.get(s.topic), start_ns) for s in recording.streams
+        ],
+        others=[
+            {"topic": o.topic, "schema": o.schema, "encoding": o.encoding, "messages": o.messages}
+            for o in recording.others
+        ],
+        gaps=gaps,
+        damage=_damage(recording, start_ns),
+        truth=dict(Counter(label.kind for label in recording.labels)),
+        geometry=_geometry(recording.geometry),
+        metadata=sorted(recording.metadata),
+    )
+
+
+def _date(time_ns: int) -> str | None:
+    """Return a time as ISO 8601, or None where the clock is not that of the calendar."""
+    if time_ns < FIRST_DATE_NS:
+        return None
+    return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="milliseconds")
+
+
+def _stream(
+    stream: Stream, samples: int, span: tuple[int, int] | None, start_ns: int
+) -> StreamInfo:
+    channels = [
+        {"name": c.name, "quantity": c.quantity, "unit": c.unit, "axis": c.axis}
+        for c in stream.channels
+    ]
+    first, last = (None, None) if span is None else ((t - start_ns) / NS_PER_S for t in span)
+    return StreamInfo(
+        stream.topic,
+        stream.rate_hz,
+        stream.irregular,
+        stream.placement,
+        channels,
+        samples,
+        first,
+        last,
+    )
+
+
+def _gap(gap: Gap, start_ns: int) -> GapInfo:
+    return GapInfo(
+        gap.topic,
+        (gap.start_ns - start_ns) / NS_PER_S,
+        (gap.end_ns - start_ns) / NS_PER_S,
+        gap.reason,
+        gap.lost,
+        gap.bridged,
+    )
+
+
+def _damage(recording: Recording, start_ns: int) -> list[DamageInfo]:
+    def seconds(time_ns: int | None) -> float | None:
+        return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
+
+    return [
+        DamageInfo(d.offset, d.length, d.messages, seconds(d.start_ns), seconds(d.end_ns), d.reason)
+        for d in recording.damage
+    ]
+
+
+def _geometry(geometry: Geometry | None) -> dict[str, int] | None:
+    if geometry is None:
+        return None
+    return {
+        "sensors": len(geometry.sensors),
+        "outline": len(geometry.outline),
+        "sources": len(geometry.sources),
+    }
+
+
+def _print(found: RecordingInfo) -> None:
+    when = f", began {found.start}" if found.start else ""
+    print(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
+    rows = [_stream_row(s) for s in found.streams]
+    print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
+    for other in found.others:
+        print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
+    _print_gaps(found.gaps)
+    for damage in found.damage:
+        lost = "?" if damage.messages is None else damage.messages
+        print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
+    if found.truth:
+        print("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
+    if found.geometry is not None:
+        print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()))
+
+
+def _stream_row(s: StreamInfo) -> tuple[str, ...]:
+    kinds: dict[str, list[str]] = {}
+    for channel in s.channels:
+        kinds.setdefault(f"{channel['quantity']} [{channel['unit']}]", []).append(channel["name"])
+    text = "; ".join(f"{_names(names)}: {kind}" for kind, names in kinds.items())
+    rate = f"{s.rate_hz:g}" + (" irregular" if s.irregular else "")
+    return (s.topic, str(s.samples), rate, s.placement, text)
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)})"
+
+
+def _print_gaps(gaps: Sequence[GapInfo]) -> None:
+    """Print unbridged gaps one by one, the bridged ones as counts."""
+    for gap in [g for g in gaps if not g.bridged][:20]:
+        print(
+            f"gap: {gap.topic} {gap.start_s:.3f} to {gap.end_s:.3f} s, {gap.reason}, "
+            f"{gap.lost} samples"
+        )
+    more = sum(not g.bridged for g in gaps) - 20
+    if more > 0:
+        print(f"gap: and {more} more")
+    bridged = Counter((g.topic, g.reason) for g in gaps if g.bridged)
+    for (topic, reason), count in bridged.items():
+        print(f"bridged: {topic} {count} times {reason}")

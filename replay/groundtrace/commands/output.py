@@ -1,0 +1,92 @@
+"""What commands print: one JSON document on stdout, or lines for people."""
+
+from __future__ import annotations
+
+import math
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from ..errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+#: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
+FIRST_DATE_NS = 315_532_800_000_000_000
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document on stdout; a number that is not finite is null."""
+    plain = _finite(msgspec.to_builtins(document))
+    print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+def say(text: str) -> None:
+    """Print a line of progress or a remark on stderr."""
+    print(text, file=sys.stderr)
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print aligned columns on stdout."""
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+    for row in [header, *rows]:
+        line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        print(line.rstrip())
+
+
+def existing(path: Path) -> Path:
+    """Return a path that is a readable file.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no such file.
+    """
+    if not path.is_file():
+        raise RecordingError(f"{path}: expected a recording, found no such file")
+    return path
+
+
+def writable(path: Path, *, force: bool) -> Path:
+    """Return a path that may be written.
+
+    Raises
+    ------
+    RecordingError
+        Where the file exists and ``force`` is not given, or its folder does not exist.
+    """
+    if not path.resolve().parent.is_dir():
+        raise RecordingError(f"{path}: expected an existing folder, found none")
+    if path.exists() and not force:
+        raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
+    return path
+
+
+@contextmanager
+def progress(total_s: float, what: str) -> Iterator[Callable[[float], None]]:
+    """Show how many seconds of ``total_s`` are done, on a terminal only."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} s"))
+    console = Console(stderr=True)
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(what, total=total_s)
+        yield lambda done_s: bar.update(task, completed=done_s)

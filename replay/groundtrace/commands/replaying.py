@@ -1,0 +1,276 @@
+"""``groundtrace replay``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter, validators
+
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from ..clock import Clock
+from ..engine import Tally
+from ..engine import replay as run
+from ..errors import RecordingError
+from ..pipeline import Pipeline, build_pipeline, load_pipeline, with_settings
+from ..plugins import load
+from ..results import (
+    Provenance,
+    ResultsSink,
+    file_sha256,
+    package_versions,
+    public_arguments,
+)
+from ..sinks import Session, Sink
+from ..source import BLOCK_S, Source
+from .output import existing, print_json, progress, say, writable
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.signals import Stream
+
+NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0))
+
+
+def replay(
+    recording: Path | None = None,
+    *,
+    pipeline: str = "",
+    set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
+    to: Annotated[float | None, NOT_NEGATIVE] = None,
+    rrd: Path | None = None,
+    out: Path | None = None,
+    spawn: Annotated[bool, Parameter(negative="")] = False,
+    web: Annotated[bool, Parameter(negative="")] = False,
+    no_viewer: Annotated[bool, Parameter(negative="")] = False,
+    rate: Annotated[float, NOT_NEGATIVE] = 0.0,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Stream a recording through a pipeline; show and store what was decided.
+
+    Without a recording, the bundled walk through a room is replayed. Without options it leaves
+    NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present folder.
+
+    Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.height=0.6
+
+    Parameters
+    ----------
+    recording
+        MCAP file.
+    pipeline
+        Name of a shipped pipeline (see groundtrace pipelines) or a TOML file.
+    set_
+        A parameter of a stage, as stage.param=value; may be given several times.
+    from_
+        Begin this many seconds after the first sample.
+    to
+        End this many seconds after the first sample.
+    rrd
+        Write the viewer's file here.
+    out
+        Write the results here.
+    spawn
+        Open the native viewer and show the replay while it runs.
+    web
+        Serve the finished replay to a browser on this machine.
+    no_viewer
+        Make no viewer's file.
+    rate
+        Recorded seconds per second; 0 is as fast as possible.
+    force
+        Overwrite existing outputs.
+    json
+        Print one JSON document.
+    """
+    path = existing(recording) if recording is not None else _bundled()
+    spawn, rrd = _where_to_show(path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force)
+    results = _results_path(path, out, force=force)
+    with Recording.open(path) as opened:
+        chain = _pipeline(opened, pipeline, set_ or [])
+        session = _session(opened, path, chain)
+        sinks: list[Sink] = [ResultsSink(results, _provenance(session, path, chain), force=True)]
+        shown: Any = None
+        if rrd is not None or spawn or web:
+            shown = load("sinks", "rerun")(rrd, spawn=spawn, web=web)
+            sinks.append(shown)
+        start_ns, stop_ns = _span(session, from_, to)
+        block_s = BLOCK_S if rate == 0 else 0.0
+        source = Source(opened, start_ns=start_ns, stop_ns=stop_ns, block_s=block_s)
+        for sink in sinks:
+            sink.open(session)
+        try:
+            tally = _run(source, chain, sinks, session, rate)
+        finally:
+            for sink in sinks:
+                sink.close()
+        damage = len(opened.damage)
+    _report(session, chain, tally, results, rrd, damage, json=json)
+    _stay_with_the_page(shown, web=web)
+
+
+def _bundled() -> Path:
+    from groundtrace_recordings import path_of
+
+    say("no recording given: replaying the bundled walk through a room")
+    return path_of("room-walk.mcap")
+
+
+def _where_to_show(
+    path: Path, rrd: Path | None, *, spawn: bool, web: bool, no_viewer: bool, force: bool
+) -> tuple[bool, Path | None]:
+    """Return whether to open the viewer, and which file to write."""
+    if no_viewer:
+        return False, None
+    if rrd is not None:
+        writable(rrd, force=force)
+    if spawn and not _has_display():
+        say("no display: the viewer's file is written instead")
+        spawn = False
+    elif spawn or web:
+        return spawn, rrd
+    return spawn, rrd if rrd is not None else Path(f"{path.stem}.rrd")
+
+
+def _has_display() -> bool:
+    if sys.platform in {"win32", "darwin"}:
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
+    if out is None:
+        return Path(f"{path.stem}.results.mcap")
+    return writable(out, force=force)
+
+
+def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
+    config = load_pipeline(name or _default_pipeline(recording))
+    return build_pipeline(with_settings(config, settings))
+
+
+def _default_pipeline(recording: Recording) -> str:
+    """Choose by what the recording holds, or ask."""
+    seismic = sum(len(s.columns_of(SEISMIC_QUANTITIES)) for s in recording.streams)
+    if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
+        return "room-footsteps"
+    if any(s.columns_of({"acceleration"}) for s in recording.streams):
+        return "waist-steps"
+    topics = ", ".join(s.topic for s in recording.streams) or "no signals"
+    raise RecordingError(
+        f"{recording.name}: expected --pipeline NAME (groundtrace pipelines lists them), since a "
+        f"recording with {topics} tells no pipeline by itself"
+    )
+
+
+def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
+    streams = Source(recording).streams
+    if not streams:
+        raise RecordingError(f"{recording.name}: expected signals to replay, found none")
+    return Session(
+        name=path.name,
+        application=chain.config.application,
+        start_ns=recording.start_ns,
+        end_ns=recording.end_ns,
+        streams=streams,
+        geometry=recording.geometry,
+        labels=recording.labels,
+        pipeline=chain.recipe(),
+    )
+
+
+def _provenance(session: Session, path: Path, chain: Pipeline) -> Provenance:
+    return Provenance(
+        recording=session.name,
+        sha256=file_sha256(path),
+        start_ns=session.start_ns,
+        end_ns=session.end_ns,
+        pipeline=chain.recipe(),
+        arguments=public_arguments(sys.argv[1:]),
+        versions=package_versions(),
+    )
+
+
+def _span(session: Session, from_s: float | None, to_s: float | None) -> tuple[Any, Any]:
+    def at(seconds: float | None) -> int | None:
+        return None if seconds is None else session.start_ns + round(seconds * NS_PER_S)
+
+    if from_s is not None and to_s is not None and to_s <= from_s:
+        raise RecordingError(f"--to: expected more than --from {from_s:g}, found {to_s:g}")
+    return at(from_s), at(to_s)
+
+
+def _run(
+    source: Source, chain: Pipeline, sinks: list[Sink], session: Session, rate: float
+) -> Tally:
+    total_s = (session.end_ns - session.start_ns) / NS_PER_S
+    with progress(total_s, "replaying") as show:
+        return run(
+            source,
+            chain,
+            sinks,
+            clock=Clock(rate) if rate else None,
+            progress=lambda t_ns: show((t_ns - session.start_ns) / NS_PER_S),
+        )
+
+
+def _report(
+    session: Session,
+    chain: Pipeline,
+    tally: Tally,
+    results: Path,
+    rrd: Path | None,
+    damage: int,
+    *,
+    json: bool,
+) -> None:
+    counts = {
+        name: tally.counts.get(kind, 0)
+        for name, kind in (
+            ("candidates", "CandidateBlock"),
+            ("picks", "Pick"),
+            ("steps", "StepEvent"),
+            ("gaps", "Gap"),
+            ("notes", "Note"),
+        )
+    }
+    if json:
+        print_json(
+            {
+                "recording": session.name,
+                "pipeline": chain.config.name,
+                "topics": [s.topic for s in session.streams],
+                "recorded_s": tally.recorded_s,
+                "samples": tally.samples,
+                "events": counts,
+                "damage": damage,
+                "results": str(results),
+                "rrd": str(rrd) if rrd is not None else None,
+            }
+        )
+        return
+    _print_report(session.streams, chain, tally, counts)
+    print(f"results: {results}")
+    if rrd is not None:
+        print(f"timeline: {rrd} (open it with: rerun {rrd})")
+    if damage:
+        print(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
+
+
+def _print_report(
+    streams: tuple[Stream, ...], chain: Pipeline, tally: Tally, counts: dict[str, int]
+) -> None:
+    signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
+    print(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
+    print(", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events")
+
+
+def _stay_with_the_page(sink: Any, *, web: bool) -> None:
+    """Keep serving until the user stops."""
+    if web:
+        say(f"serving {sink.url} (Ctrl-C ends it)")
+        sink.viewer.wait()

@@ -1,0 +1,121 @@
+"""What a detector is: parameters, columns, gates, and ``measure``. It never decides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+
+from .gates import Candidates
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Pick, Quantity, StageSpec
+    from groundtrace_codecs.signals import SignalBlock, Stream
+    from numpy.typing import NDArray
+
+    from .gates import Gate
+
+#: What an accepted candidate becomes.
+Emits = Literal["pick", "step", "impact"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """The trace of a measurement: what was reached in each 50 ms frame.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64: start of each frame.
+    value
+        Shape (n, n_channels, n_quantities), float32, in the order of the detector's ``trace``.
+    """
+
+    time_ns: NDArray[np.int64]
+    value: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What ``measure`` gives for a block: candidates and frames that are complete by now."""
+
+    candidates: Candidates
+    frames: Frames
+
+
+def joined(first: Measured, second: Measured) -> Measured:
+    """Return two measurements, one after the other, as one."""
+    return Measured(
+        Candidates.concatenate([first.candidates, second.candidates]),
+        Frames(
+            np.concatenate([first.frames.time_ns, second.frames.time_ns]),
+            np.concatenate([first.frames.value, second.frames.value]),
+        ),
+    )
+
+
+class Detector(Protocol):
+    """A detector: parameters, columns, gates, and ``measure``.
+
+    A detector never decides: it lists its gates, and :func:`groundtrace.gates.decide` applies
+    them. Its ``state`` holds everything that crosses blocks and can be deep-copied.
+
+    Attributes
+    ----------
+    Parameters
+        Frozen dataclass of documented fields (:mod:`groundtrace.parameters`).
+    quantities
+        Quantities of the channels it wants; it runs on every stream that has some.
+    emits
+        What an accepted candidate becomes.
+    columns
+        Name and unit of the candidates' columns; the first is the decision function's peak.
+    trace
+        Name and unit of the frames' quantities; the first is the decision function.
+    gates
+        In the order of the decision.
+    """
+
+    Parameters: type[Any]
+    quantities: frozenset[str]
+    emits: Emits
+    columns: tuple[Quantity, ...]
+    trace: tuple[Quantity, ...]
+    gates: tuple[Gate, ...]
+    state: Any
+
+    def __init__(self, parameters: Any) -> None: ...
+
+    def start(self, stream: Stream) -> tuple[str, ...]:
+        """Begin a contiguous run of ``stream``; return the names of the candidates' channels."""
+
+    def measure(self, block: SignalBlock) -> Measured:
+        """Take a block of any length; return what is complete, in the order of (time, channel)."""
+
+    def finish(self) -> Measured:
+        """End the run; return what was held back."""
+
+
+class Associator(Protocol):
+    """Groups picks: like a detector, but what it measures are picks, in the order of time.
+
+    The attributes are those of :class:`Detector`; there is no trace.
+    """
+
+    Parameters: type[Any]
+    emits: Emits
+    columns: tuple[Quantity, ...]
+    gates: tuple[Gate, ...]
+    state: Any
+
+    def __init__(self, parameters: Any) -> None: ...
+
+    def start(self, spec: StageSpec) -> tuple[str, ...]:
+        """Begin with the picks of the stage ``spec``; return the names of the channels."""
+
+    def associate(self, pick: Pick) -> Candidates:
+        """Take the next pick; return the groups that are complete by now."""
+
+    def finish(self) -> Candidates:
+        """Return what was held back."""

@@ -1,0 +1,1 @@
+"""Detectors, each split into ``measure`` (signal to candidates) and gates (see gates.decide)."""

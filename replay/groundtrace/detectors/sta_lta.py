@@ -1,0 +1,99 @@
+"""STA/LTA: arrivals by the ratio of a short-term to a long-term average.
+
+Source: the recursive form (Withers et al. 1998, as in ObsPy's ``recursive_sta_lta``): both averages
+forget exponentially. Three things are changed so that weak first breaks on long geophone lines
+come before stronger, later phases. The average is of the squared slope of the smoothed signal,
+which rises earlier than the amplitude. The long-term average ends a gap before the short one, so
+that an arrival does not raise its own noise level. Both averages are divided by the sum of their
+weights so far, so that the ratio means something from the first samples of a record on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+
+from ..detector import Emits, Measured, joined
+from ..gates import Level, Refractory
+from ..parameters import gate, measured
+from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .filters import SmoothedSlope, UnbiasedMean, planar
+
+if TYPE_CHECKING:
+    import numpy as np
+    from groundtrace_codecs.signals import SignalBlock, Stream
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class StaLtaParameters:
+    """Parameters of :class:`StaLtaPicker`."""
+
+    smooth_s: Annotated[float, measured("s", "Length of the Hann smoothing.", gt=0)] = 0.004
+    slope_s: Annotated[float, measured("s", "Base of the centred slope.", gt=0)] = 0.003
+    sta_s: Annotated[float, measured("s", "Memory of the short-term average.", gt=0)] = 0.002
+    lta_s: Annotated[float, measured("s", "Memory of the long-term average.", gt=0)] = 0.1
+    gap_s: Annotated[float, measured("s", "Time between the two averages.", ge=0)] = 0.008
+    warm_up_s: Annotated[float, measured("s", "Noise needed to trust its level.", ge=0)] = 0.01
+    floor: Annotated[float, measured("1", "Lowest ratio kept as a candidate.", ge=0)] = 2.0
+    separation_s: Annotated[float, measured("s", "Least time between candidates.", ge=0)] = 0.002
+    ratio: Annotated[float, gate("1", "Lowest ratio that is an arrival.", ge=0)] = 6.0
+    refractory_s: Annotated[float, gate("s", "Least time between two arrivals.", ge=0)] = 0.3
+
+
+@dataclass(slots=True)
+class _State:
+    slope: SmoothedSlope
+    short: UnbiasedMean
+    tracker: ArrivalTracker
+
+
+class StaLtaPicker:
+    """An arrival is where the short-term average of the squared slope rises over the long-term."""
+
+    Parameters = StaLtaParameters
+    quantities = SEISMIC_QUANTITIES
+    emits: Emits = "pick"
+    columns = COLUMNS
+    trace = (Quantity("ratio", "1"), Quantity("peak", "slope"), Quantity("noise", "slope"))
+    gates = (Level("ratio", "1", "ratio"), Refractory())
+
+    def __init__(self, parameters: StaLtaParameters) -> None:
+        self.parameters = parameters
+
+    def start(self, stream: Stream) -> tuple[str, ...]:
+        """Begin a run; every channel is picked on its own."""
+        p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
+        settings = ArrivalSettings(
+            gap_s=p.gap_s,
+            warm_up_s=p.warm_up_s,
+            floor=p.floor,
+            separation_s=p.separation_s,
+            anchor="peak",
+            back_s=2 * p.sta_s,
+            windows_s=((0.010, 0.0), (0.017, 0.002)),
+            correlation_s=0.0025,
+        )
+        self.state = _State(
+            SmoothedSlope(rate, p.smooth_s, p.slope_s),
+            UnbiasedMean(p.sta_s * rate),
+            ArrivalTracker(rate, n, settings, lambda cell_s: UnbiasedMean(p.lta_s / cell_s)),
+        )
+        return tuple(c.name for c in stream.channels)
+
+    def measure(self, block: SignalBlock) -> Measured:
+        """Average the squared slope and look for arrivals."""
+        return self._measure(*self.state.slope(block.sample_times(), planar(block)))
+
+    def finish(self) -> Measured:
+        """End the run; the smoothing sees the last sample repeated."""
+        last = self._measure(*self.state.slope.finish())
+        return joined(last, self.state.tracker.finish())
+
+    def _measure(
+        self, times: NDArray[np.int64], signal: NDArray[np.float64], slope: NDArray[np.float64]
+    ) -> Measured:
+        return self.state.tracker.add(times, signal, slope, self.state.short(slope * slope))

@@ -1,0 +1,34 @@
+"""Errors of the replay engine.
+
+::
+
+    GroundtraceError
+    ├── PipelineError     a pipeline, setting or parameter is not what it must be
+    ├── PluginError       a plugin is unknown or does not load
+    ├── RecordingError    a recording lacks what was asked of it
+    └── SimulationError   a simulator cannot do what was asked of it
+
+The command line prints each as one line and exits with 1.
+"""
+
+from __future__ import annotations
+
+
+class GroundtraceError(Exception):
+    """Root of everything the engine raises on purpose."""
+
+
+class PipelineError(GroundtraceError):
+    """A pipeline, setting or parameter is not what it must be."""
+
+
+class PluginError(GroundtraceError):
+    """A plugin is unknown or does not load."""
+
+
+class RecordingError(GroundtraceError):
+    """A recording lacks what was asked of it."""
+
+
+class SimulationError(GroundtraceError):
+    """A simulator cannot do what was asked of it."""

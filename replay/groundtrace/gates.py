@@ -1,0 +1,241 @@
+"""Gates and ``decide``: the one pure function that turns candidates into decisions.
+
+Replay, explanation, sweep and comparison all call :func:`decide`; nothing else decides. A gate is
+a threshold on a value; every gate's value and signed margin is computed for every candidate, also
+behind a gate that already failed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from groundtrace_codecs.events import GateSpec
+from groundtrace_codecs.signals import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.events import Quantity
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """What ``measure`` found: columns, in the order of (time, channel).
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    channel
+        Shape (n,), int32.
+    value
+        Shape (n, n_columns), float32; the columns a detector declares.
+    """
+
+    time_ns: NDArray[np.int64]
+    channel: NDArray[np.int32]
+    value: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return int(self.time_ns.shape[0])
+
+    @classmethod
+    def empty(cls, columns: int) -> Candidates:
+        """Return no candidates, with ``columns`` columns."""
+        return cls(np.empty(0, np.int64), np.empty(0, np.int32), np.empty((0, columns), np.float32))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Candidates]) -> Candidates:
+        """Return all rows of ``parts`` (at least one), one after the other."""
+        return cls(
+            np.concatenate([p.time_ns for p in parts]),
+            np.concatenate([p.channel for p in parts]),
+            np.concatenate([p.value for p in parts]),
+        )
+
+    def rows(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Candidates:
+        """Return some of the rows."""
+        return Candidates(self.time_ns[index], self.channel[index], self.value[index])
+
+
+@dataclass(slots=True)
+class Carry:
+    """What a decision leaves behind for the candidates after it: last accepted time by channel."""
+
+    last_ns: dict[str, dict[int, int]] = field(default_factory=dict)
+
+    def copy(self) -> Carry:
+        """Return an independent copy."""
+        return Carry({gate: dict(times) for gate, times in self.last_ns.items()})
+
+
+class Gate(Protocol):
+    """A threshold on a value of each candidate."""
+
+    @property
+    def name(self) -> str:
+        """Unique name among the detector's gates."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value and the threshold."""
+
+    @property
+    def parameter(self) -> str:
+        """Name of the parameter that holds the threshold."""
+
+    @property
+    def at_least(self) -> bool:
+        """Whether the value must be at least the threshold, or at most."""
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,
+        carry: Carry,
+    ) -> NDArray[np.float64]:
+        """Return the value of every candidate, shape (n,); may write to ``carry``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A threshold on a measured column of the same name."""
+
+    name: str
+    unit: str
+    parameter: str
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],  # noqa: ARG002
+        threshold: float,  # noqa: ARG002
+        carry: Carry,  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Return the measured column."""
+        column = [c.name for c in columns].index(self.name)
+        return candidates.value[:, column].astype(np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Refractory:
+    """A minimum time since the last candidate that passed this gate, per channel."""
+
+    parameter: str = "refractory_s"
+    name: str = "refractory"
+    unit: str = "s"
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],  # noqa: ARG002
+        alive: NDArray[np.bool_],
+        threshold: float,
+        carry: Carry,
+    ) -> NDArray[np.float64]:
+        """Return the time since the last one that passed [s]; inf where there was none."""
+        last = carry.last_ns.setdefault(self.name, {})
+        out = np.full(len(candidates), np.inf)
+        for channel in np.unique(candidates.channel):
+            rows = np.flatnonzero(candidates.channel == channel)
+            times = candidates.time_ns[rows]
+            passed = _spaced(times[alive[rows]], threshold, last.get(int(channel)))
+            before = np.searchsorted(passed, times, side="left") - 1
+            seen = before >= 0
+            out[rows[seen]] = (times[seen] - passed[before[seen]]) / NS_PER_S
+            if len(passed):
+                last[int(channel)] = int(passed[-1])
+        return out
+
+
+def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> NDArray[np.int64]:
+    """Return, after ``last``, the times a first-come refractory rule lets pass."""
+    passed = [] if last is None else [last]
+    index = 0
+    while index < len(times):
+        if passed and (times[index] - passed[-1]) / NS_PER_S < spacing_s:
+            due = (
+                passed[-1] + int(spacing_s * NS_PER_S) - 1
+            )  # rounding is settled by the test above
+            index = max(index + 1, int(np.searchsorted(times, due, side="left")))
+            continue
+        passed.append(int(times[index]))
+        index += 1
+    return np.array(passed, np.int64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decisions:
+    """Verdicts on candidates.
+
+    Attributes
+    ----------
+    gate_value
+        Shape (n, n_gates), float32: what each gate looked at.
+    margin
+        Shape (n, n_gates), float32: signed distance to the threshold; >= 0 passes, NaN fails.
+    accepted
+        Shape (n,), bool: passed every gate.
+    """
+
+    gate_value: NDArray[np.float32]
+    margin: NDArray[np.float32]
+    accepted: NDArray[np.bool_]
+
+
+def decide(
+    candidates: Candidates,
+    columns: Sequence[Quantity],
+    gates: Sequence[Gate],
+    parameters: object,
+    carry: Carry | None = None,
+) -> tuple[Decisions, Carry]:
+    """Apply all gates in order.
+
+    Parameters
+    ----------
+    candidates
+        In the order of (time, channel); later calls continue where earlier ones ended.
+    columns
+        What the candidates' columns are.
+    gates
+        In order; a stateful gate looks only at candidates that passed all gates before it.
+    parameters
+        Object whose attributes hold the thresholds.
+    carry
+        What the decision before this one left behind, or None at the start of a run.
+
+    Returns
+    -------
+    Decisions and what to carry on. Deciding in parts equals deciding at once.
+    """
+    carry = Carry() if carry is None else carry.copy()
+    n = len(candidates)
+    alive = np.ones(n, np.bool_)
+    value = np.empty((n, len(gates)), np.float32)
+    margin = np.empty((n, len(gates)), np.float32)
+    for column, gate in enumerate(gates):
+        threshold = float(getattr(parameters, gate.parameter))
+        seen = gate.values(candidates, columns, alive, threshold, carry)
+        distance = seen - threshold if gate.at_least else threshold - seen
+        value[:, column] = seen
+        margin[:, column] = distance
+        alive = alive & (distance >= 0)
+    return Decisions(value, margin, alive), carry
+
+
+def gate_specs(gates: Sequence[Gate], parameters: object) -> tuple[GateSpec, ...]:
+    """Return the gates with their thresholds as they stand in a run."""
+    return tuple(
+        GateSpec(g.name, g.unit, g.parameter, float(getattr(parameters, g.parameter)), g.at_least)
+        for g in gates
+    )

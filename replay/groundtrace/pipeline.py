@@ -1,0 +1,230 @@
+"""Pipelines: TOML that names stages, typed and validated, and the chain of stages made of it."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict, dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from .errors import PipelineError
+from .parameters import build, describe, parse_value
+from .plugins import find
+from .stage import AssociatorStage, DetectorStage, Stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import SignalBlock
+
+APPLICATIONS = ("room", "walker", "vehicle", "shots")
+#: Groups of plugins a stage may use, and what runs them.
+RUNNERS: dict[str, Callable[..., Stage]] = {
+    "detectors": DetectorStage,
+    "associators": AssociatorStage,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StageConfig:
+    """One ``[[stage]]`` of a pipeline.
+
+    Attributes
+    ----------
+    use
+        Name of the registered plugin.
+    name
+        Name in this pipeline; the plugin's where empty.
+    topics
+        Patterns of topics it may run on; empty means all that fit.
+    parameters
+        Values that differ from the plugin's defaults.
+    """
+
+    use: str
+    name: str = ""
+    topics: tuple[str, ...] = ()
+    parameters: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """The name that settings use."""
+        return self.name or self.use
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineConfig:
+    """A pipeline as written.
+
+    Attributes
+    ----------
+    name, description
+        For people.
+    application
+        Kind of recording, one of :data:`APPLICATIONS`; chooses the viewer's layout.
+    stage
+        In order.
+    """
+
+    name: str
+    description: str = ""
+    application: str = "room"
+    stage: tuple[StageConfig, ...] = ()
+
+
+def named_pipelines() -> dict[str, Path]:
+    """Return the pipelines that ship with the package."""
+    folder = Path(str(files("groundtrace") / "pipelines"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_pipeline(name_or_path: str) -> PipelineConfig:
+    """Read a named pipeline or a TOML file.
+
+    Raises
+    ------
+    PipelineError
+        Unknown name, unreadable TOML, unknown key or wrong type, in one line.
+    """
+    shipped = named_pipelines()
+    path = shipped.get(name_or_path, Path(name_or_path))
+    if not path.is_file():
+        raise PipelineError(
+            f"{name_or_path}: expected a file or one of {', '.join(shipped)}, found neither"
+        )
+    return parse_pipeline(path.read_bytes(), path.name)
+
+
+def parse_pipeline(text: bytes, place: str) -> PipelineConfig:
+    """Read a pipeline out of TOML; ``place`` names it in errors."""
+    try:
+        table = tomllib.loads(text.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PipelineError(f"{place}: expected TOML, found: {error}") from None
+    _known_keys(table, PipelineConfig, place)
+    for index, stage in enumerate(_tables(table.get("stage", []), place)):
+        _known_keys(stage, StageConfig, f"{place}: stage {index + 1}")
+    try:
+        config = msgspec.convert(table, PipelineConfig)
+    except msgspec.ValidationError as error:
+        raise PipelineError(f"{place}: expected a pipeline, found: {error}") from None
+    if config.application not in APPLICATIONS:
+        raise PipelineError(
+            f"{place}: application: expected one of {', '.join(APPLICATIONS)}, "
+            f"found {config.application!r}"
+        )
+    keys = [stage.key for stage in config.stage]
+    twice = next((key for key in keys if keys.count(key) > 1), None)
+    if not keys or twice:
+        expected = "stages of different names" if twice else "at least one [[stage]]"
+        raise PipelineError(f"{place}: stage: expected {expected}, found {twice or 'none'}")
+    return config
+
+
+def _tables(value: Any, place: str) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        raise PipelineError(f"{place}: stage: expected [[stage]] tables, found {value!r}")
+    return value
+
+
+def _known_keys(table: dict[str, Any], kind: type[Any], place: str) -> None:
+    known = list(kind.__dataclass_fields__)
+    for key in table:
+        if key not in known:
+            raise PipelineError(
+                f"{place}: {key}: expected one of {', '.join(known)}, found an unknown key"
+            )
+
+
+def with_settings(config: PipelineConfig, settings: Iterable[str]) -> PipelineConfig:
+    """Apply ``stage.param=value`` settings.
+
+    Raises
+    ------
+    PipelineError
+        A setting of another form, or of a stage that the pipeline does not have.
+    """
+    stages = {stage.key: stage for stage in config.stage}
+    for setting in settings:
+        left, equals, value = setting.partition("=")
+        stage, dot, parameter = left.rpartition(".")
+        if not (equals and dot and parameter):
+            raise PipelineError(f"--set: expected stage.param=value, found {setting!r}")
+        if stage not in stages:
+            raise PipelineError(
+                f"--set: expected a stage of {', '.join(stages)}, found {stage!r} in {setting!r}"
+            )
+        values = stages[stage].parameters | {parameter: parse_value(value)}
+        stages[stage] = replace(stages[stage], parameters=values)
+    return replace(config, stage=tuple(stages.values()))
+
+
+class Pipeline:
+    """A chain of stages: each sees the item and what the stages before it made of it."""
+
+    def __init__(self, config: PipelineConfig, stages: Sequence[Stage], resolved: str) -> None:
+        self.config = config
+        self.stages = tuple(stages)
+        self._resolved = resolved
+
+    def recipe(self) -> str:
+        """Return the pipeline as TOML, every parameter with its value and unit."""
+        return self._resolved
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Feed an item; yield the events of all stages."""
+        yield from self._through(self.stages, item)
+
+    def flush(self) -> Iterator[Event]:
+        """End of the recording: yield what the stages held back."""
+        for index, stage in enumerate(self.stages):
+            for event in stage.flush():
+                yield event
+                yield from self._through(self.stages[index + 1 :], event)
+
+    def _through(self, stages: Sequence[Stage], item: SignalBlock | Event) -> Iterator[Event]:
+        for index, stage in enumerate(stages):
+            for event in stage.process(item):
+                yield event
+                yield from self._through(stages[index + 1 :], event)
+
+
+def build_pipeline(config: PipelineConfig) -> Pipeline:
+    """Load the plugins of a pipeline and give them their parameters.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        An unknown plugin, key, type or value out of range, in one line.
+    """
+    stages: list[Stage] = []
+    lines = [f'name = "{config.name}"', f'description = "{config.description}"']
+    lines.append(f'application = "{config.application}"')
+    for stage in config.stage:
+        group, kind = find(tuple(RUNNERS), stage.use)
+        parameters = build(kind.Parameters, stage.parameters, stage.key)
+        stages.append(RUNNERS[group](stage.key, stage.use, kind, parameters, stage.topics))
+        lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
+    return Pipeline(config, stages, "\n".join(lines) + "\n")
+
+
+def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
+    lines = ["", "[[stage]]", f'name = "{stage.key}"', f'use = "{stage.use}"']
+    if stage.topics:
+        lines.append(f"topics = {_toml(list(stage.topics))}")
+    lines.append("[stage.parameters]")
+    for info in describe(kind):
+        lines.append(f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}")
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, float):
+        return repr(value)
+    return msgspec.json.encode(value).decode()

@@ -1,0 +1,92 @@
+"""Plugins by entry point: found by name, loaded on demand, never imported to be listed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
+
+from .errors import PluginError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+#: Entry-point groups a distribution may add plugins to.
+GROUPS = ("detectors", "associators", "importers", "sinks")
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """A registered plugin, not yet imported.
+
+    Attributes
+    ----------
+    group, name
+        Where and as what it is registered.
+    distribution, version
+        Which installed distribution brings it.
+    target
+        ``module:attribute``.
+    """
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+    target: str
+
+
+def _points(group: str) -> dict[str, EntryPoint]:
+    return {p.name: p for p in entry_points(group=f"groundtrace.{group}")}
+
+
+def plugins(group: str) -> tuple[Plugin, ...]:
+    """Return the plugins of one group, by name."""
+    found = []
+    for name, point in sorted(_points(group).items()):
+        owner = point.dist
+        found.append(
+            Plugin(
+                group,
+                name,
+                owner.name if owner else "?",
+                owner.version if owner else "?",
+                point.value,
+            )
+        )
+    return tuple(found)
+
+
+def find(groups: Sequence[str], name: str) -> tuple[str, Any]:
+    """Import the plugin that one of ``groups`` has under ``name``; return its group and itself.
+
+    Raises
+    ------
+    PluginError
+        Where none of them has it, or it does not import.
+    """
+    for group in groups:
+        if name in _points(group):
+            return group, load(group, name)
+    known = sorted(known for group in groups for known in _points(group))
+    raise PluginError(f"use: expected one of {', '.join(known)}, found {name!r}")
+
+
+def load(group: str, name: str) -> Any:
+    """Import one plugin.
+
+    Raises
+    ------
+    PluginError
+        Where no plugin has this name, or it does not import.
+    """
+    points = _points(group)
+    if name not in points:
+        known = ", ".join(sorted(points)) or "none"
+        raise PluginError(f"{group}: expected one of {known}, found {name!r}")
+    try:
+        return points[name].load()
+    except Exception as error:
+        raise PluginError(
+            f"{group}: {name}: expected {points[name].value} to import, found: {error}"
+        ) from error

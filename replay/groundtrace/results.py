@@ -1,0 +1,162 @@
+"""Results: a sidecar MCAP with everything a replay decided, and the way back from it."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from groundtrace_codecs.signals import SignalBlock
+
+from . import __version__
+from .errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.writer import RecordingWriter
+
+    from .sinks import Session
+
+RUN = "groundtrace.run"
+PACKAGES = ("groundtrace", "numpy", "scipy", "mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a result comes from, kept in its metadata.
+
+    Attributes
+    ----------
+    recording
+        File name of the recording.
+    sha256
+        Of its bytes.
+    start_ns, end_ns
+        Its first and last sample [ns].
+    pipeline
+        The resolved pipeline, TOML.
+    arguments
+        The command line, every path reduced to its file name.
+    versions
+        Of the packages that took part.
+    """
+
+    recording: str
+    sha256: str
+    start_ns: int
+    end_ns: int
+    pipeline: str
+    arguments: tuple[str, ...] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+
+
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that decide a result."""
+    found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
+    return {"python": platform.python_version(), "groundtrace": __version__} | found
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, as hexadecimal digits."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def public_arguments(arguments: Sequence[str]) -> tuple[str, ...]:
+    """Return a command line without folders: what is shared must not tell where people work."""
+    return tuple(Path(a).name if "/" in a or "\\" in a else a for a in arguments)
+
+
+class ResultsSink:
+    """Writes events, labels and geometry to a results MCAP; signals stay in the recording."""
+
+    def __init__(self, path: Path, provenance: Provenance, *, force: bool = False) -> None:
+        self.path = path
+        self.provenance = provenance
+        self.force = force
+        self._writer: RecordingWriter | None = None
+
+    def open(self, session: Session) -> None:
+        """Begin the file."""
+        from groundtrace_codecs.writer import RecordingWriter
+
+        self._writer = RecordingWriter(self.path, force=self.force)
+        self._writer.__enter__()
+        if session.geometry is not None:
+            self._writer.set_geometry(session.geometry)
+        self._writer.add_labels(session.labels)
+        self._writer.add_metadata(RUN, {"json": msgspec.json.encode(self.provenance).decode()})
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take an event; signals are left out."""
+        if self._writer is not None and not isinstance(item, SignalBlock):
+            self._writer.add_event(item)
+
+    def close(self) -> None:
+        """Finish the file and give it its name."""
+        if self._writer is not None:
+            self._writer.__exit__(None, None, None)
+            self._writer = None
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """A results file, read.
+
+    Attributes
+    ----------
+    name
+        File name.
+    provenance
+        What made it.
+    labels
+        Truth and annotations copied from the recording.
+    geometry
+        Copied from the recording.
+    events
+        In the order of the file.
+    """
+
+    name: str
+    provenance: Provenance
+    labels: tuple[Label, ...]
+    geometry: Geometry | None
+    events: tuple[Event, ...]
+
+
+def read_results(path: Path) -> Results:
+    """Read a results file.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is not a groundtrace result.
+    CodecError
+        Where it is not a readable MCAP.
+    """
+    from groundtrace_codecs.event_codec import events_of
+    from groundtrace_codecs.mcap import McapFile
+    from groundtrace_codecs.recording import Recording
+
+    if not path.is_file():
+        raise RecordingError(f"{path.name}: expected a results file, found no such file")
+    with Recording.open(path) as recording:
+        run = recording.metadata.get(RUN)
+        if run is None:
+            raise RecordingError(
+                f"{path.name}: metadata: expected {RUN} as groundtrace replay --out writes it, "
+                f"found {', '.join(recording.metadata) or 'none'}"
+            )
+        provenance = msgspec.json.decode(run["json"], type=Provenance)
+        labels, geometry = recording.labels, recording.geometry
+    with McapFile.open(path) as file:
+        return Results(path.name, provenance, labels, geometry, tuple(events_of(file)))

@@ -1,0 +1,247 @@
+"""Scoring of steps: only where people walked and nobody said ignore."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from .matching import f1_of, f1_score, match, metronome_f1, random_f1
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.labels import Label
+    from numpy.typing import NDArray
+
+CURVE_S = (0.02, 0.03, 0.05, 0.075, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
+#: How far a detection may lie from its step for the latency that the de-biased F1 takes out [s].
+LATENCY_REACH_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Median and interquartile range [ms]."""
+
+    median: float
+    iqr: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepScore:
+    """How well steps were found.
+
+    Attributes
+    ----------
+    truth, detected, matched
+        Counts inside the scored spans.
+    precision, recall, f1
+        At ``tolerance_s``.
+    chance_f1
+        Mean F1 of as many detections thrown at random into the scored spans.
+    chance_f1_metronome
+        Mean F1 of a blind metronome of the same rate.
+    f1_debiased
+        F1 after the median latency is taken out.
+    count_truth
+        Steps that a counter should give: the counts where truth has them, else the steps.
+    count_error
+        Sum over the spans of the absolute difference between counted and true steps.
+    count_error_signed
+        Counted minus true steps in all.
+    latency_ms
+        Of the matched detections, or None where nothing matched.
+    tolerance_s
+        Of the match [s].
+    curve
+        Pairs (tolerance [s], F1).
+    """
+
+    truth: int
+    detected: int
+    matched: int
+    precision: float
+    recall: float
+    f1: float
+    chance_f1: float
+    chance_f1_metronome: float
+    f1_debiased: float
+    count_truth: int
+    count_error: int
+    count_error_signed: int
+    latency_ms: Spread | None
+    tolerance_s: float
+    curve: list[tuple[float, float]]
+
+
+def seconds(label_ns: int, start_ns: int) -> float:
+    """Return a time as seconds since the recording's first sample."""
+    return (label_ns - start_ns) / NS_PER_S
+
+
+def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    out: list[tuple[float, float]] = []
+    for start, end in sorted(spans):
+        if out and start <= out[-1][1]:
+            out[-1] = (out[-1][0], max(end, out[-1][1]))
+        else:
+            out.append((start, end))
+    return out
+
+
+def _cut(
+    spans: list[tuple[float, float]], holes: list[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    for low, high in holes:
+        pieces = [((a, min(b, low)), (max(a, high), b)) for a, b in spans]
+        spans = [(a, b) for pair in pieces for a, b in pair if b > a]
+    return spans
+
+
+def scored_spans(
+    labels: Sequence[Label], start_ns: int, end_ns: int, tolerance_s: float
+) -> NDArray[np.float64]:
+    """Return the disjoint spans [s] in which steps are scored, shape (n, 2).
+
+    These are the ``walking`` spans widened by the tolerance (the whole recording where there are
+    none), without the ``ignore`` spans.
+    """
+    walking = [
+        (seconds(x.time_ns, start_ns) - tolerance_s, seconds(x.end_ns, start_ns) + tolerance_s)
+        for x in labels
+        if x.kind == "walking" and x.end_ns is not None
+    ]
+    ignored = [
+        (seconds(x.time_ns, start_ns), seconds(x.end_ns, start_ns))
+        for x in labels
+        if x.kind == "ignore" and x.end_ns is not None
+    ]
+    whole = [(-tolerance_s, seconds(end_ns, start_ns) + tolerance_s)]
+    spans = _cut(_merged(walking) or whole, ignored)
+    return np.array(sorted(spans), np.float64).reshape(-1, 2)
+
+
+def inside(times: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of the sorted times lie in one of the sorted, disjoint spans."""
+    before = np.searchsorted(spans[:, 0], times, side="right") - 1
+    within = before >= 0
+    within[within] = times[within] <= spans[before[within], 1]
+    return within
+
+
+def score_steps(
+    labels: Sequence[Label],
+    detected_ns: NDArray[np.int64],
+    start_ns: int,
+    end_ns: int,
+    tolerance_s: float = 0.12,
+) -> StepScore | None:
+    """Score detected steps against ``step`` and ``count`` labels.
+
+    Parameters
+    ----------
+    labels
+        The truth.
+    detected_ns
+        Times of the detected steps [ns], any order.
+    start_ns, end_ns
+        First and last sample of the recording [ns].
+    tolerance_s
+        Largest distance of a match [s].
+
+    Returns
+    -------
+    The score, or None where the truth has neither steps nor counts.
+    """
+    truth = np.array(
+        sorted(seconds(x.time_ns, start_ns) for x in labels if x.kind == "step"),
+        np.float64,
+    )
+    counts = [x for x in labels if x.kind == "count" and x.end_ns is not None]
+    if not len(truth) and not counts:
+        return None
+    spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
+    found = np.sort((detected_ns - start_ns) / NS_PER_S)
+    truth = truth[inside(truth, spans)]
+    kept = found[_counted(truth, found, spans, tolerance_s)]
+    pairs = match(truth, kept, tolerance_s)
+    late = kept[pairs[:, 1]] - truth[pairs[:, 0]]
+    matched = len(pairs)
+    error, signed, count_truth = _count_error(truth, found, kept, spans, counts, start_ns)
+    return StepScore(
+        truth=len(truth),
+        detected=len(kept),
+        matched=matched,
+        precision=matched / len(kept) if len(kept) else 0.0,
+        recall=matched / len(truth) if len(truth) else 0.0,
+        f1=f1_score(len(truth), len(kept), matched),
+        chance_f1=random_f1(truth, spans, len(kept), tolerance_s),
+        chance_f1_metronome=metronome_f1(truth, spans, len(kept), tolerance_s),
+        f1_debiased=_debiased_f1(truth, kept, tolerance_s),
+        count_truth=count_truth,
+        count_error=error,
+        count_error_signed=signed,
+        latency_ms=spread_ms(late),
+        tolerance_s=tolerance_s,
+        curve=[(t, f1_of(truth, kept, t)) for t in CURVE_S],
+    )
+
+
+def _counted(
+    truth: NDArray[np.float64],
+    found: NDArray[np.float64],
+    spans: NDArray[np.float64],
+    tolerance_s: float,
+) -> NDArray[np.bool_]:
+    """Return which detections are scored: those inside the spans, and those just outside, in an
+    ignored part, that answer a true step inside.
+    """
+    counted = inside(found, spans)
+    counted[match(truth, found, tolerance_s)[:, 1]] = True
+    return counted
+
+
+def spread_ms(values_s: NDArray[np.float64]) -> Spread | None:
+    """Return median and interquartile range [ms], or None of nothing."""
+    if not len(values_s):
+        return None
+    low, middle, high = np.percentile(values_s, [25, 50, 75]) * 1e3
+    return Spread(float(middle), float(high - low))
+
+
+def _debiased_f1(
+    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+) -> float:
+    if not len(truth) or not len(found):
+        return 0.0
+    nearest = np.abs(found[None, :] - truth[:, None]).argmin(axis=1)
+    late = found[nearest] - truth
+    late = late[np.abs(late) <= LATENCY_REACH_S]
+    bias = float(np.median(late)) if len(late) else 0.0
+    return f1_of(truth, found - bias, tolerance_s)
+
+
+def _count_error(
+    truth: NDArray[np.float64],
+    found: NDArray[np.float64],
+    kept: NDArray[np.float64],
+    spans: NDArray[np.float64],
+    counts: Sequence[Label],
+    start_ns: int,
+) -> tuple[int, int, int]:
+    """Return absolute error summed over the spans, signed error, and the true count."""
+    if counts:
+        errors = []
+        for label in counts:
+            a, b = seconds(label.time_ns, start_ns), seconds(label.end_ns or 0, start_ns)
+            errors.append(int(((found >= a) & (found < b)).sum()) - round(label.value or 0))
+        total = sum(round(label.value or 0) for label in counts)
+        return sum(map(abs, errors)), sum(errors), total
+    errors = [
+        int(((kept >= a) & (kept <= b)).sum() - ((truth >= a) & (truth <= b)).sum())
+        for a, b in spans
+    ]
+    return sum(map(abs, errors)), sum(errors), len(truth)

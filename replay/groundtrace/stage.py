@@ -1,0 +1,276 @@
+"""Stages: what a pipeline is made of, and those that run detectors and associators."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Gap,
+    Note,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TraceBlock,
+)
+from groundtrace_codecs.signals import SignalBlock
+
+from .detector import Associator, Detector, Emits
+from .gates import Candidates, Carry, decide, gate_specs
+from .nonfinite import Holder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import Stream
+
+    from .detector import Measured
+
+W = TypeVar("W", bound=Detector | Associator)
+
+
+class Stage(Protocol):
+    """A step of a pipeline: items in, events out."""
+
+    name: str
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Take one item; yield the events it brings about."""
+
+    def flush(self) -> Iterator[Event]:
+        """End of the recording: yield what was held back."""
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+
+
+@dataclass(slots=True)
+class _Run(Generic[W]):
+    """A detector or associator at work on one topic."""
+
+    worker: W
+    spec: StageSpec
+    columns: list[int] = field(default_factory=list)
+    carry: Carry = field(default_factory=Carry)
+    holder: Holder = field(default_factory=Holder)
+    open: bool = True
+
+    def decide(self, found: Candidates, parameters: Any) -> Iterator[Event]:
+        """Yield the decided candidates and the events that the accepted ones stand for."""
+        if not len(found):
+            return
+        decisions, self.carry = decide(
+            found, self.worker.columns, self.worker.gates, parameters, self.carry
+        )
+        block = CandidateBlock(
+            self.spec,
+            found.time_ns,
+            found.channel,
+            found.value,
+            decisions.gate_value,
+            decisions.margin,
+            decisions.accepted,
+        )
+        yield block
+        yield from accepted_events(block, self.worker.emits)
+
+
+class DetectorStage:
+    """Runs one detector on every stream whose channels it wants.
+
+    Parameters
+    ----------
+    name
+        Name of the stage in its pipeline.
+    plugin
+        Name the detector is registered under.
+    kind
+        The detector's class.
+    parameters
+        Its parameters.
+    topics
+        Patterns of the topics it may run on; empty means all that fit.
+
+    Notes
+    -----
+    Rule for gaps: a bridged gap changes nothing; any other ends the run of its stream (what was
+    held back comes out) and starts a new one with fresh filters. The refractory time goes on.
+    Samples that are not finite are held at the channel's last finite value and counted.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[Detector],
+        parameters: Any,
+        topics: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self._runs: dict[str, _Run[Detector] | None] = {}
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Feed a block to the detector, or end a run at a gap."""
+        if isinstance(item, Gap):
+            run = self._runs.get(item.topic)
+            if run is not None and not item.bridged:
+                yield from self._finish(run)
+        elif isinstance(item, SignalBlock) and len(item):
+            if item.topic not in self._runs:
+                self._runs[item.topic] = run = self._begin(item.stream)
+                if run is not None:
+                    yield run.spec
+            run = self._runs[item.topic]
+            if run is not None:
+                yield from self._feed(run, item.select(run.columns))
+
+    def flush(self) -> Iterator[Event]:
+        """End all runs."""
+        for run in self._runs.values():
+            if run is not None:
+                yield from self._finish(run)
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses blocks."""
+        return copy.deepcopy(self._runs)
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._runs = copy.deepcopy(saved)
+
+    def _begin(self, stream: Stream) -> _Run[Detector] | None:
+        columns = stream.columns_of(self.kind.quantities)
+        allowed = not self.topics or any(fnmatch(stream.topic, p) for p in self.topics)
+        if not (columns and allowed):
+            return None
+        detector = self.kind(self.parameters)
+        names = detector.start(stream.select(columns))
+        spec = StageSpec(
+            stage=self.name,
+            plugin=self.plugin,
+            topic=stream.topic,
+            channels=names,
+            columns=detector.columns,
+            gates=gate_specs(detector.gates, self.parameters),
+            trace=detector.trace,
+            emits=detector.emits,
+        )
+        return _Run(detector, spec, columns)
+
+    def _feed(self, run: _Run[Detector], block: SignalBlock) -> Iterator[Event]:
+        if not run.open:
+            run.worker = self.kind(self.parameters)
+            run.worker.start(block.stream)
+            run.open = True
+        yield from self._measured(run, run.worker.measure(run.holder.held(block)))
+
+    def _finish(self, run: _Run[Detector]) -> Iterator[Event]:
+        if not run.open:
+            return
+        run.open = False
+        yield from self._measured(run, run.worker.finish())
+        if run.holder.count:
+            text = f"{run.spec.topic}: {run.holder.count} samples not finite, last value held"
+            yield Note(run.holder.last_ns, text, "WARN", self.name)
+            run.holder = Holder()
+
+    def _measured(self, run: _Run[Detector], measured: Measured) -> Iterator[Event]:
+        if len(measured.frames.time_ns):
+            yield TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value)
+        yield from run.decide(measured.candidates, self.parameters)
+
+
+class AssociatorStage:
+    """Runs one associator on the picks of every topic.
+
+    The parameters are those of :class:`DetectorStage`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[Associator],
+        parameters: Any,
+        topics: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self._runs: dict[str, _Run[Associator]] = {}
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Begin at the stage that picks, then feed its picks."""
+        if isinstance(item, StageSpec):
+            if not self.topics or any(fnmatch(item.topic, p) for p in self.topics):
+                self._runs[item.topic] = run = self._begin(item)
+                yield run.spec
+        elif isinstance(item, Pick) and item.topic in self._runs:
+            run = self._runs[item.topic]
+            yield from run.decide(run.worker.associate(item), self.parameters)
+
+    def flush(self) -> Iterator[Event]:
+        """Yield the groups held back."""
+        for run in self._runs.values():
+            yield from run.decide(run.worker.finish(), self.parameters)
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses picks."""
+        return copy.deepcopy(self._runs)
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._runs = copy.deepcopy(saved)
+
+    def _begin(self, source: StageSpec) -> _Run[Associator]:
+        worker = self.kind(self.parameters)
+        names = worker.start(source)
+        gates = gate_specs(worker.gates, self.parameters)
+        spec = StageSpec(
+            self.name, self.plugin, source.topic, names, worker.columns, gates, (), worker.emits
+        )
+        return _Run(worker, spec)
+
+
+def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | StepEvent]:
+    """Yield the events that the accepted candidates of a block stand for."""
+    names = [c.name for c in block.spec.columns]
+    sigma = names.index("uncertainty") if "uncertainty" in names else None
+    count = names.index("channels") if "channels" in names else None
+    for row in np.flatnonzero(block.accepted):
+        value = block.value[row]
+        time_ns = int(block.time_ns[row])
+        if emits == "pick":
+            yield Pick(
+                time_ns=time_ns,
+                channel=block.spec.channels[int(block.channel[row])],
+                topic=block.spec.topic,
+                stage=block.spec.stage,
+                uncertainty_s=float("nan") if sigma is None else float(value[sigma]),
+                value=float(value[0]),
+            )
+        else:
+            yield StepEvent(
+                time_ns=time_ns,
+                kind=emits,
+                foot="",
+                topic=block.spec.topic,
+                stage=block.spec.stage,
+                value=float(value[0]),
+                channels=1 if count is None else int(value[count]),
+            )

@@ -1,0 +1,26 @@
+"""Fixtures shared by all tests: where the real recordings are, and what may be skipped."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+REQUIRED = frozenset(filter(None, os.environ.get("GROUNDTRACE_REQUIRE", "").split(",")))
+
+
+def skip_or_fail(need: str, reason: str) -> None:
+    """Skip for ``reason``; fail where GROUNDTRACE_REQUIRE says that ``need`` must be there."""
+    if need in REQUIRED:
+        pytest.fail(f"{need} is required (GROUNDTRACE_REQUIRE) but {reason}")
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """Folder of the real recordings (GROUNDTRACE_DATA)."""
+    folder = Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
+    if not folder.is_dir():
+        skip_or_fail("data", "the real recordings are absent; set GROUNDTRACE_DATA to their folder")
+    return folder.resolve()

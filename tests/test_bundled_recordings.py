@@ -1,0 +1,79 @@
+"""The bundled recordings: found, small, and what the simulators give today."""
+
+from __future__ import annotations
+
+import shlex
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import groundtrace_recordings
+from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace_codecs.recording import Recording
+
+SIMULATED = {"room-walk.mcap": simulate_room, "waist-walk.mcap": simulate_walk}
+
+#: One count of each stream.
+RESOLUTION = {"/seismic": 5e-7, "/imu/waist": 0.0024, "/mag/waist": 1e-8, "/baro/waist": 0.1}
+
+
+def samples(blocks) -> np.ndarray:
+    return np.concatenate([block.values for block in blocks])
+
+
+def test_both_recordings_are_found_and_small():
+    assert list(groundtrace_recordings.bundled()) == ["room-walk.mcap", "waist-walk.mcap"]
+    for name, path in groundtrace_recordings.bundled().items():
+        assert groundtrace_recordings.path_of(name) == path
+        assert 10_000 < path.stat().st_size < 4_000_000
+
+
+def test_maps_are_found_by_name():
+    for name, path in groundtrace_recordings.maps().items():
+        assert groundtrace_recordings.map_path(name) == path
+
+
+def test_an_unknown_name_says_which_there_are():
+    with pytest.raises(groundtrace_recordings.UnknownFileError, match=r"room-walk\.mcap"):
+        groundtrace_recordings.path_of("nothing.mcap")
+    with pytest.raises(groundtrace_recordings.UnknownFileError, match="expected a bundled map"):
+        groundtrace_recordings.map_path("nothing.toml")
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_a_bundled_recording_holds_what_its_simulator_gives(name):
+    simulation = SIMULATED[name]()
+    with Recording.open(groundtrace_recordings.path_of(name)) as recording:
+        assert recording.damage == ()
+        assert recording.labels == simulation.labels
+        assert recording.geometry == simulation.geometry
+        assert len(recording.streams) == len(simulation.sources)
+        for stream, _, blocks in simulation.sources:
+            stored = [s.block for s in recording.blocks([stream.topic])]
+            assert stored[0].start_ns == next(iter(blocks)).start_ns
+            assert stored[0].stream.rate_hz == pytest.approx(stream.rate_hz)
+            apart = np.abs(samples(stored) - samples(blocks)) / RESOLUTION[stream.topic]
+            # Another processor may round another way: one count, and seldom.
+            assert apart.max() < 1.01
+            assert np.mean(apart > 1e-6) < 1e-4
+        assert recording.metadata["simulation"] == simulation.metadata["simulation"]
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_writing_again_gives_the_same_bytes(name, tmp_path):
+    for copy in ("a.mcap", "b.mcap"):
+        write(SIMULATED[name](), tmp_path / copy)
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_the_readme_says_the_commands_and_their_seeds():
+    text = files(groundtrace_recordings).joinpath("README.md").read_text(encoding="utf-8")
+    commands = [shlex.split(part) for part in text.split("`") if part.startswith("groundtrace sim")]
+    assert commands == [
+        ["groundtrace", "simulate", kind, "-o", name, "--seed", str(options.seed)]
+        for kind, name, options in (
+            ("room", "room-walk.mcap", RoomOptions()),
+            ("walk", "waist-walk.mcap", WalkOptions()),
+        )
+    ]

@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import http.client
+import subprocess
+from typing import TYPE_CHECKING
+
+import numpy as np
+import psutil
+import pytest
+from conftest import skip_or_fail
+from PIL import Image
+from viewer_sessions import (
+    SEISMIC,
+    blocks,
+    decisions,
+    read_back,
+    room_session,
+    seismic_samples,
+    write_room,
+    write_walker,
+)
+
+from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.headless import ViewerState, screenshot
+from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment, serve_web
+from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.web import fetch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def picture(rrd: Path, at_s: float) -> tuple[ViewerState, np.ndarray]:
+    png = rrd.with_suffix(".png")
+    try:
+        state = screenshot(rrd, png, at_s=at_s, size=(1280, 720))
+    except ViewerError as error:
+        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
+    with Image.open(png) as image:
+        return state, np.asarray(image.convert("RGB"), np.int16)
+
+
+def test_all_views_of_a_room_are_drawn_without_complaint(tmp_path: Path) -> None:
+    state, pixels = picture(write_room(tmp_path / "room.rrd"), 2.65)
+    assert {v.name: v.reports for v in state.views if v.reports} == {}
+    kinds = [v.kind for v in state.views]
+    assert kinds.count("2D") == 1
+    assert kinds.count("StateTimeline") == 1
+    assert kinds.count("TimeSeries") >= 5
+    assert state.cursor_ns == 2_650_000_000
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 1000
+
+
+def test_the_picture_shows_the_data_and_not_only_the_layout(tmp_path: Path) -> None:
+    sink = RerunSink(tmp_path / "empty.rrd")
+    sink.open(room_session())
+    for event in decisions():
+        sink.write(event)
+    sink.close()
+    _, without = picture(tmp_path / "empty.rrd", 2.65)
+    _, with_data = picture(write_room(tmp_path / "room.rrd"), 2.65)
+    changed = np.abs(with_data - without).max(axis=2) > 40
+    assert changed.mean() > 0.03
+
+
+def test_a_walker_without_places_has_no_map(tmp_path: Path) -> None:
+    state, _ = picture(write_walker(tmp_path / "walker.rrd"), 2.0)
+    assert [v for v in state.views if v.kind == "2D" or v.reports] == []
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.rrd").write_bytes(b"RRF2" + bytes(100))
+    for name in ("absent.rrd", "bad.rrd"):
+        with pytest.raises(ViewerError, match=f"{name}: expected a recording"):
+            screenshot(tmp_path / name, tmp_path / "x.png")
+
+
+def test_the_page_is_served_on_this_machine_only_and_calls_nobody(tmp_path: Path) -> None:
+    rrd = write_walker(tmp_path / "w.rrd")
+    port = free_port()
+    server = serve_web(rrd, port)
+    try:
+        found = psutil.Process(server.pid).net_connections("tcp")
+        listening = {c.laddr for c in found if c.status == psutil.CONN_LISTEN}
+        assert listening == {("127.0.0.1", port)}
+        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+        connection.request("GET", "/")
+        answer = connection.getresponse()
+        assert "replay.rrd" in answer.headers["Location"]
+        answer.read()
+        connection.request("GET", "/index.html")
+        answer = connection.getresponse()
+        assert "connect-src 'self'" in answer.headers["Content-Security-Policy"]
+        connection.close()
+        assert fetch(port, "/replay.rrd") == rrd.read_bytes()
+    finally:
+        server.terminate()
+        server.wait(10)
+
+
+def test_started_programs_are_told_not_to_report() -> None:
+    assert quiet_environment()["CI"] == "1"
+
+
+def test_a_live_viewer_is_left_paused_at_the_first_event(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without_screen(arguments: list[str], port: int) -> subprocess.Popen[bytes]:
+        return open_viewer(["--headless", *arguments], port)
+
+    monkeypatch.setattr("groundtrace_viewers.sink.open_viewer", without_screen)
+    port = free_port()
+    sink = RerunSink(tmp_path / "live.rrd", spawn=True, port=port)
+    try:
+        sink.open(room_session())
+    except ViewerError as error:
+        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
+    try:
+        for block in blocks(SEISMIC, seismic_samples(), 1000):
+            sink.write(block)
+        for event in decisions():
+            sink.write(event)
+        sink.close()
+        (recording,) = connect(sink.viewer, port).get_state().recordings
+        assert recording.current_time == 800_000_000
+        times, _ = read_back(tmp_path / "live.rrd", "/signals/seismic", "Scalars:scalars")
+        assert len(times) == len(seismic_samples())
+    finally:
+        if sink.viewer is not None:
+            sink.viewer.terminate()
+            sink.viewer.wait(10)

@@ -1,0 +1,10 @@
+"""Viewers: a replay on a Rerun timeline, its layout, and pictures of it without a screen."""
+
+from __future__ import annotations
+
+from .errors import ViewerError
+from .headless import screenshot
+from .serve import serve_web
+from .sink import RerunSink
+
+__all__ = ["RerunSink", "ViewerError", "screenshot", "serve_web"]

@@ -1,0 +1,40 @@
+"""The page that says what is shown and how to read it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from groundtrace.sinks import Session
+
+PAGE = "/about"
+
+_READING = """\
+## How to read it
+
+* Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
+zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
+the waveform at the cursor follows it.
+* One colour per sensor, in every plot and on the map. A sensor lights up when a wave arrives.
+* Detector: the decision function of every channel, the threshold in red, accepted candidates as \
+green triangles, rejected ones as grey crosses.
+* Lanes: what each stage decided, and for a rejected candidate the first gate that failed. \
+`truth` lanes come from the recording's labels.
+* A curve that ends abruptly ends at a gap.
+"""
+
+
+def about(session: Session) -> str:
+    """Return the page as markdown."""
+    rows = "\n".join(
+        f"| `{s.topic}` | {', '.join(c.name for c in s.channels)} | {s.rate_hz:g} Hz"
+        f"{' (irregular)' if s.irregular else ''} "
+        f"| {', '.join(dict.fromkeys(c.unit for c in s.channels))} |"
+        for s in session.streams
+    )
+    duration_s = (session.end_ns - session.start_ns) / 1e9
+    return (
+        f"# {session.name}\n\n{duration_s:.1f} s, {len(session.labels)} labels.\n\n"
+        f"| stream | channels | rate | unit |\n|---|---|---|---|\n{rows}\n\n"
+        f"{_READING}\n## Pipeline\n\n```toml\n{session.pipeline.strip()}\n```\n"
+    )

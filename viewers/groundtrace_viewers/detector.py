@@ -1,0 +1,170 @@
+"""A detector on the timeline: decision function, threshold, candidates and why they failed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .lanes import MARK_NS, Lane, coincident
+from .palette import ACCEPTED, REJECTED, REJECTION_COLOURS, THRESHOLD
+from .timeline import Entity
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import CandidateBlock, GateSpec, StageSpec, TraceBlock
+
+    from .palette import SensorColours
+    from .timeline import Timeline
+
+
+def decision_gate(spec: StageSpec) -> GateSpec | None:
+    """Return the gate on the decision function: of its name, else the only one of its unit."""
+    if not spec.trace:
+        return None
+    decision = spec.trace[0]
+    named = [g for g in spec.gates if g.name == decision.name]
+    alike = [g for g in spec.gates if g.unit == decision.unit]
+    return named[0] if named else alike[0] if len(alike) == 1 else None
+
+
+def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
+    """Return where candidates lie on the decision function's plot, shape (n,)."""
+    names = [q.name for q in block.spec.columns]
+    gate = decision_gate(block.spec)
+    if block.spec.trace and block.spec.trace[0].name in names:
+        return block.value[:, names.index(block.spec.trace[0].name)]
+    if gate is not None:
+        return block.gate_value[:, block.spec.gates.index(gate)]
+    return block.value[:, 0] if names else np.zeros(len(block), np.float32)
+
+
+class DetectorLog:
+    """Logs what one stage says about one topic.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    spec
+        What its columns mean.
+    colours
+        Of the sensors.
+    span_ns
+        Over which the threshold is drawn: start and end [ns].
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        spec: StageSpec,
+        colours: SensorColours,
+        span_ns: tuple[int, int],
+    ) -> None:
+        self._timeline = timeline
+        self._spec = spec
+        self._path = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
+        self._times: list[NDArray[np.int64]] = []
+        self._decision: list[NDArray[np.float32]] = []
+        self._candidates: list[CandidateBlock] = []
+        self._undecided: list[tuple[int, bool, str]] = []
+        rejections = [f"rejected: {g.name}" for g in spec.gates]
+        shades = (REJECTION_COLOURS[i % len(REJECTION_COLOURS)] for i in range(len(rejections)))
+        states = {"accepted": ACCEPTED, **dict(zip(rejections, shades, strict=True))}
+        self._lane = Lane(timeline, f"/state/{spec.stage}/{spec.topic.strip('/')}", states)
+        if spec.trace:
+            self._declare(colours)
+            self._declare_threshold(span_ns)
+        self._declare_candidates()
+
+    def _declare(self, colours: SensorColours) -> None:
+        import rerun as rr
+
+        spec, decision, gate = self._spec, self._spec.trace[0], decision_gate(self._spec)
+        unit = f" [{decision.unit}]" if decision.unit not in ("", "1") else ""
+        limit = f", threshold {gate.threshold:g} in red" if gate else ""
+        title = f"{spec.stage} {spec.topic}: {decision.name.replace('_', ' ')}{unit}{limit}"
+        lines = rr.SeriesLines(
+            names=list(spec.channels),
+            colors=np.array([colours.of(c) for c in spec.channels], np.uint32),
+            aggregation_policy=rr.components.AggregationPolicy.Max,
+        )
+        path = f"{self._path}/decision"
+        self._timeline.declare(Entity(path, "detector", title, len(spec.channels)), lines)
+
+    def _declare_threshold(self, span_ns: tuple[int, int]) -> None:
+        import rerun as rr
+
+        gate = decision_gate(self._spec)
+        if gate is None:
+            return
+        path = f"{self._path}/threshold"
+        style = rr.SeriesLines(
+            names=f"threshold {gate.threshold:g}",
+            colors=np.array([THRESHOLD], np.uint32),
+            widths=1.5,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter,
+        )
+        self._timeline.static(path, style)
+        self._timeline.scalars(path, span_ns, np.full((2, 1), gate.threshold))
+
+    def _declare_candidates(self) -> None:
+        import rerun as rr
+
+        for verdict, colour, marker, size in (
+            ("rejected", REJECTED, rr.components.MarkerShape.Cross, 2.5),
+            ("accepted", ACCEPTED, rr.components.MarkerShape.Down, 5.0),
+        ):
+            style = rr.SeriesPoints(
+                names=verdict,
+                colors=np.array([colour], np.uint32),
+                markers=marker,
+                marker_sizes=size,
+            )
+            self._timeline.static(f"{self._path}/{verdict}", style)
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of the decision function."""
+        if self._spec.trace:
+            self._times.append(block.time_ns)
+            self._decision.append(block.value[:, :, 0])
+
+    def interrupt(self, time_ns: int) -> None:
+        """End the curves at a gap: the viewer would draw a line across it."""
+        self._times.append(np.array([time_ns]))
+        self._decision.append(np.full((1, len(self._spec.channels)), np.nan, np.float32))
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        self._candidates.append(block)
+        first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
+        gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
+        self._undecided += zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; lanes only up to a time, as channels lag behind each other."""
+        if self._times:
+            times, values = np.concatenate(self._times), np.concatenate(self._decision)
+            self._timeline.scalars(f"{self._path}/decision", times, values)
+        if self._candidates:
+            times = np.concatenate([b.time_ns for b in self._candidates])
+            values = np.concatenate([decision_values(b) for b in self._candidates])
+            accepted = np.concatenate([b.accepted for b in self._candidates])
+            for verdict, rows in (("accepted", accepted), ("rejected", ~accepted)):
+                if rows.any():
+                    path = f"{self._path}/{verdict}"
+                    self._timeline.scalars(path, times[rows], values[rows][:, np.newaxis])
+        self._times, self._decision, self._candidates = [], [], []
+        self._flush_lane(before_ns)
+
+    def _flush_lane(self, before_ns: int | None) -> None:
+        decided = sorted(self._undecided)
+        times = np.array([d[0] for d in decided], np.int64)
+        ready = len(decided) if before_ns is None else int(np.searchsorted(times, before_ns))
+        accepted = np.array([d[1] for d in decided[:ready]], np.bool_)
+        for i in coincident(times[:ready], accepted, MARK_NS):
+            state = "accepted" if accepted[i] else f"rejected: {decided[i][2]}"
+            self._lane.add(int(times[i]), state)
+        self._undecided = decided[ready:]
+        self._lane.flush(before_ns)

@@ -1,0 +1,193 @@
+"""Single events on the timeline: picks, steps, gaps and notes as marks, log lines and rows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .lanes import Lane
+from .palette import IMPACT, LEFT, LOSS, RIGHT, SPAN, STEP
+from .timeline import Entity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from groundtrace_codecs.events import Gap, Note, Pick, StepEvent
+    from groundtrace_codecs.labels import Label
+
+    from .palette import SensorColours
+    from .timeline import Timeline
+
+STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
+GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
+
+
+class LogLines:
+    """Lines of text at times."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._pending: dict[str, list[tuple[int, str, str]]] = {}
+
+    def add(self, kind: str, time_ns: int, text: str, level: str) -> None:
+        """Take a line; ``kind`` names its entity."""
+        self._pending.setdefault(kind, []).append((time_ns, text, level))
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        for kind, lines in self._pending.items():
+            path = f"/log/{kind}"
+            self._timeline.declare(Entity(path, "log"))
+            times, texts, levels = zip(*lines, strict=True)
+            columns = rr.TextLog.columns(text=list(texts), level=list(levels))
+            self._timeline.send(path, times, columns)
+        self._pending.clear()
+
+
+class PickLog:
+    """Picks: marks on the waveform, rows of a table and log lines."""
+
+    def __init__(self, timeline: Timeline, colours: SensorColours, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._colours = colours
+        self._lines = lines
+        self._pending: list[Pick] = []
+
+    def add(self, pick: Pick) -> None:
+        """Take a pick."""
+        self._pending.append(pick)
+        spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
+        where = self._timeline.seconds(pick.time_ns)
+        text = f"{where}{spread}  pick {pick.channel}, peak {pick.value:.3g} ({pick.stage})"
+        self._lines.add("picks", pick.time_ns, text, "INFO")
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        for topic in dict.fromkeys(p.topic for p in self._pending):
+            picks = [p for p in self._pending if p.topic == topic]
+            path = f"/picks/{topic.strip('/')}"
+            style = rr.SeriesPoints(markers="down", marker_sizes=9.0, names="pick")
+            self._timeline.declare(Entity(path, "mark"), style)
+            colours = np.array([self._colours.of(p.channel) for p in picks], np.uint32)
+            columns = [
+                *rr.Scalars.columns(scalars=np.zeros(len(picks))),
+                *rr.SeriesPoints.columns(colors=colours),
+            ]
+            self._timeline.send(path, [p.time_ns for p in picks], columns)
+        if self._pending:
+            self._rows(self._pending)
+        self._pending = []
+
+    def _rows(self, picks: list[Pick]) -> None:
+        import rerun as rr
+
+        self._timeline.declare(Entity("/table/picks", "table", "Picks"))
+        columns = rr.AnyValues.columns(
+            channel=[p.channel for p in picks],
+            stage=[p.stage for p in picks],
+            peak=np.array([p.value for p in picks]),
+            uncertainty_ms=np.array([p.uncertainty_s for p in picks]) * 1e3,
+        )
+        self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
+
+
+class StepLog:
+    """Steps and impacts: a lane, marks on the waveform, rows of a table and log lines."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._lane = Lane(timeline, "/state/steps", STEP_COLOURS)
+        self._pending: list[StepEvent] = []
+
+    def add(self, step: StepEvent) -> None:
+        """Take a step."""
+        self._pending.append(step)
+        self._lane.add(step.time_ns, step.foot or step.kind)
+        what = " ".join(filter(None, (step.foot, step.kind)))
+        seen = f", {step.channels} channels" if step.channels > 1 else ""
+        where = self._timeline.seconds(step.time_ns)
+        text = f"{where}  {what}, peak {step.value:.3g}{seen} ({step.stage})"
+        self._lines.add("steps", step.time_ns, text, "INFO")
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; the lane only up to a time."""
+        for topic in dict.fromkeys(s.topic for s in self._pending):
+            self._marks(topic, [s for s in self._pending if s.topic == topic])
+        if self._pending:
+            self._rows(self._pending)
+        self._pending = []
+        self._lane.flush(before_ns)
+
+    def _marks(self, topic: str, steps: list[StepEvent]) -> None:
+        import rerun as rr
+
+        path = f"/steps/{topic.strip('/')}"
+        style = rr.SeriesPoints(markers="up", marker_sizes=8.0, names="step")
+        self._timeline.declare(Entity(path, "mark"), style)
+        shades = [STEP_COLOURS.get(s.foot or s.kind, STEP) for s in steps]
+        columns = [
+            *rr.Scalars.columns(scalars=np.zeros(len(steps))),
+            *rr.SeriesPoints.columns(colors=np.array(shades, np.uint32)),
+        ]
+        self._timeline.send(path, [s.time_ns for s in steps], columns)
+
+    def _rows(self, steps: list[StepEvent]) -> None:
+        import rerun as rr
+
+        self._timeline.declare(Entity("/table/steps", "table", "Steps"))
+        columns = rr.AnyValues.columns(
+            kind=[s.kind for s in steps],
+            foot=[s.foot for s in steps],
+            stage=[s.stage for s in steps],
+            peak=np.array([s.value for s in steps]),
+            channels=np.array([s.channels for s in steps]),
+        )
+        self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
+
+
+class LossLog:
+    """Interruptions: a lane and log lines."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._lane = Lane(timeline, "/state/gaps", GAP_COLOURS)
+
+    def add(self, gap: Gap) -> None:
+        """Take a gap."""
+        self._lane.add(gap.start_ns, gap.reason, gap.end_ns)
+        lasting = f"{(gap.end_ns - gap.start_ns) / 1e6:.1f} ms"
+        state = "state kept" if gap.bridged else "state reset"
+        where = self._timeline.seconds(gap.start_ns)
+        text = f"{where}  {gap.reason} {gap.topic}: {gap.lost} lost, {lasting}, {state}"
+        self._lines.add("gaps", gap.start_ns, text, "WARN")
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log the lane up to a time."""
+        self._lane.flush(before_ns)
+
+
+def log_note(lines: LogLines, note: Note, where: str) -> None:
+    """Take a note as a line; ``where`` is its time as text."""
+    source = f" ({note.source})" if note.source else ""
+    lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
+
+
+def log_truth(timeline: Timeline, labels: Iterable[Label]) -> None:
+    """Log a lane for every kind of label; what lies at a place without a span is on the map."""
+    lanes: dict[str, Lane] = {}
+    for label in labels:
+        if label.kind == "waypoint":
+            continue
+        colours = {label.kind: SPAN} | STEP_COLOURS
+        lane = lanes.setdefault(label.kind, Lane(timeline, f"/state/truth/{label.kind}", colours))
+        known = label.label in STEP_COLOURS
+        lane.add(label.time_ns, label.label if known else label.kind, label.end_ns)
+    for lane in lanes.values():
+        lane.flush()

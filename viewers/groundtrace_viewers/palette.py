@@ -1,0 +1,100 @@
+"""Colours: one per sensor everywhere, told apart by colour-blind people, on a dark background.
+
+Colours are ``0xRRGGBBAA`` integers, as the viewer stores them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace.sinks import Session
+    from groundtrace_codecs.signals import Channel
+
+#: Okabe and Ito (2008) without black, its blue lightened, then colours between them.
+SENSOR_COLOURS = (
+    0xE69F00FF,
+    0x56B4E9FF,
+    0x00B283FF,
+    0xF0E442FF,
+    0x4C8FE0FF,
+    0xE8702AFF,
+    0xDB8FBBFF,
+    0xB8C4CCFF,
+    0xA6D854FF,
+    0x9E7BD6FF,
+    0xFFC9A3FF,
+    0x2FD0D6FF,
+    0xC7A35CFF,
+    0xFF8FA3FF,
+    0x8CB369FF,
+    0x8EA4F5FF,
+)
+AXIS_COLOURS = {"x": 0xE8702AFF, "y": 0x00B283FF, "z": 0x56B4E9FF}
+
+ACCEPTED = 0x4CE08AFF
+REJECTED = 0xB4B4BCA0
+THRESHOLD = 0xFF5D5DFF
+LEFT = 0x56B4E9FF
+RIGHT = 0xE69F00FF
+STEP = 0x4CE08AFF
+IMPACT = 0xF0E442FF
+SPAN = 0x5B6B7AFF
+LOSS = 0xC0392BFF
+OUTLINE = 0x8A94A0FF
+TRUTH = 0xB7A6FFFF
+
+#: Colours of rejections, by the place of the failing gate in the detector.
+REJECTION_COLOURS = (0xA85A5AFF, 0xA67C4AFF, 0x7F66A8FF, 0x4F7EA8FF, 0x5F927AFF, 0x92925FFF)
+
+#: Dark violet over red and orange to pale yellow, of evenly rising lightness.
+_HEAT = np.array(
+    [
+        (10, 8, 26),
+        (38, 14, 74),
+        (84, 18, 106),
+        (132, 32, 104),
+        (180, 50, 84),
+        (218, 78, 54),
+        (242, 122, 26),
+        (248, 180, 48),
+        (250, 246, 176),
+    ],
+    np.float64,
+)
+
+
+class SensorColours:
+    """Assigns colours to channels: by place in the geometry, else by order of appearance."""
+
+    def __init__(self, session: Session) -> None:
+        names = [s.channel for s in session.geometry.sensors] if session.geometry else []
+        for stream in session.streams:
+            names += [stream.channels[i].name for i in stream.columns_of(SEISMIC_QUANTITIES)]
+        self._place = {name: i for i, name in enumerate(dict.fromkeys(names))}
+
+    def of(self, name: str) -> int:
+        """Return the colour of the channel called ``name``."""
+        place = self._place.setdefault(name, len(self._place))
+        return SENSOR_COLOURS[place % len(SENSOR_COLOURS)]
+
+    def of_channel(self, channel: Channel) -> int:
+        """Return the axis' colour for a worn sensor's axis, else the sensor's."""
+        if channel.quantity not in SEISMIC_QUANTITIES and channel.axis in AXIS_COLOURS:
+            return AXIS_COLOURS[channel.axis]
+        return self.of(channel.name)
+
+
+def heat(level: NDArray[np.floating]) -> NDArray[np.uint32]:
+    """Return the colours of levels within [0, 1], of the same shape; others are clipped."""
+    stops = np.linspace(0.0, 1.0, len(_HEAT))
+    packed = np.full(np.shape(level), 0xFF, np.uint32)
+    for shift, component in zip((24, 16, 8), _HEAT.T, strict=True):
+        packed |= np.rint(np.interp(level, stops, component)).astype(np.uint32) << np.uint32(shift)
+    return packed

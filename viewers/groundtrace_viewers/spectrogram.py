@@ -1,0 +1,220 @@
+"""Spectrogram of one channel as coloured squares at their time and frequency.
+
+Squares in a plot share the linked time axis and the cursor with every other plot; an image could
+not. Levels are coloured when the replay ends, by percentiles of the whole recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from .palette import heat
+from .timeline import Entity
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from .timeline import Timeline
+
+#: The viewer draws every square of a view in every frame, so their number is bounded.
+MAX_POINTS = 240_000
+BANDS = 48
+#: The viewer opens long recordings with about this much in view.
+IN_VIEW_S = 60.0
+COLUMNS_IN_VIEW = 600
+
+
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """How a spectrogram is cut.
+
+    Attributes
+    ----------
+    window
+        Samples per transform.
+    hop
+        Samples from one transform to the next.
+    transform
+        Length of the zero-padded transform.
+    edges
+        Shape (n_bands + 1,): bounds of the bands as indices of the transform.
+    pool
+        Transforms per shown column, pooled by their maximum.
+    """
+
+    window: int
+    hop: int
+    transform: int
+    edges: NDArray[np.intp]
+    pool: int
+
+    def frequencies_hz(self, rate_hz: float) -> NDArray[np.float64]:
+        """Return the bands' centres [Hz]."""
+        return (self.edges[:-1] + self.edges[1:] - 1) / 2.0 * rate_hz / self.transform
+
+
+def resolution(rate_hz: float, window_s: float, top_hz: float, duration_s: float) -> Resolution:
+    """Choose windows and bands so that the picture is neither coarse nor too heavy to draw.
+
+    Parameters
+    ----------
+    rate_hz
+        Of the signal.
+    window_s
+        Length of a transform [s].
+    top_hz
+        Highest frequency shown [Hz].
+    duration_s
+        Of the recording [s].
+    """
+    column_s = max(
+        min(duration_s, IN_VIEW_S) / COLUMNS_IN_VIEW, duration_s * BANDS / MAX_POINTS, 0.0125
+    )
+    hop = max(1, round(min(column_s, 0.05) * rate_hz))
+    window = max(8, round(window_s * rate_hz))
+    transform = 2 * window
+    last = min(window + 1, 2 + round(top_hz * transform / rate_hz))
+    edges = np.unique(np.linspace(1, last, min(BANDS, last - 1) + 1).astype(np.intp))
+    # A hop is rounded to samples: a column a little wider than its hop is still one hop.
+    pool = max(1, int(np.ceil(column_s * rate_hz / hop - 0.1)))
+    return Resolution(window, hop, transform, edges, pool)
+
+
+class BandLevels:
+    """Band levels of a channel, transform by transform, whatever the blocks' bounds.
+
+    Transform ``k`` of a contiguous run covers samples ``[k * hop, k * hop + window)`` of the run
+    and lies at the time of its middle.
+    """
+
+    def __init__(self, cut: Resolution) -> None:
+        self._cut = cut
+        self._taper = np.hanning(cut.window)
+        self._anchor_ns: int | None = None
+        self._tail: NDArray[np.float64] = np.empty(0)
+        self._first = 0
+
+    def push(
+        self, block: SignalBlock, samples: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Take samples, shape (n,), and return the transforms they complete.
+
+        Returns
+        -------
+        times_ns, levels_db
+            Shape (m,) and (m, n_bands).
+        """
+        cut = self._cut
+        if (block.anchor_ns, block.first) != (self._anchor_ns, self._first + len(self._tail)):
+            self._anchor_ns, self._tail = block.anchor_ns, np.empty(0)
+            self._first = block.first
+        run = np.concatenate([self._tail, samples])
+        begin = -(-self._first // cut.hop)
+        end = (self._first + len(run) - cut.window) // cut.hop + 1
+        keep = max(begin, end) * cut.hop
+        frames = np.arange(begin, max(begin, end)) * cut.hop
+        levels = self._levels(run, frames - self._first)
+        drop = min(max(0, keep - self._first), len(run))
+        self._tail, self._first = run[drop:], self._first + drop
+        middle = (frames + cut.window / 2) * block.stream.period_ns
+        return block.anchor_ns + np.rint(middle).astype(np.int64), levels
+
+    def _levels(self, run: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.float32]:
+        cut = self._cut
+        if not len(starts):
+            return np.empty((0, len(cut.edges) - 1), np.float32)
+        pieces = np.lib.stride_tricks.sliding_window_view(run, cut.window)[starts]
+        pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * self._taper
+        power = np.abs(np.fft.rfft(pieces, cut.transform)) ** 2
+        bands = np.add.reduceat(power[:, : cut.edges[-1]], cut.edges[:-1], axis=1)
+        bands /= np.diff(cut.edges)
+        return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
+
+
+class Spectrogram:
+    """Logs the spectrogram of one signal of a stream.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    stream
+        The first seismic channel is taken, else the magnitude of the acceleration.
+    duration_s
+        Of the recording [s].
+    """
+
+    def __init__(self, timeline: Timeline, stream: Stream, duration_s: float) -> None:
+        seismic = stream.columns_of(SEISMIC_QUANTITIES)
+        self._columns = seismic[:1] or stream.columns_of({"acceleration"})
+        window_s, top_hz = (0.1, 250.0) if seismic else (1.28, 15.0)
+        self._timeline = timeline
+        self._cut = resolution(stream.rate_hz, window_s, top_hz, duration_s)
+        self._hop_ns = self._cut.hop * stream.period_ns
+        self._column_ns = self._hop_ns * self._cut.pool
+        self._bands = BandLevels(self._cut)
+        self._frequencies = self._cut.frequencies_hz(stream.rate_hz)
+        self._times: list[NDArray[np.int64]] = []
+        self._levels: list[NDArray[np.float32]] = []
+        what = stream.channels[seismic[0]].name if seismic else "|acceleration|"
+        self._path = f"/spectrogram/{stream.topic.strip('/')}"
+        self._declare(f"Spectrogram of {what} {stream.topic} [Hz]", duration_s)
+
+    @staticmethod
+    def fits(stream: Stream) -> bool:
+        """Whether a stream has something worth a spectrogram."""
+        worn = bool(stream.columns_of({"acceleration"})) and stream.rate_hz >= 50.0
+        return not stream.irregular and (worn or bool(stream.columns_of(SEISMIC_QUANTITIES)))
+
+    def _declare(self, title: str, duration_s: float) -> None:
+        import rerun as rr
+
+        bands = len(self._frequencies)
+        top = float(self._frequencies[-1])
+        columns = min(duration_s, IN_VIEW_S) * NS_PER_S / self._column_ns
+        # Markers are sized in screen points: large enough to close a panel of 960 x 120 points.
+        size = float(np.clip(max(120.0 / bands, 960.0 / max(columns, 1.0)) + 0.8, 2.0, 9.0))
+        style = rr.SeriesPoints(markers=["square"] * bands, marker_sizes=[size] * bands)
+        self._timeline.declare(Entity(self._path, "spectrogram", title, bands, top=top), style)
+
+    def write(self, block: SignalBlock) -> None:
+        """Take a block."""
+        values = block.select(self._columns).values
+        signal = values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)
+        times, levels = self._bands.push(block, signal)
+        if len(times):
+            self._times.append(times)
+            self._levels.append(levels)
+
+    def close(self) -> None:
+        """Colour and log what was taken."""
+        import rerun as rr
+
+        if not self._times:
+            return
+        times, levels = self._pooled(np.concatenate(self._times), np.concatenate(self._levels))
+        low, high = np.percentile(levels, [8.0, 99.7])
+        colours = heat((levels - low) / max(float(high - low), 1e-6))
+        frequencies = np.tile(self._frequencies, len(times))
+        rows = np.full(len(times), len(self._frequencies))
+        columns = [
+            *rr.Scalars.columns(scalars=frequencies).partition(rows),
+            *rr.SeriesPoints.columns(colors=colours.ravel()).partition(rows),
+        ]
+        self._timeline.send(self._path, times, columns)
+
+    def _pooled(
+        self, times: NDArray[np.int64], levels: NDArray[np.float32]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        order = np.argsort(times, kind="stable")
+        times, levels = times[order], levels[order]
+        column = (times - times[0] + self._hop_ns / 2) // self._column_ns
+        starts = np.flatnonzero(np.diff(column, prepend=-1))
+        return times[starts], np.maximum.reduceat(levels, starts, axis=0)
