@@ -116,11 +116,13 @@ class Buckets:
         self._pending.append(block)
         first, end = self._pending[0].first, block.first + len(block)
         whole = end // self.size * self.size - first
-        if whole > 0:
-            joined = _join(self._pending)
-            rest = joined.slice(whole, len(joined))
-            self._pending = [rest] if len(rest) else []
-            yield joined.slice(0, whole)
+        if whole <= 0:
+            self._pending[-1] = _owned(block)
+            return
+        joined = _join(self._pending)
+        rest = joined.slice(whole, len(joined))
+        self._pending = [_owned(rest)] if len(rest) else []
+        yield joined.slice(0, whole)
 
     def flush(self) -> Iterator[SignalBlock]:
         """Yield what is left."""
@@ -137,6 +139,12 @@ class Buckets:
 def _follows(before: SignalBlock, block: SignalBlock) -> bool:
     same = block.times_ns is not None or block.anchor_ns == before.anchor_ns
     return same and block.first == before.first + len(before)
+
+
+def _owned(block: SignalBlock) -> SignalBlock:
+    """Return a copy: what is kept must not change with a buffer that its owner uses again."""
+    times = None if block.times_ns is None else block.times_ns.copy()
+    return replace(block, samples=block.samples.copy(), times_ns=times)
 
 
 def _join(blocks: list[SignalBlock]) -> SignalBlock:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Kinds a truth table may hold; ``walking`` and ``ignore`` are spans, ``count`` is a span with a value.
+#: Kinds a truth table may hold; ``walking``, ``ignore`` and ``count`` are spans.
 TRUTH_KINDS = frozenset(
     {
         "step",

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .labels import Label
     from .mcap import ByteSource, Damage, Message
 
+__all__ = ["SITE_NAME", "OtherTopic", "Recording", "Stamped"]
+
 SITE_NAME = "site.json"
 #: Log time over which messages are decoded together; blocks come out in order of log time.
 BATCH_NS = NS_PER_S // 4

@@ -34,8 +34,8 @@ class Channel:
         Unique within its stream, e.g. ``"G1"`` or ``"acc_x"``.
     quantity
         What is measured: ``acceleration``, ``angular_velocity``, ``magnetic_field``, ``pressure``,
-        ``temperature``, ``latitude``, ``longitude``, ``altitude``, ``ground_velocity``, ``voltage``,
-        ``seismic`` (uncalibrated), ``acceleration_magnitude``, ...
+        ``temperature``, ``latitude``, ``longitude``, ``altitude``, ``ground_velocity``,
+        ``voltage``, ``seismic`` (uncalibrated), ``acceleration_magnitude``, ...
     unit
         Unit of ``samples * scale``: SI (``m/s2``, ``rad/s``, ``T``, ``Pa``, ``m/s``), or ``count``
         where the sensitivity is unknown.

@@ -10,9 +10,10 @@ import numpy as np
 from .gates import Candidates
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from groundtrace_codecs.events import Pick, Quantity, StageSpec
     from groundtrace_codecs.signals import SignalBlock, Stream
-    from numpy.typing import NDArray
 
     from .gates import Gate
 
@@ -61,20 +62,13 @@ class Detector(Protocol):
     A detector never decides: it lists its gates, and :func:`groundtrace.gates.decide` applies
     them. Its ``state`` holds everything that crosses blocks and can be deep-copied.
 
-    Attributes
-    ----------
-    Parameters
-        Frozen dataclass of documented fields (:mod:`groundtrace.parameters`).
-    quantities
-        Quantities of the channels it wants; it runs on every stream that has some.
-    emits
-        What an accepted candidate becomes.
-    columns
-        Name and unit of the candidates' columns; the first is the decision function's peak.
-    trace
-        Name and unit of the frames' quantities; the first is the decision function.
-    gates
-        In the order of the decision.
+    Notes
+    -----
+    ``Parameters`` is a frozen dataclass of documented fields (:mod:`groundtrace.parameters`).
+    ``quantities`` are those of the channels it wants; it runs on every stream that has some.
+    ``emits`` is what an accepted candidate becomes. ``columns`` are name and unit of what is
+    measured of each candidate, first the peak of the decision function; ``trace`` the same of each
+    frame, first the decision function. ``gates`` stand in the order of the decision.
     """
 
     Parameters: type[Any]

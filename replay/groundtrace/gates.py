@@ -18,8 +18,9 @@ from groundtrace_codecs.signals import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from groundtrace_codecs.events import Quantity
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Quantity
 
 
 @dataclass(frozen=True, slots=True, eq=False)

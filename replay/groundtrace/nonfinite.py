@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.signals import SignalBlock
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
 
 
 @dataclass(slots=True)

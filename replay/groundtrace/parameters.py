@@ -24,16 +24,16 @@ Part = Literal["measure", "decide"]
 
 def measured(unit: str, doc: str, **bounds: float) -> msgspec.Meta:
     """Describe a parameter of the signal path; ``bounds`` are ``gt``, ``ge``, ``lt``, ``le``."""
-    return _meta("measure", unit, doc, bounds)
+    return _meta("measure", unit, doc, **bounds)
 
 
 def gate(unit: str, doc: str, **bounds: float) -> msgspec.Meta:
     """Describe a gate's threshold; ``bounds`` are ``gt``, ``ge``, ``lt``, ``le``."""
-    return _meta("decide", unit, doc, bounds)
+    return _meta("decide", unit, doc, **bounds)
 
 
-def _meta(part: Part, unit: str, doc: str, bounds: Mapping[str, float]) -> msgspec.Meta:
-    return msgspec.Meta(description=doc, extra={"unit": unit, "part": part}, **bounds)  # type: ignore[arg-type]
+def _meta(part: Part, unit: str, doc: str, **bounds: Any) -> msgspec.Meta:
+    return msgspec.Meta(description=doc, extra={"unit": unit, "part": part}, **bounds)
 
 
 @dataclass(frozen=True, slots=True)

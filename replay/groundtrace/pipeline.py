@@ -217,8 +217,10 @@ def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -
     if stage.topics:
         lines.append(f"topics = {_toml(list(stage.topics))}")
     lines.append("[stage.parameters]")
-    for info in describe(kind):
-        lines.append(f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}")
+    lines += [
+        f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}"
+        for info in describe(kind)
+    ]
     return lines
 
 

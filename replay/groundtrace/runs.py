@@ -23,8 +23,9 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from groundtrace_codecs.signals import Stream
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import Stream
 
 #: Recorded times may jitter by this much without being a clock step [s].
 CLOCK_TOLERANCE_S = 0.005
@@ -110,7 +111,7 @@ class UniformRuns:
 
 
 class IrregularRuns:
-    """Runs of a stream whose samples carry their own times: a uniform grid, linearly interpolated."""
+    """Runs of a stream whose samples carry their own times: a grid, linearly interpolated."""
 
     def __init__(self, stream: Stream, bridge_s: float) -> None:
         self.stream = replace(stream, irregular=False)

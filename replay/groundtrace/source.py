@@ -37,7 +37,7 @@ class Readable(Protocol):
         start_ns: int | None = None,
         stop_ns: int | None = None,
     ) -> Iterator[Stamped]:
-        """Recorded blocks in the order of the file."""
+        """Yield recorded blocks in the order of the file."""
 
 
 class Source:

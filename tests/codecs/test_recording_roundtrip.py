@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from groundtrace_codecs.writer import RecordingWriter, write_recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 START_NS = 1_700_000_000_123_456_789
 SEISMIC = Stream(
@@ -266,6 +266,18 @@ def test_previews_hold_extremes_and_means_of_10_ms(tmp_path: Path) -> None:
     assert preview[0]["orientation_covariance"][0] == -1.0
 
 
+def test_a_buffer_may_be_used_again_after_it_was_written(tmp_path: Path) -> None:
+    path = tmp_path / "rec.mcap"
+    parts = blocks(SEISMIC, 1700, 300, "<i4")
+    buffer = np.empty((300, 3), "<i4")
+    with RecordingWriter(path) as writer:
+        writer.add_stream(SEISMIC, "i32le")
+        for block in parts:
+            buffer[: len(block)] = block.samples
+            writer.write(replace(block, samples=buffer[: len(block)]))
+    assert np.array_equal(samples_of(read(path, "/seismic"))[1], samples_of(parts)[1])
+
+
 def failing(stream: Stream) -> Iterator[SignalBlock]:
     yield from blocks(stream, 1234, 100, "<i4")
     raise RuntimeError("the source broke")
@@ -300,6 +312,12 @@ def test_numpy_numbers_describe_a_stream_as_well(tmp_path: Path) -> None:
         assert recording.streams == (stream,)
 
 
+def write_one(path: Path, block: SignalBlock) -> None:
+    with RecordingWriter(path) as writer:
+        writer.add_stream(SEISMIC, "i32le")
+        writer.write(block)
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -316,9 +334,8 @@ def test_what_cannot_be_stored_is_refused(
 ) -> None:
     path = tmp_path / "rec.mcap"
     block = replace(blocks(SEISMIC, 1000, 1000, "<i4")[0], **change)
-    with pytest.raises(CodecError) as raised, RecordingWriter(path) as writer:
-        writer.add_stream(SEISMIC, "i32le")
-        writer.write(block)
+    with pytest.raises(CodecError) as raised:
+        write_one(path, block)
     assert expected in str(raised.value)
     assert not path.exists()
 

@@ -1,9 +1,8 @@
-"""Recordings of other tools: ROS 2 streams, contained messages, Foxglove fixes, others left alone."""
+"""Recordings of other tools: ROS 2, messages in messages, Foxglove fixes, what is left alone."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import OtherTopic, Recording
 from groundtrace_codecs.schemas.protobuf import descriptor_set, set_time
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 STORE.register(

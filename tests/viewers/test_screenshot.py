@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import http.client
-import subprocess
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +26,7 @@ from groundtrace_viewers.sink import RerunSink
 from groundtrace_viewers.web import fetch
 
 if TYPE_CHECKING:
+    import subprocess
     from pathlib import Path
 
 

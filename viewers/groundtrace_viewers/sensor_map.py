@@ -102,7 +102,7 @@ class SensorMap:
             sensors = rr.Points2D(
                 [(s.x, s.y) for s in geometry.sensors],
                 labels=[s.name for s in geometry.sensors],
-                show_labels=len(geometry.sensors) <= 32,
+                show_labels=len(geometry.sensors) <= 16,
                 colors=np.array([self._colours.of(s.channel) for s in geometry.sensors], np.uint32),
                 radii=-6.0,
             )

@@ -43,7 +43,9 @@ class CdrTemplate:
     def table(self, count: int) -> Table:
         """Return ``count`` messages, all zero but for the strings and lengths, to be filled."""
         # A view of bytes, never a copy: copies of records leave out what lies between the fields.
-        return Table(self._layout, np.frombuffer(bytearray(self._blank * count), self._layout.dtype))
+        return Table(
+            self._layout, np.frombuffer(bytearray(self._blank * count), self._layout.dtype)
+        )
 
     def _align(self, size: int) -> None:
         self._body.extend(bytes(-len(self._body) % size))

@@ -78,7 +78,7 @@ def parse(message: Any, data: bytes | memoryview, place: str) -> Any:
         Where the bytes are not such a message; names ``place``.
     """
     try:
-        return message.FromString(bytes(data))
+        return message.FromString(data)
     except DecodeError as error:
         name = message.DESCRIPTOR.full_name
         raise SchemaError(f"{place}: expected a {name}, found: {error}") from error

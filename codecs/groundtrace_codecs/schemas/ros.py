@@ -85,16 +85,28 @@ def find_sources(definition: Definition) -> tuple[RosSource, ...]:
 
 
 def _search(definition: Definition, prefix: str, outer: tuple[str, ...]) -> Iterator[RosSource]:
-    header = definition.find("header")
-    if header is not None and header.message and header.message.name == "std_msgs/Header":
+    if all(_is_number(definition, f"header.stamp.{p}", "iu") for p in ("sec", "nanosec")):
         outer = (f"{prefix}header.stamp", *outer)
     if definition.name in KINDS:
-        yield RosSource(definition.name, prefix, outer)
+        # A schema may call anything an Imu: it is one if it has an Imu's fields.
+        if all(_is_number(definition, path) for path, _ in KINDS[definition.name]):
+            yield RosSource(definition.name, prefix, outer)
         return
     for field in definition.fields:
         path = _below(field, prefix)
         if field.message is not None and path.count("[]") <= 1:
             yield from _search(field.message, path, outer)
+
+
+def _is_number(definition: Definition, path: str, kinds: str = "iuf") -> bool:
+    """Tell whether a path leads to one number of every message; ``kinds`` are numpy's."""
+    name, _, rest = path.partition(".")
+    field = definition.find(name)
+    if field is None or field.sequence or field.count is not None:
+        return False
+    if field.message is None:
+        return not rest and field.primitive[0] in kinds
+    return bool(rest) and _is_number(field.message, rest, kinds)
 
 
 def _below(field: Field, prefix: str) -> str:

@@ -35,24 +35,25 @@ def _samples(message: Any, place: str) -> NDArray[Any]:
     dtype = np.dtype(FORMATS[message.format])
     shape = (message.channels, message.samples)
     size = math.prod(shape) * dtype.itemsize
-    if size == 0 or size != len(message.data):
+    data = message.data  # a copy at every access
+    if size == 0 or size != len(data):
         raise SchemaError(
             f"{place}: data: expected {size} bytes for {shape[0]} channels of {shape[1]} samples, "
-            f"found {len(message.data)}"
+            f"found {len(data)}"
         )
     # The transposed view keeps each channel contiguous, as stored: no copy.
-    return np.frombuffer(message.data, dtype).reshape(shape).T
+    return np.frombuffer(data, dtype).reshape(shape).T
 
 
 def _times(message: Any, place: str) -> NDArray[np.int64] | None:
-    if not message.sample_times_ns:
+    data = message.sample_times_ns
+    if not data:
         return None
-    if len(message.sample_times_ns) != 8 * message.samples:
+    if len(data) != 8 * message.samples:
         raise SchemaError(
-            f"{place}: sample_times_ns: expected {8 * message.samples} bytes, "
-            f"found {len(message.sample_times_ns)}"
+            f"{place}: sample_times_ns: expected {8 * message.samples} bytes, found {len(data)}"
         )
-    return np.frombuffer(message.sample_times_ns, "<i8")
+    return np.frombuffer(data, "<i8")
 
 
 def decode_waveform(data: bytes | memoryview, place: str = "WaveformBlock") -> Waveform:

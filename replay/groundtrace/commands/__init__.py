@@ -17,6 +17,56 @@ KNOWN_ERRORS = (
     ("groundtrace_viewers.errors", "ViewerError"),
 )
 
+HERE = "groundtrace.commands"
+#: Name, function and help of each command; here, so that listing them imports none.
+COMMANDS = {
+    "import": (
+        f"{HERE}.importing:import_",
+        "Turn files of another tool into a recording.\n\n"
+        "Example: groundtrace import shots/*.dat -o line.mcap --truth picks.sgt",
+    ),
+    "info": (
+        f"{HERE}.info:info",
+        "Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.\n\n"
+        "Example: groundtrace info walk.mcap",
+    ),
+    "replay": (
+        f"{HERE}.replaying:replay",
+        "Stream a recording through a pipeline; show and store what was decided.\n\n"
+        "Without a recording, the bundled walk through a room is replayed. Without options it "
+        "leaves NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present "
+        "folder.\n\n"
+        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.height=0.6",
+    ),
+    "score": (
+        f"{HERE}.scoring:score",
+        "Score a result against the truth, with the level of chance beside it.\n\n"
+        "Example: groundtrace score walk.results.mcap --tolerance 0.1",
+    ),
+    "plugins": (
+        f"{HERE}.listing:plugins",
+        "List what is installed: detectors, associators, importers, sinks.\n\n"
+        "Example: groundtrace plugins --parameters",
+    ),
+    "pipelines": (
+        f"{HERE}.listing:pipelines",
+        "List the shipped pipelines, or print one with all its parameters.\n\n"
+        "Example: groundtrace pipelines waist-steps > mine.toml",
+    ),
+}
+SIMULATIONS = {
+    "room": (
+        f"{HERE}.simulating:room",
+        "Footsteps on a concrete floor with seismic sensors; steps, places, arrivals known.\n\n"
+        "Example: groundtrace simulate room -o room.mcap --seed 7 --steps 40",
+    ),
+    "walk": (
+        f"{HERE}.simulating:walk",
+        "A walker with an IMU at the waist; steps, walking spans and turns known.\n\n"
+        "Example: groundtrace simulate walk -o walk.mcap --duration-s 120",
+    ),
+}
+
 
 def application() -> App:
     """Return the command line's application."""
@@ -28,17 +78,12 @@ def application() -> App:
         help="Replay field recordings of footsteps and vehicles, "
         "and see why every detector decided as it did.",
     )
-    here = "groundtrace.commands"
-    app.command(f"{here}.importing:import_", name="import")
-    app.command(f"{here}.info:info")
-    app.command(f"{here}.replaying:replay")
-    app.command(f"{here}.scoring:score")
+    for name, (target, text) in COMMANDS.items():
+        app.command(target, name=name, help=text)
     simulate = App(name="simulate", help="Make a recording with known truth.")
-    simulate.command(f"{here}.simulating:room")
-    simulate.command(f"{here}.simulating:walk")
+    for name, (target, text) in SIMULATIONS.items():
+        simulate.command(target, name=name, help=text)
     app.command(simulate)
-    app.command(f"{here}.listing:plugins")
-    app.command(f"{here}.listing:pipelines")
     return app
 
 
@@ -50,6 +95,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        print(
+            f"groundtrace: {error.filename}: expected a file to use, found: {error.strerror}",
+            file=sys.stderr,
+        )
+        sys.exit(1)
     except Exception as error:
         if not _is_known(error):
             raise

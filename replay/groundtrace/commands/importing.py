@@ -25,8 +25,6 @@ def import_(
 ) -> None:
     """Turn files of another tool into a recording.
 
-    Example: groundtrace import shots/*.dat -o line.mcap --truth picks.sgt
-
     Parameters
     ----------
     sources
@@ -76,4 +74,4 @@ def _map(path: Path | None) -> Path | None:
         return path
     from groundtrace_recordings import maps
 
-    return maps().get(path.stem, path)
+    return maps().get(f"{path.stem}.toml", path)

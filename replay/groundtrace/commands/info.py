@@ -83,8 +83,6 @@ class RecordingInfo:
 def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
     """Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.
 
-    Example: groundtrace info walk.mcap
-
     Parameters
     ----------
     recording

@@ -17,8 +17,6 @@ from .output import print_table, say
 def plugins(*, parameters: Annotated[bool, Parameter(negative="")] = False) -> None:
     """List what is installed: detectors, associators, importers, sinks.
 
-    Example: groundtrace plugins --parameters
-
     Parameters
     ----------
     parameters
@@ -50,8 +48,6 @@ def _print_parameters(group: str, name: str) -> None:
 
 def pipelines(name: str | None = None) -> None:
     """List the shipped pipelines, or print one with all its parameters.
-
-    Example: groundtrace pipelines waist-steps > mine.toml
 
     Parameters
     ----------

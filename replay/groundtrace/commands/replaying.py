@@ -53,11 +53,6 @@ def replay(
 ) -> None:
     """Stream a recording through a pipeline; show and store what was decided.
 
-    Without a recording, the bundled walk through a room is replayed. Without options it leaves
-    NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present folder.
-
-    Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.height=0.6
-
     Parameters
     ----------
     recording

@@ -27,8 +27,6 @@ def score(
 ) -> None:
     """Score a result against the truth in its recording, with the level of chance beside it.
 
-    Example: groundtrace score walk.results.mcap --tolerance 0.1
-
     Parameters
     ----------
     results
@@ -99,7 +97,9 @@ def _print_steps(s: StepScore) -> None:
 def _print_picks(p: PickScore) -> None:
     print(f"picks: {p.all.answered} of {p.all.truth} answered ({p.all.answered_fraction:.1%})")
     header = ("impact", "answered", "median |error|", "median", "earliest", "latest [ms]")
-    rows = [_pick_row(e) for e in [*p.impacts, p.all]] if len(p.impacts) <= 40 else [_pick_row(p.all)]
+    rows = (
+        [_pick_row(e) for e in [*p.impacts, p.all]] if len(p.impacts) <= 40 else [_pick_row(p.all)]
+    )
     print_table(header, rows)
 
 

@@ -28,9 +28,7 @@ def room(
     snr: float = 100.0,
     force: Annotated[bool, FLAG] = False,
 ) -> None:
-    """Footsteps on a concrete floor with seismic sensors, with steps, places and arrivals known.
-
-    Example: groundtrace simulate room -o room.mcap --seed 7 --steps 40
+    """Make footsteps on a floor with seismic sensors; steps, places and arrivals known.
 
     Parameters
     ----------
@@ -65,9 +63,7 @@ def walk(
     rate_hz: float = 100.0,
     force: Annotated[bool, FLAG] = False,
 ) -> None:
-    """A walker with an IMU at the waist, with steps, walking spans and turns known.
-
-    Example: groundtrace simulate walk -o walk.mcap --duration-s 120
+    """Make a walker with an IMU at the waist, with steps, walking spans and turns known.
 
     Parameters
     ----------

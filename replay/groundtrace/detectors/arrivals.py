@@ -122,9 +122,7 @@ class ArrivalTracker:
         self._waiting: list[Rise] = []  # maxima whose AIC windows are open
         self._held = Candidates.empty(len(COLUMNS))
         self._back = round(settings.back_s * rate_hz)
-        self._windows = [
-            (round(a * rate_hz), round(b * rate_hz)) for a, b in settings.windows_s
-        ]
+        self._windows = [(round(a * rate_hz), round(b * rate_hz)) for a, b in settings.windows_s]
         self._before = self._back + max(a for a, _ in self._windows)
         self._after = max(b for _, b in self._windows)
 

@@ -101,7 +101,8 @@ class NoiseRatio:
         trust = known / (known + self.warm_up)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = level / line[:, :n] * trust
-        return np.nan_to_num(ratio, nan=0.0, posinf=0.0)  # silence before and now: no ratio
+        # silence before and now: no ratio
+        return np.asarray(np.nan_to_num(ratio, nan=0.0, posinf=0.0))
 
 
 class Rise(NamedTuple):

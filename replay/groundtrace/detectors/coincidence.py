@@ -14,12 +14,13 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Emits
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import Pick, StageSpec
+
+    from ..detector import Emits
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal
 
-from groundtrace_codecs.signals import SignalBlock
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
 
 #: Highest usable corner as a part of the sampling rate: a corner at Nyquist cannot be designed.
 HIGHEST_CORNER = 0.45

@@ -17,13 +17,15 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Emits
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.events import Pick, StageSpec
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Pick, StageSpec
+
+    from ..detector import Emits
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,9 @@ class FirstBreaks:
         pending = self.state.pending
         times = np.array([p.time_ns for p in pending], np.int64)
         since = (times - times[0]) / NS_PER_S
-        close = {p.channel for p, s in zip(pending, since, strict=True) if s <= self.parameters.window_s}
+        close = {
+            p.channel for p, s in zip(pending, since, strict=True) if s <= self.parameters.window_s
+        }
         quorum = min(self.parameters.quorum, len(self.state.channels))
         count = int((since <= self.parameters.event_s).sum()) if len(close) >= quorum else 1
         picks, self.state.pending = pending[:count], pending[count:]

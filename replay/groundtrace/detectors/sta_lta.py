@@ -24,8 +24,9 @@ from .filters import SmoothedSlope, UnbiasedMean, planar
 
 if TYPE_CHECKING:
     import numpy as np
-    from groundtrace_codecs.signals import SignalBlock, Stream
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,15 +20,17 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
-from ..detector import Emits, Measured
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .filters import ExponentialMean, StreamingFilter, bandpass, planar
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.signals import SignalBlock, Stream
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from ..detector import Emits, Measured
 
 
 @dataclass(frozen=True, slots=True)

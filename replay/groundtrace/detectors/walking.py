@@ -1,4 +1,4 @@
-"""The signal that step detectors on the body share: acceleration norm, smoothed, gravity removed."""
+"""The signal that step detectors on the body share: smoothed norm of the acceleration."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from groundtrace_codecs.signals import NS_PER_S
 from .filters import StreamingFilter, corner, phase_delay_s, planar
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.signals import SignalBlock
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
 
 #: Step frequency at which the filter's delay is taken out of the times [Hz].
 NOMINAL_CADENCE_HZ = 1.8

@@ -22,8 +22,9 @@ from .frames import FrameTrace
 from .walking import WalkingSignal
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.signals import SignalBlock, Stream
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,5 +114,5 @@ class ZeroCrossingDetector:
 def _crossing_ns(block: SignalBlock, signal: NDArray[np.float64], turn: int) -> int:
     """Return the time of the zero between sample ``turn - 1`` and ``turn`` of the block [ns]."""
     before, after = signal[turn], signal[turn + 1]
-    back = after / (after - before) * block.stream.period_ns
+    back = float(after / (after - before)) * block.stream.period_ns
     return block.time_of(turn) - round(back)

@@ -12,9 +12,10 @@ from groundtrace_codecs.signals import NS_PER_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from groundtrace_codecs.events import Pick
     from groundtrace_codecs.labels import Label
-    from numpy.typing import NDArray
 
 #: A pick further than this from the true arrival does not answer it [s].
 ANSWER_S = 0.05

@@ -14,8 +14,9 @@ from .matching import f1_of, f1_score, match, metronome_f1, random_f1
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from groundtrace_codecs.labels import Label
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.labels import Label
 
 CURVE_S = (0.02, 0.03, 0.05, 0.075, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 #: How far a detection may lie from its step for the latency that the de-biased F1 takes out [s].
@@ -196,8 +197,9 @@ def _counted(
     spans: NDArray[np.float64],
     tolerance_s: float,
 ) -> NDArray[np.bool_]:
-    """Return which detections are scored: those inside the spans, and those just outside, in an
-    ignored part, that answer a true step inside.
+    """Return which detections are scored.
+
+    Those inside the spans, and those in an ignored part that answer a true step inside.
     """
     counted = inside(found, spans)
     counted[match(truth, found, tolerance_s)[:, 1]] = True

@@ -1,0 +1,224 @@
+"""The conformance test that every detector passes, ours and those of other distributions.
+
+In a test of your own: ``check_detector(MyDetector, blocks)`` with a few seconds of signal it is
+meant for. It raises AssertionError with a sentence that says which rule is broken.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StepEvent, TraceBlock
+from groundtrace_codecs.signals import SignalBlock
+
+from .parameters import describe
+from .stage import DetectorStage
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+
+    from .detector import Detector
+
+#: Block sizes whose decisions must equal those of the whole.
+BLOCK_SIZES = (7, 200, 2000)
+TOLERANCE = 1e-12
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """Everything a detector said, as columns."""
+
+    times: NDArray[np.int64]
+    channels: NDArray[np.int32]
+    values: NDArray[np.float32]
+    margins: NDArray[np.float32]
+    accepted: NDArray[np.bool_]
+    trace_times: NDArray[np.int64]
+    trace: NDArray[np.float32]
+    events: tuple[Pick | StepEvent, ...]
+
+
+def rechunked(items: Iterable[SignalBlock | Gap], samples: int) -> Iterator[SignalBlock | Gap]:
+    """Yield the same signal in blocks of ``samples`` samples."""
+    for item in items:
+        if isinstance(item, Gap):
+            yield item
+            continue
+        for start in range(0, len(item), samples):
+            yield item.slice(start, min(start + samples, len(item)))
+
+
+def outcome(events: Iterable[Event]) -> Outcome:
+    """Collect a stage's events into columns."""
+    found = list(events)
+    blocks = [e for e in found if isinstance(e, CandidateBlock)]
+    traces = [e for e in found if isinstance(e, TraceBlock)]
+
+    def column(parts: list[NDArray[Any]], empty: type[Any]) -> NDArray[Any]:
+        return np.concatenate(parts) if parts else np.empty(0, empty)
+
+    return Outcome(
+        column([b.time_ns for b in blocks], np.int64),
+        column([b.channel for b in blocks], np.int32),
+        column([b.value for b in blocks], np.float32),
+        column([b.margin for b in blocks], np.float32),
+        column([b.accepted for b in blocks], np.bool_),
+        column([t.time_ns for t in traces], np.int64),
+        column([t.value for t in traces], np.float32),
+        tuple(e for e in found if isinstance(e, Pick | StepEvent)),
+    )
+
+
+def run(stage: DetectorStage, items: Iterable[SignalBlock | Gap]) -> Outcome:
+    """Feed items to a stage and flush it."""
+    events = [event for item in items for event in stage.process(item)]
+    return outcome([*events, *stage.flush()])
+
+
+def assert_same(one: Outcome, other: Outcome, what: str) -> None:
+    """Raise where two outcomes differ: times and verdicts exactly, values to 1e-12."""
+    for field in dataclasses.fields(Outcome):
+        a, b = getattr(one, field.name), getattr(other, field.name)
+        if field.name == "events":
+            same = _events_key(a) == _events_key(b)
+        elif a.dtype.kind == "f":
+            same = a.shape == b.shape and np.allclose(a, b, TOLERANCE, TOLERANCE, equal_nan=True)
+        else:
+            same = np.array_equal(a, b)
+        assert same, f"{what}: expected the same {field.name}, found others"
+
+
+def _events_key(events: tuple[Pick | StepEvent, ...]) -> list[tuple[Any, ...]]:
+    return [(type(e).__name__, e.time_ns, e.topic, e.stage, round(e.value, 9)) for e in events]
+
+
+def check_detector(
+    kind: type[Detector],
+    items: Sequence[SignalBlock | Gap],
+    parameters: Any = None,
+    block_sizes: Sequence[int] = BLOCK_SIZES,
+) -> Outcome:
+    """Check all rules on a signal of the kind the detector is meant for.
+
+    Parameters
+    ----------
+    kind
+        The detector's class.
+    items
+        A few seconds of blocks (with gaps, if you like) of one or more streams.
+    parameters
+        Its parameters; the defaults where None.
+    block_sizes
+        Block sizes whose outcome must equal that of the blocks as given.
+
+    Returns
+    -------
+    What the detector says of the signal.
+    """
+    parameters = kind.Parameters() if parameters is None else parameters
+    check_description(kind)
+    whole = run(_stage(kind, parameters), items)
+    assert len(whole.times), "expected candidates in a signal the detector is meant for, found none"
+    check_gates(kind, whole)
+    for size in block_sizes:
+        chunked = run(_stage(kind, parameters), rechunked(items, size))
+        assert_same(whole, chunked, f"blocks of {size} samples")
+    check_state(kind, parameters, items, whole)
+    check_faults(kind, parameters, items)
+    return whole
+
+
+def _stage(kind: type[Detector], parameters: Any) -> DetectorStage:
+    return DetectorStage("detector", "detector", kind, parameters)
+
+
+def check_description(kind: type[Detector]) -> None:
+    """Check that parameters are documented, gates have one each, columns are named."""
+    named = {info.name: info for info in describe(kind.Parameters)}
+    for gate in kind.gates:
+        assert gate.parameter in named, f"gate {gate.name}: no parameter {gate.parameter}"
+        part = named[gate.parameter].part
+        assert part == "decide", f"{gate.parameter}: expected a gate's parameter, found {part}"
+    assert kind.columns, "columns: expected at least one"
+    assert kind.__doc__, "expected a docstring"
+
+
+def check_gates(kind: type[Detector], found: Outcome) -> None:
+    """Check that candidates have all margins and are accepted just where all are passed."""
+    expected = (len(found.times), len(kind.gates))
+    assert found.margins.shape == expected, f"margins: expected {expected}"
+    passed = (found.margins >= 0).all(axis=1)
+    assert np.array_equal(passed, found.accepted), "accepted: expected where all margins are >= 0"
+    order = np.lexsort((found.channels, found.times))
+    assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
+    assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
+
+
+def check_state(
+    kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap], whole: Outcome
+) -> None:
+    """Check that a stage saved in the middle and restored elsewhere goes on as before."""
+    parts = list(rechunked(items, 200))
+    middle = len(parts) // 2
+    first, second = _stage(kind, parameters), _stage(kind, parameters)
+    events = [event for item in parts[:middle] for event in first.process(item)]
+    second.restore(first.save())
+    events += [event for item in parts[middle:] for event in second.process(item)]
+    assert_same(whole, outcome([*events, *second.flush()]), "saved and restored")
+
+
+def check_faults(kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap]) -> None:
+    """Check that empty, not finite, still, clipped and gapped input has a defined outcome."""
+    blocks = [item for item in items if isinstance(item, SignalBlock)]
+    nothing = run(_stage(kind, parameters), [b.slice(0, 0) for b in blocks])
+    assert not len(nothing.times), "no samples: expected no candidates"
+    for name, change in FAULTS.items():
+        faulty = [_changed(block, change) for block in blocks]
+        found = run(_stage(kind, parameters), faulty)
+        assert np.isfinite(found.values[found.accepted]).all(), f"{name}: expected finite values"
+    still = run(_stage(kind, parameters), [_changed(b, lambda x: np.zeros_like(x)) for b in blocks])
+    assert not still.accepted.any(), "silence: expected nothing accepted"
+    check_gap(kind, parameters, blocks)
+
+
+def check_gap(kind: type[Detector], parameters: Any, blocks: Sequence[SignalBlock]) -> None:
+    """Check that a detector starts anew after a gap that is not bridged."""
+    block = max(blocks, key=len)
+    half = len(block) // 2
+    before, after = block.slice(0, half), block.slice(half, len(block))
+    gap = Gap(block.topic, before.end_ns, after.start_ns, "missing", 1)
+    both = run(_stage(kind, parameters), [before, gap, after])
+    alone = run(_stage(kind, parameters), [after])
+    count = len(alone.times)
+    assert np.array_equal(both.times[len(both.times) - count :], alone.times), (
+        "after a gap: expected the candidates of a fresh start"
+    )
+
+
+def _changed(block: SignalBlock, change: Any) -> SignalBlock:
+    return dataclasses.replace(block, samples=change(np.array(block.samples, np.float64)))
+
+
+def _with_nan(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    x[len(x) // 3 : len(x) // 2] = np.nan
+    return x
+
+
+def _with_infinity(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    x[len(x) // 2 :: 97] = np.inf
+    return x
+
+
+def _clipped(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    limit = float(np.percentile(np.abs(x), 90)) if x.size else 0.0
+    return np.clip(x, -limit, limit)
+
+
+FAULTS = {"not a number": _with_nan, "infinite": _with_infinity, "clipped": _clipped}

@@ -1,0 +1,116 @@
+"""Every registered detector passes the conformance test, on the recordings that ship with us."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from groundtrace.conformance import assert_same, check_detector, outcome, rechunked
+from groundtrace.parameters import describe
+from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
+from groundtrace.plugins import load, plugins
+from groundtrace.source import Source
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Gap
+    from groundtrace_codecs.signals import SignalBlock
+
+RECORDINGS = {"room": "room-walk.mcap", "walker": "waist-walk.mcap"}
+DETECTORS = [plugin.name for plugin in plugins("detectors")]
+ASSOCIATORS = [plugin.name for plugin in plugins("associators")]
+
+
+def signal(name: str, seconds: float | None = None) -> list[SignalBlock | Gap]:
+    with Recording.open(path_of(RECORDINGS[name])) as recording:
+        stop = None if seconds is None else recording.start_ns + round(seconds * NS_PER_S)
+        return list(Source(recording, stop_ns=stop))
+
+
+def fitting(kind: Any) -> str:
+    return "walker" if "acceleration" in kind.quantities else "room"
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_every_detector_conforms_on_a_bundled_recording(name: str) -> None:
+    kind = load("detectors", name)
+    found = check_detector(kind, signal(fitting(kind), 6.0 if fitting(kind) == "room" else None))
+    assert found.accepted.any()
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_every_detector_takes_blocks_of_a_single_sample(name: str) -> None:
+    kind = load("detectors", name)
+    items = signal(fitting(kind), 1.0 if fitting(kind) == "room" else 8.0)
+    items = [b.slice(0, round(0.2 * b.stream.rate_hz)) for b in _one_run(items)]
+    stage_of = _stages(kind)
+    whole = outcome(_events(stage_of(), items))
+    single = outcome(_events(stage_of(), list(rechunked(items, 1))))
+    assert_same(whole, single, "blocks of one sample")
+
+
+def _one_run(items: list[Any]) -> list[SignalBlock]:
+    """The signal around the first event, as one block of 0.2 s and more."""
+    from groundtrace.source import joined
+
+    topic = items[0].topic
+    blocks = list(joined([i for i in items if i.topic == topic]))
+    return [b.slice(len(b) * 3 // 4, len(b)) for b in blocks]
+
+
+def _stages(kind: Any) -> Any:
+    from groundtrace.stage import DetectorStage
+
+    return lambda: DetectorStage("d", "d", kind, kind.Parameters())
+
+
+def _events(stage: Any, items: list[Any]) -> list[Any]:
+    return [event for item in items for event in stage.process(item)] + list(stage.flush())
+
+
+@pytest.mark.parametrize("name", ASSOCIATORS)
+def test_every_associator_documents_its_parameters_and_gates(name: str) -> None:
+    kind = load("associators", name)
+    named = {info.name for info in describe(kind.Parameters)}
+    assert {gate.parameter for gate in kind.gates} <= named
+
+
+@pytest.mark.parametrize("pipeline", sorted(named_pipelines()))
+@pytest.mark.parametrize("recording", sorted(RECORDINGS))
+def test_every_pipeline_gives_the_same_events_whatever_the_blocks(
+    pipeline: str, recording: str
+) -> None:
+    items = signal(recording, 5.0 if recording == "room" else None)
+
+    def run(given: list[SignalBlock | Gap]) -> Any:
+        chain = build_pipeline(load_pipeline(pipeline))
+        events = [event for item in given for event in chain.process(item)] + list(chain.flush())
+        by_stage = {getattr(e, "stage", None) or e.spec.stage for e in events}
+        return {
+            stage: outcome(
+                [e for e in events if (getattr(e, "stage", None) or e.spec.stage) == stage]
+            )
+            for stage in by_stage
+        }
+
+    whole = run(items)
+    for size in (7, 200, 2000, 10**9):
+        chunked = run(list(rechunked(items, size)))
+        assert whole.keys() == chunked.keys()
+        for stage in whole:
+            assert_same(whole[stage], chunked[stage], f"{pipeline} {stage}: blocks of {size}")
+
+
+def test_a_stage_saved_and_restored_in_a_pipeline_goes_on() -> None:
+    items = signal("room", 4.0)
+    one, other = (build_pipeline(load_pipeline("room-footsteps")) for _ in range(2))
+    events = [e for item in items[:4] for e in one.process(item)]
+    for stage, fresh in zip(one.stages, other.stages, strict=True):
+        fresh.restore(stage.save())
+    events += [e for item in items[4:] for e in other.process(item)] + list(other.flush())
+    third = build_pipeline(load_pipeline("room-footsteps"))
+    straight = [e for item in items for e in third.process(item)] + list(third.flush())
+    assert_same(outcome(straight), outcome(events), "restored pipeline")
