@@ -135,13 +135,14 @@ class RosReader:
         place: str,
     ) -> None:
         self.streams: tuple[Stream, ...] = tuple(streams)
+        self._place = place
         self._sources = sources
         self._decoder = CdrDecoder(definition, place)
         self._orders = [column_order(s.kind, t) for s, t in zip(sources, streams, strict=True)]
 
     def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
-        log_ns = log_times(messages)
+        log_ns = log_times(messages, self._place)
         tables = list(self._decoder.tables([m.data for m in messages]))
         for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
             found = read_samples(source, tables, log_ns)
@@ -158,18 +159,20 @@ class RosReader:
                 yield from _runs(stream, indices, found.times_ns, values, log_ns)
 
 
-def log_times(messages: Sequence[Message]) -> NDArray[np.int64]:
+def log_times(messages: Sequence[Message], place: str) -> NDArray[np.int64]:
     """Return the log time of every message [ns].
 
     Raises
     ------
     SchemaError
-        Where one does not fit an int64.
+        Where one does not fit an int64; names ``place``.
     """
     try:
         return np.array([m.log_time for m in messages], np.int64)
     except OverflowError as error:
-        raise SchemaError(f"log_time: expected less than 2^63 ns, found: {error}") from error
+        raise SchemaError(
+            f"{place}: log_time: expected less than 2^63 ns, found: {error}"
+        ) from error
 
 
 def _runs(
@@ -248,7 +251,7 @@ class LocationReader:
 
     def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
         """Yield one block of all the fixes."""
-        logs = log_times(messages)
+        logs = log_times(messages, self._place)
         pairs = [(m, fix) for m in messages for fix in self._fixes(m)]
         if not pairs:
             return

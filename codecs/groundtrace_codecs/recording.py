@@ -185,10 +185,7 @@ class Recording:
         CodecError
             Where a message is not what its schema says, or a topic is none of the streams.
         """
-        wanted = {s.topic for s in self.streams} if topics is None else set(topics)
-        missing = sorted(wanted - {s.topic for s in self.streams})
-        if missing:
-            raise CodecError(f"{self.name}: expected a stream {missing[0]}, found none")
+        wanted = self._wanted(topics)
         readers = {
             i: r for i, r in self._readers.items() if any(s.topic in wanted for s in r.streams)
         }
@@ -198,10 +195,15 @@ class Recording:
         low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - _SLACK_NS
         high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + _SLACK_NS
         for log_ns, block in self._decoded(readers, low, high):
-            if block.topic in wanted:
-                part = _cut(block, start_ns, stop_ns)
-                if len(part):
-                    yield Stamped(log_ns, part)
+            if block.topic in wanted and len(part := _cut(block, start_ns, stop_ns)):
+                yield Stamped(log_ns, part)
+
+    def _wanted(self, topics: Collection[str] | None) -> set[str]:
+        known = {s.topic for s in self.streams}
+        missing = sorted(set(topics or ()) - known)
+        if missing:
+            raise CodecError(f"{self.name}: expected a stream {missing[0]}, found none")
+        return known if topics is None else set(topics)
 
     def _decoded(
         self, readers: dict[int, ChannelReader], low_ns: int | None, high_ns: int | None

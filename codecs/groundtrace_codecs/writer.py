@@ -231,18 +231,13 @@ def write_recording(
     CodecError
         As :class:`RecordingWriter`.
     """
-    truth = sorted(labels)
     with RecordingWriter(path, force=force) as writer:
         if geometry is not None:
             writer.set_geometry(geometry)
         for stream, sample_format, _ in sources:
             writer.add_stream(stream, sample_format)
-        queues: list[Iterator[tuple[int, int, Any]]] = [
-            _ends(i, stream, blocks) for i, (stream, _, blocks) in enumerate(sources)
-        ]
-        queues.append((x.time_ns, len(sources), x) for x in truth)
         start_ns: int | None = None
-        for _, _, item in heapq.merge(*queues, key=lambda entry: entry[:2]):
+        for item in _merged(sources, labels):
             if isinstance(item, Label):
                 writer.add_labels((item,))
                 continue
@@ -251,6 +246,19 @@ def write_recording(
         for name, values in (metadata or {}).items():
             writer.add_metadata(name, values)
         writer.add_metadata("recording", _origin(start_ns or 0))
+
+
+def _merged(
+    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]], labels: Iterable[Label]
+) -> Iterator[SignalBlock | Label]:
+    """Yield short pieces of all blocks in order of their ends, and the labels at their times."""
+    truth = sorted(labels, key=lambda label: label.time_ns)
+    queues: list[Iterator[tuple[int, int, Any]]] = [
+        _ends(i, stream, blocks) for i, (stream, _, blocks) in enumerate(sources)
+    ]
+    queues.append((label.time_ns, len(sources), label) for label in truth)
+    for _, _, item in heapq.merge(*queues, key=lambda entry: entry[:2]):
+        yield item
 
 
 def _origin(start_ns: int) -> dict[str, str]:

@@ -354,3 +354,21 @@ def test_an_unknown_topic_is_refused(tmp_path: Path) -> None:
     write_recording(path, [(SEISMIC, "i32le", blocks(SEISMIC, 10, 10, "<i4"))])
     with Recording.open(path) as recording, pytest.raises(CodecError, match="a stream /y, found"):
         next(recording.blocks({"/y"}))
+
+
+def test_a_torn_recording_gives_every_whole_chunk_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "rec.mcap"
+    samples = np.random.default_rng(0).integers(-(2**30), 2**30, (60000, 3)).astype("<i4")
+    parts = [
+        SignalBlock(SEISMIC, START_NS, i, samples[i : i + 1000]) for i in range(0, 60000, 1000)
+    ]
+    write_recording(path, [(SEISMIC, "i32le", parts)])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    with Recording.open(path) as recording:
+        found = [b for _, b in recording.blocks()]
+        assert recording.streams == (SEISMIC,)
+        assert recording.end_ns == found[-1].last_ns
+        assert recording.damage
+    kept = samples_of(found)[1]
+    assert 20000 < len(kept) < 45000
+    assert np.array_equal(kept, samples[: len(kept)])

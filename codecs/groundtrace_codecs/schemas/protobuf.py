@@ -112,6 +112,7 @@ def field_names(schema: bytes, message_name: str) -> tuple[str, ...]:
     for file in files_of_schema:
         prefix = f"{file.package}." if file.package else ""
         for message in file.message_type:
-            if prefix + message.name == message_name:
-                return tuple(field.name for field in message.field)
+            # Names that are not UTF-8 come out as bytes.
+            if f"{prefix}{message.name}" == message_name:
+                return tuple(str(field.name) for field in message.field)
     return ()

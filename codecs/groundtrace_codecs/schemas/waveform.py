@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 #: Sample formats and their numpy types; 24-bit samples travel in ``i32le``.
 FORMATS = {"i16le": "<i2", "i32le": "<i4", "f32le": "<f4", "f64le": "<f8"}
+_MAX_ANCHOR_NS = 1 << 62
 
 
 class Waveform(NamedTuple):
@@ -97,6 +98,10 @@ def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
     if wave.rate_hz != stream.rate_hz:
         raise SchemaError(f"{place}: expected {stream.rate_hz} Hz, found {wave.rate_hz} Hz")
     anchor_ns = wave.start_ns - round(wave.first * stream.period_ns)
+    if abs(anchor_ns) > _MAX_ANCHOR_NS:
+        raise SchemaError(
+            f"{place}: first_sample: expected a run that starts within 2^62 ns, found {wave.first}"
+        )
     return SignalBlock(stream, anchor_ns, wave.first, wave.samples)
 
 
