@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,7 @@ class Plugin:
     target: str
 
 
+@cache
 def _points(group: str) -> dict[str, EntryPoint]:
     return {p.name: p for p in entry_points(group=f"groundtrace.{group}")}
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,6 +15,13 @@ if TYPE_CHECKING:
 CELL_S = 0.001
 #: Gives the noise level up to and including each cell, from the cells' levels; keeps its state.
 NoiseLevel = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+
+def sliding_maximum(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return the maximum of every ``width`` neighbours, shape (n_channels, n - width + 1)."""
+    half = width // 2
+    centred = maximum_filter1d(x, width, axis=1, mode="nearest")
+    return np.asarray(centred[:, half : half + x.shape[1] - width + 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,10 +155,9 @@ class LocalMaxima:
         if count <= 0:
             self._tail = line
             return []
-        windows = np.lib.stride_tricks.sliding_window_view(line[:, keep - r :], r, axis=1)
+        windows = sliding_maximum(line[:, keep - r :], r)
         middle = line[:, keep : keep + count]
-        before = windows[:, :count].max(axis=2)
-        after = windows[:, r + 1 : r + 1 + count].max(axis=2)
+        before, after = windows[:, :count], windows[:, r + 1 : r + 1 + count]
         found = np.nonzero(((middle > before) & (middle >= after) & (middle > self.floor)).T)
         rises = [
             Rise(

@@ -23,6 +23,7 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .cells import sliding_maximum
 from .filters import ExponentialMean, StreamingFilter, bandpass, planar
 
 if TYPE_CHECKING:
@@ -70,8 +71,7 @@ class RunningMaximum:
             self._tail = np.zeros((level.shape[0], self.cells - 1))
         line = np.concatenate([self._tail, level], axis=1)
         self._tail = line[:, level.shape[1] :]
-        windows = np.lib.stride_tricks.sliding_window_view(line, self.cells, axis=1)
-        return np.asarray(windows.max(axis=2))
+        return sliding_maximum(line, self.cells)
 
 
 @dataclass(slots=True)

@@ -1,0 +1,62 @@
+# Everything runs in a virtual environment of its own; nothing is needed but Python >= 3.11.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+export CI ?= 1 # the viewer's analytics stay off
+
+.PHONY: demo dev fmt check test build wheel bench proto screenshot clean
+
+demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
+	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
+
+$(VENV)/pip:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --upgrade pip
+	touch $@
+
+$(VENV)/installed: $(VENV)/pip pyproject.toml
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+dev: $(VENV)/dev ## all that tests and checks need
+
+$(VENV)/dev: $(VENV)/pip pyproject.toml
+	$(BIN)/pip install --quiet --editable ".[seismic]" --group dev
+	touch $@ $(VENV)/installed
+
+fmt: dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+check: dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+test: dev
+	$(BIN)/python -m pytest
+
+build: dev
+	$(BIN)/python -m build --wheel --outdir dist .
+
+wheel: build ## the wheel works alone: in a fresh environment, away from the source
+	rm -rf build/wheel && mkdir -p build/wheel
+	$(PYTHON) -m venv build/wheel/venv
+	build/wheel/venv/bin/pip install --quiet dist/groundtrace-*.whl
+	cd build/wheel && venv/bin/groundtrace replay --no-viewer && \
+	  venv/bin/groundtrace score room-walk.results.mcap
+
+bench: dev
+	$(BIN)/python bench/replay_speed.py
+
+proto: dev ## the committed descriptors, from the .proto
+	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \
+	  --include_imports --descriptor_set_out=groundtrace.desc groundtrace.proto
+
+screenshot: $(VENV)/installed ## the picture in the README
+	mkdir -p build
+	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
+	$(BIN)/python -m groundtrace_viewers.headless build/room-walk.rrd docs/screenshot.png --at 3.62
+
+clean:
+	rm -rf $(VENV) build dist
