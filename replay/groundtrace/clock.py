@@ -23,9 +23,7 @@ class Clock:
     """
 
     def __init__(self, rate: float = 0.0, loop: tuple[int, int] | None = None) -> None:
-        if not (math.isfinite(rate) and rate >= 0):
-            raise ValueError(f"rate: expected a number >= 0, found {rate}")
-        self.rate = rate
+        self.rate = _checked(rate)
         self.loop = loop
         self._origin: tuple[int, float] | None = None
         self._paused_at: float | None = None
@@ -69,20 +67,28 @@ class Clock:
         self._steps = 0
 
     def step(self) -> None:
-        """Let exactly one item pass while paused."""
-        self._steps += 1
+        """Let exactly one item pass while paused; nothing while running."""
+        if self._paused_at is not None:
+            self._steps += 1
 
     def set_rate(self, rate: float, time_ns: int, now_s: float) -> None:
         """Change the rate at recorded time ``time_ns``, without a jump."""
-        self.rate = rate
-        self._origin = (time_ns, now_s)
+        self.rate = _checked(rate)
+        self.seek(time_ns, now_s)
 
     def seek(self, time_ns: int, now_s: float) -> None:
-        """Make ``time_ns`` due now."""
-        self._origin = (time_ns, now_s)
+        """Make ``time_ns`` due now, or at once when a paused clock resumes."""
+        # resume() adds the whole pause, so that what happens in it counts from its beginning
+        self._origin = (time_ns, now_s if self._paused_at is None else self._paused_at)
 
     def next_start_ns(self, time_ns: int) -> int | None:
         """Return where to go on once ``time_ns`` is reached: the loop's start, or None."""
         if self.loop is not None and time_ns >= self.loop[1]:
             return self.loop[0]
         return None
+
+
+def _checked(rate: float) -> float:
+    if not (math.isfinite(rate) and rate >= 0):
+        raise ValueError(f"rate: expected a number >= 0, found {rate}")
+    return rate

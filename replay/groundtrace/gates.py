@@ -149,29 +149,32 @@ class Refractory:
         for channel in np.unique(candidates.channel):
             rows = np.flatnonzero(candidates.channel == channel)
             times = candidates.time_ns[rows]
-            passed = _spaced(times[alive[rows]], threshold, last.get(int(channel)))
-            before = np.searchsorted(passed, times, side="left") - 1
+            came = np.flatnonzero(alive[rows])
+            passed = came[_spaced(times[came], threshold, last.get(int(channel)))]
+            # by row, not by time: of two candidates at one time the first is before the second
+            before = np.searchsorted(passed, np.arange(len(rows)), side="left") - 1
             seen = before >= 0
-            out[rows[seen]] = (times[seen] - passed[before[seen]]) / NS_PER_S
+            out[rows[seen]] = (times[seen] - times[passed[before[seen]]]) / NS_PER_S
+            if int(channel) in last:
+                out[rows[~seen]] = (times[~seen] - last[int(channel)]) / NS_PER_S
             if len(passed):
-                last[int(channel)] = int(passed[-1])
+                last[int(channel)] = int(times[passed[-1]])
         return out
 
 
-def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> NDArray[np.int64]:
-    """Return, after ``last``, the times a first-come refractory rule lets pass."""
-    passed = [] if last is None else [last]
+def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> list[int]:
+    """Return which times a first-come refractory rule lets pass after ``last``, by index."""
+    passed: list[int] = []
     index = 0
     while index < len(times):
-        if passed and (times[index] - passed[-1]) / NS_PER_S < spacing_s:
-            due = (
-                passed[-1] + int(spacing_s * NS_PER_S) - 1
-            )  # rounding is settled by the test above
+        if last is not None and (times[index] - last) / NS_PER_S < spacing_s:
+            due = last + int(spacing_s * NS_PER_S) - 1  # rounding is settled by the test above
             index = max(index + 1, int(np.searchsorted(times, due, side="left")))
             continue
-        passed.append(int(times[index]))
+        passed.append(index)
+        last = int(times[index])
         index += 1
-    return np.array(passed, np.int64)
+    return passed
 
 
 @dataclass(frozen=True, slots=True, eq=False)

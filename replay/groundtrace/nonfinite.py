@@ -32,7 +32,7 @@ class Holder:
     def held(self, block: SignalBlock) -> SignalBlock:
         """Return the block with every sample finite; the same object where it was."""
         samples = block.samples
-        if samples.dtype.kind != "f":
+        if samples.dtype.kind != "f" or not len(block):
             return block
         finite = np.isfinite(samples)
         before = np.zeros(samples.shape[1], samples.dtype) if self._last is None else self._last

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
+RECIPE_KEYS = ("name", "description", "application")
 #: Groups of plugins a stage may use, and what runs them.
 RUNNERS: dict[str, Callable[..., Stage]] = {
     "detectors": DetectorStage,
@@ -202,8 +203,7 @@ def build_pipeline(config: PipelineConfig) -> Pipeline:
         An unknown plugin, key, type or value out of range, in one line.
     """
     stages: list[Stage] = []
-    lines = [f'name = "{config.name}"', f'description = "{config.description}"']
-    lines.append(f'application = "{config.application}"')
+    lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     for stage in config.stage:
         group, kind = find(tuple(RUNNERS), stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
@@ -213,7 +213,7 @@ def build_pipeline(config: PipelineConfig) -> Pipeline:
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
-    lines = ["", "[[stage]]", f'name = "{stage.key}"', f'use = "{stage.use}"']
+    lines = ["", "[[stage]]", f"name = {_toml(stage.key)}", f"use = {_toml(stage.use)}"]
     if stage.topics:
         lines.append(f"topics = {_toml(list(stage.topics))}")
     lines.append("[stage.parameters]")

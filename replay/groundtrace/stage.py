@@ -185,7 +185,7 @@ class DetectorStage:
         if run.holder.count:
             text = f"{run.spec.topic}: {run.holder.count} samples not finite, last value held"
             yield Note(run.holder.last_ns, text, "WARN", self.name)
-            run.holder = Holder()
+        run.holder = Holder()
 
     def _measured(self, run: _Run[Detector], measured: Measured) -> Iterator[Event]:
         if len(measured.frames.time_ns):

@@ -95,7 +95,7 @@ def _version() -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
     try:
-        application()(arguments, exit_on_error=False)
+        application()(arguments, exit_on_error=False, result_action="return_value")
     except CycloptsError:
         sys.exit(2)
     except KeyboardInterrupt:

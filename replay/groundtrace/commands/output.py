@@ -21,7 +21,7 @@ FIRST_DATE_NS = 315_532_800_000_000_000
 
 def print_json(document: Any) -> None:
     """Print one JSON document on stdout; a number that is not finite is null."""
-    plain = _finite(msgspec.to_builtins(document))
+    plain = _finite(msgspec.to_builtins(document, enc_hook=str))
     print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
 
 

@@ -106,8 +106,8 @@ class NoiseRatio:
         self._tail = line[:, n:]
         known = np.maximum(np.arange(self._count, self._count + n) - self.gap + 1.0, 0.0)
         self._count += n
-        trust = known / (known + self.warm_up)
         with np.errstate(divide="ignore", invalid="ignore"):
+            trust = known / (known + self.warm_up)
             ratio = level / line[:, :n] * trust
         # silence before and now: no ratio
         return np.asarray(np.nan_to_num(ratio, nan=0.0, posinf=0.0))

@@ -174,6 +174,8 @@ class SmoothedSlope:
         Times, signal and slope of the samples whose slope is complete, aligned; before the run
         the signal is taken to have been constant.
         """
+        if x.shape[1] == 0:  # lfilter would lose its state
+            return times, x, x
         if self._zi is None:
             self._offset = x[:, :1]
             self._zi = np.zeros((x.shape[0], len(self.kernel) - 1))
