@@ -165,10 +165,11 @@ class Refractory:
 def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> list[int]:
     """Return which times a first-come refractory rule lets pass after ``last``, by index."""
     passed: list[int] = []
+    spacing_ns = int(min(spacing_s, 1e9) * NS_PER_S)
     index = 0
     while index < len(times):
         if last is not None and (times[index] - last) / NS_PER_S < spacing_s:
-            due = last + int(spacing_s * NS_PER_S) - 1  # rounding is settled by the test above
+            due = last + spacing_ns - 1  # rounding is settled by the test above
             index = max(index + 1, int(np.searchsorted(times, due, side="left")))
             continue
         passed.append(index)

@@ -6,7 +6,7 @@ import hashlib
 import platform
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -73,7 +73,15 @@ def file_sha256(path: Path) -> str:
 
 def public_arguments(arguments: Sequence[str]) -> tuple[str, ...]:
     """Return a command line without folders: what is shared must not tell where people work."""
-    return tuple(Path(a).name if "/" in a or "\\" in a else a for a in arguments)
+    return tuple(_without_folders(argument) for argument in arguments)
+
+
+def _without_folders(argument: str) -> str:
+    option, equals, value = argument.rpartition("=")
+    if "/" in option or "\\" in option:  # the equals sign belongs to a path
+        option, equals, value = "", "", argument
+    # a Windows path splits at both kinds of slashes
+    return option + equals + PureWindowsPath(value).name if set(value) & set("/\\") else argument
 
 
 class ResultsSink:
@@ -156,7 +164,16 @@ def read_results(path: Path) -> Results:
                 f"{path.name}: metadata: expected {RUN} as groundtrace replay --out writes it, "
                 f"found {', '.join(recording.metadata) or 'none'}"
             )
-        provenance = msgspec.json.decode(run["json"], type=Provenance)
+        provenance = _provenance(run.get("json", ""), path.name)
         labels, geometry = recording.labels, recording.geometry
     with McapFile.open(path) as file:
         return Results(path.name, provenance, labels, geometry, tuple(events_of(file)))
+
+
+def _provenance(text: str, name: str) -> Provenance:
+    try:
+        return msgspec.json.decode(text, type=Provenance)
+    except msgspec.DecodeError as error:
+        raise RecordingError(
+            f"{name}: metadata: {RUN}: expected a provenance, found: {error}"
+        ) from None

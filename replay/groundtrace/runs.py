@@ -101,6 +101,8 @@ class UniformRuns:
             yield Gap(block.topic, end_ns, block.start_ns, "missing", lost, bridged=True)
             weight = np.arange(1, lost + 1)[:, None] / (lost + 1)
             filled = run.last + weight * (block.samples[0] - run.last.astype(np.float64))
+            if block.samples.dtype.kind in "iu":
+                filled = np.rint(filled)
             samples = filled.astype(block.samples.dtype)
             yield SignalBlock(self.stream, run.anchor_ns, run.next - run.base, samples)
         step_ns = block.start_ns - self._expected_ns(run, block.first)
@@ -126,37 +128,43 @@ class IrregularRuns:
         times = block.sample_times()
         samples = np.asarray(block.samples, np.float64)
         start = 0
-        for cut in self._interruptions(times):
-            yield from self._grid(times[start:cut], samples[start:cut])
-            start = cut
-            gap = self._interruption(int(times[cut]))
+        while start < len(times):
+            if repeated := self._repeated(times[start:]):
+                at = int(times[start])
+                yield Gap(block.topic, at, at, "duplicate", repeated, bridged=True)
+                start += repeated
+                continue
+            gap = self._interruption(int(times[start]))
             if gap is not None:
                 yield gap
                 if not gap.bridged:
                     self._anchor_ns = None
-                if gap.reason == "duplicate":
-                    start = cut + 1
-        yield from self._grid(times[start:], samples[start:])
+            stop = start + self._following(times[start:])
+            yield from self._grid(times[start:stop], samples[start:stop])
+            start = stop
 
-    def _interruptions(self, times: NDArray[np.int64]) -> list[int]:
-        if not len(times):
-            return []
-        before = self._time_ns if self._anchor_ns is not None else times[0] - 1
-        steps = np.diff(times, prepend=before)
-        return [
-            int(i) for i in np.flatnonzero((steps <= 0) | (steps > 1.5 * self.stream.period_ns))
-        ]
+    def _repeated(self, times: NDArray[np.int64]) -> int:
+        """Return how many of the first times are duplicates: at or a little before the last one."""
+        if self._anchor_ns is None:
+            return 0
+        step = times - self._time_ns
+        new = np.flatnonzero((step > 0) | (step < -self.bridge_ns))
+        return int(new[0]) if len(new) else len(times)
+
+    def _following(self, times: NDArray[np.int64]) -> int:
+        """Return how many of the times follow each other, from the first one on."""
+        step = np.diff(times)
+        broken = np.flatnonzero((step <= 0) | (step > 1.5 * self.stream.period_ns))
+        return int(broken[0]) + 1 if len(broken) else len(times)
 
     def _interruption(self, time_ns: int) -> Gap | None:
         """Say what lies between the last sample taken and one at ``time_ns``."""
         if self._anchor_ns is None:
             return None
         step = time_ns - self._time_ns
-        lost = round(step / self.stream.period_ns) - 1
-        if -self.bridge_ns <= step <= 0:
-            return Gap(self.stream.topic, time_ns, time_ns, "duplicate", 1, bridged=True)
         if step < 0:
             return Gap(self.stream.topic, time_ns, time_ns, "clock step", 0)
+        lost = round(step / self.stream.period_ns) - 1
         if lost < 1:
             return None
         bridged = step <= self.bridge_ns
@@ -174,13 +182,21 @@ class IrregularRuns:
             times = np.concatenate([[self._time_ns], times])
             samples = np.concatenate([self._value[None, :], samples])
         self._time_ns, self._value = int(times[-1]), samples[-1]
+        knots = self._snapped(times - self._anchor_ns)
         period = self.stream.period_ns
-        last = int((self._time_ns - self._anchor_ns) / period + 1e-6)
+        last = round(knots[-1] / period)
+        last -= int(round(last * period) > knots[-1])
         if last < self._next:
             return
         index = np.arange(self._next, last + 1)
         grid = np.rint(index * period)
-        knots = (times - self._anchor_ns).astype(np.float64)
         values = np.column_stack([np.interp(grid, knots, column) for column in samples.T])
         first, self._next = self._next, last + 1
         yield SignalBlock(self.stream, self._anchor_ns, first, values)
+
+    def _snapped(self, times: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return times since the anchor [ns], those that only rounding keeps off the grid on it."""
+        period = self.stream.period_ns
+        index = np.rint(times / period)
+        near = np.abs(times - index * period) <= np.maximum(1e-6 * period, 1.0)
+        return np.where(near, np.rint(index * period), times)

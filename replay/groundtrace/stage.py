@@ -103,7 +103,8 @@ class DetectorStage:
     Notes
     -----
     Rule for gaps: a bridged gap changes nothing; any other ends the run of its stream (what was
-    held back comes out) and starts a new one with fresh filters. The refractory time goes on.
+    held back comes out) and starts a new one with fresh filters. The refractory time goes on,
+    unless the clock was set back: times before and after then have nothing to do with each other.
     Samples that are not finite are held at the channel's last finite value and counted.
     """
 
@@ -128,6 +129,8 @@ class DetectorStage:
             run = self._runs.get(item.topic)
             if run is not None and not item.bridged:
                 yield from self._finish(run)
+                if item.reason == "clock step":
+                    run.carry = Carry()
         elif isinstance(item, SignalBlock) and len(item):
             if item.topic not in self._runs:
                 self._runs[item.topic] = run = self._begin(item.stream)
@@ -215,8 +218,13 @@ class AssociatorStage:
         self._runs: dict[str, _Run[Associator]] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
-        """Begin at the stage that picks, then feed its picks."""
-        if isinstance(item, StageSpec):
+        """Begin at the stage that picks, then feed its picks; begin anew where the clock steps."""
+        if isinstance(item, Gap):
+            run = self._runs.get(item.topic)
+            if run is not None and item.reason == "clock step" and not item.bridged:
+                yield from run.decide(run.worker.finish(), self.parameters)
+                run.carry = Carry()
+        elif isinstance(item, StageSpec):
             if not self.topics or any(fnmatch(item.topic, p) for p in self.topics):
                 self._runs[item.topic] = run = self._begin(item)
                 yield run.spec

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,11 @@ def application() -> App:
     )
     for name, (target, text) in COMMANDS.items():
         app.command(target, name=name, help=text)
-    simulate = App(name="simulate", help="Make a recording with known truth.")
+    simulate = App(
+        name="simulate",
+        help="Make a recording with known truth.\n\n"
+        "Example: groundtrace simulate room -o room.mcap --seed 7",
+    )
     for name, (target, text) in SIMULATIONS.items():
         simulate.command(target, name=name, help=text)
     app.command(simulate)

@@ -48,7 +48,7 @@ def import_(
         raise RecordingError("import: expected at least one file, found none")
     report = import_recording(
         sources,
-        writable(out, force=force),
+        writable(out, force=force, sources=sources),
         format_name=format_,
         geometry=geometry,
         truth=truth,

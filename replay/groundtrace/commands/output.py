@@ -61,16 +61,21 @@ def existing(path: Path) -> Path:
     return path
 
 
-def writable(path: Path, *, force: bool) -> Path:
-    """Return a path that may be written.
+def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
+    """Return a path that may be written while ``sources`` are read.
 
     Raises
     ------
     RecordingError
-        Where the file exists and ``force`` is not given, or its folder does not exist.
+        Where the file exists and ``force`` is not given, it is a folder or one of ``sources``, or
+        its folder does not exist.
     """
     if not path.resolve().parent.is_dir():
         raise RecordingError(f"{path}: expected an existing folder, found none")
+    if path.is_dir():
+        raise RecordingError(f"{path}: expected a file to write, found a folder")
+    if path.resolve() in (source.resolve() for source in sources):
+        raise RecordingError(f"{path}: expected a new file, found the one that is read")
     if path.exists() and not force:
         raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
     return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from pathlib import Path
@@ -32,7 +33,7 @@ from .output import existing, print_json, progress, say, writable
 if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
-NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0))
+NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
 
 
 def replay(
@@ -122,7 +123,7 @@ def _where_to_show(
     if no_viewer:
         return False, None
     if rrd is not None:
-        writable(rrd, force=force)
+        writable(rrd, force=force, sources=[path])
     if spawn and not _has_display():
         say("no display: the viewer's file is written instead")
         spawn = False
@@ -140,7 +141,7 @@ def _has_display() -> bool:
 def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
     if out is None:
         return Path(f"{path.stem}.results.mcap")
-    return writable(out, force=force)
+    return writable(out, force=force, sources=[path])
 
 
 def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
@@ -196,6 +197,11 @@ def _span(session: Session, from_s: float | None, to_s: float | None) -> tuple[A
 
     if from_s is not None and to_s is not None and to_s <= from_s:
         raise RecordingError(f"--to: expected more than --from {from_s:g}, found {to_s:g}")
+    length_s = (session.end_ns - session.start_ns) / NS_PER_S
+    if from_s is not None and from_s > length_s:
+        raise RecordingError(
+            f"--from: expected at most the {length_s:g} s of {session.name}, found {from_s:g}"
+        )
     return at(from_s), at(to_s)
 
 

@@ -49,14 +49,14 @@ def score_events(
     """
     steps: list[int] = []
     picks: list[Pick] = []
-    picking = ""  # the last stage of the pipeline that picks: the one that has the last word
+    picking: dict[str, str] = {}  # by topic, the last stage that picks: it has the last word
     for event in events:
         if isinstance(event, StepEvent):
             steps.append(event.time_ns)
         elif isinstance(event, Pick):
             picks.append(event)
         elif isinstance(event, StageSpec) and event.emits == "pick":
-            picking = event.stage
-    final = [pick for pick in picks if pick.stage == picking]
+            picking[event.topic] = event.stage
+    final = [pick for pick in picks if picking.get(pick.topic) == pick.stage]
     step_score = score_steps(labels, np.array(steps, np.int64), start_ns, end_ns, tolerance_s)
     return Score(step_score, score_picks(labels, final))

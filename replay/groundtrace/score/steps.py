@@ -199,11 +199,35 @@ def _counted(
 ) -> NDArray[np.bool_]:
     """Return which detections are scored.
 
-    Those inside the spans, and those in an ignored part that answer a true step inside.
+    Those inside the spans, and of those outside the ones that answer a true step inside which no
+    other detection answers.
     """
     counted = inside(found, spans)
-    counted[match(truth, found, tolerance_s)[:, 1]] = True
+    matched = len(match(truth, found[counted], tolerance_s))
+    for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
+        counted[index] = True
+        if len(match(truth, found[counted], tolerance_s)) == matched:
+            counted[index] = False
+        else:
+            matched += 1
     return counted
+
+
+def _near(
+    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+) -> NDArray[np.bool_]:
+    """Return which detections have a true step within the tolerance."""
+    if not len(truth):
+        return np.zeros(len(found), np.bool_)
+    return np.abs(truth[nearest(truth, found)] - found) <= tolerance_s
+
+
+def nearest(sorted_times: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the sorted time (there is at least one) nearest to each time."""
+    after = np.minimum(np.searchsorted(sorted_times, times), len(sorted_times) - 1)
+    before = np.maximum(after - 1, 0)
+    earlier = times - sorted_times[before] <= sorted_times[after] - times
+    return np.where(earlier, before, after)
 
 
 def spread_ms(values_s: NDArray[np.float64]) -> Spread | None:
@@ -219,8 +243,7 @@ def _debiased_f1(
 ) -> float:
     if not len(truth) or not len(found):
         return 0.0
-    nearest = np.abs(found[None, :] - truth[:, None]).argmin(axis=1)
-    late = found[nearest] - truth
+    late = found[nearest(found, truth)] - truth
     late = late[np.abs(late) <= LATENCY_REACH_S]
     bias = float(np.median(late)) if len(late) else 0.0
     return f1_of(truth, found - bias, tolerance_s)
