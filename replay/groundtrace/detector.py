@@ -37,12 +37,19 @@ class Frames:
     value: NDArray[np.float32]
 
 
+NO_FRAMES = Frames(np.empty(0, np.int64), np.empty((0, 0, 0), np.float32))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """What ``measure`` gives for a block: candidates and frames that are complete by now."""
+    """What ``measure`` gives for a block: candidates and frames that are complete by now.
+
+    A detector whose ``trace`` is empty gives no frames; then "why was there no candidate" cannot
+    be answered for it.
+    """
 
     candidates: Candidates
-    frames: Frames
+    frames: Frames = NO_FRAMES
 
 
 def joined(first: Measured, second: Measured) -> Measured:
@@ -62,20 +69,23 @@ class Detector(Protocol):
     A detector never decides: it lists its gates, and :func:`groundtrace.gates.decide` applies
     them. Its ``state`` holds everything that crosses blocks and can be deep-copied.
 
+    A class that names this one as its base is checked by the type checker where it is written.
+
     Notes
     -----
     ``Parameters`` is a frozen dataclass of documented fields (:mod:`groundtrace.parameters`).
     ``quantities`` are those of the channels it wants; it runs on every stream that has some.
     ``emits`` is what an accepted candidate becomes. ``columns`` are name and unit of what is
     measured of each candidate, first the peak of the decision function; ``trace`` the same of each
-    frame, first the decision function. ``gates`` stand in the order of the decision.
+    frame, first the decision function; it may be empty. ``gates`` stand in the order of the
+    decision.
     """
 
     Parameters: type[Any]
     quantities: frozenset[str]
     emits: Emits
     columns: tuple[Quantity, ...]
-    trace: tuple[Quantity, ...]
+    trace: tuple[Quantity, ...] = ()
     gates: tuple[Gate, ...]
     state: Any
 

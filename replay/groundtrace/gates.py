@@ -165,7 +165,7 @@ class Refractory:
 def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> list[int]:
     """Return which times a first-come refractory rule lets pass after ``last``, by index."""
     passed: list[int] = []
-    spacing_ns = int(min(spacing_s, 1e9) * NS_PER_S)
+    spacing_ns = int(min(spacing_s, 1e9) * NS_PER_S)  # a time that int64 can hold
     index = 0
     while index < len(times):
         if last is not None and (times[index] - last) / NS_PER_S < spacing_s:

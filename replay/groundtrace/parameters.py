@@ -7,6 +7,7 @@ A parameter belongs to ``measure`` (it changes the signal path, and so needs a r
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
@@ -85,7 +86,7 @@ def _info(owner: type[Any], field: dataclasses.Field[Any], hint: Any) -> Paramet
         if getattr(meta, key) is not None
     ]
     kind = get_args(hint)[0]
-    name = getattr(kind, "__name__", str(kind))
+    name = kind.__name__ if isinstance(kind, type) else str(kind).removeprefix("typing.")
     return ParameterInfo(
         name=field.name,
         unit=meta.extra["unit"],
@@ -119,6 +120,8 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
             raise PipelineError(
                 f"{place}.{key}: expected {known[key].allowed}, found {value!r}"
             ) from None
+        if isinstance(value, float) and not math.isfinite(value):
+            raise PipelineError(f"{place}.{key}: expected a finite number, found {value!r}")
     return parameters(**converted)
 
 

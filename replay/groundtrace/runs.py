@@ -174,8 +174,6 @@ class IrregularRuns:
         self, times: NDArray[np.int64], samples: NDArray[np.float64]
     ) -> Iterator[SignalBlock]:
         """Interpolate the grid points up to the last sample."""
-        if not len(times):
-            return
         if self._anchor_ns is None:
             self._anchor_ns, self._next = int(times[0]), 0
         else:

@@ -15,11 +15,18 @@ _READING = """\
 * Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
 zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
 the waveform at the cursor follows it.
-* One colour per sensor, in every plot and on the map. A sensor lights up when a wave arrives.
+* One colour per sensor, in every plot and on the map. A sensor lights up when a wave arrives. \
+Triangles on the map are shot points.
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
-green triangles, rejected ones as grey crosses.
+green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
+since its peaks reach thousands; candidates beyond lie at its upper edge.
+* Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
+number of its channel. Green crosses are picks, violet circles hand picks or computed arrivals. \
+The next tab has true amplitudes.
+* Picks come from the last stage that picks; those of stages before it are its candidates.
 * Lanes: what each stage decided, and for a rejected candidate the first gate that failed. \
-`truth` lanes come from the recording's labels.
+`truth` lanes come from the recording's labels. `score`: a step that was hit, missed or false, \
+within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
 * A curve that ends abruptly ends at a gap.
 """
 

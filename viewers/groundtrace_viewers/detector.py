@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .lanes import MARK_NS, Lane, coincident
-from .palette import ACCEPTED, REJECTED, REJECTION_COLOURS, THRESHOLD
+from .lanes import MARK_NS, coincident
+from .palette import ACCEPTED, REJECTED, REJECTION_COLOURS, STEP_COLOURS, THRESHOLD
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -15,8 +15,14 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import CandidateBlock, GateSpec, StageSpec, TraceBlock
 
+    from .lanes import StageLanes
     from .palette import SensorColours
     from .timeline import Timeline
+
+#: A ratio's plot ends at this many thresholds: peaks reach thousands, the decision falls near one.
+CEILING = 4.0
+#: Where on it candidates lie that are higher, as part of its height.
+TOP_EDGE = 0.96
 
 
 def decision_gate(spec: StageSpec) -> GateSpec | None:
@@ -27,6 +33,19 @@ def decision_gate(spec: StageSpec) -> GateSpec | None:
     named = [g for g in spec.gates if g.name == decision.name]
     alike = [g for g in spec.gates if g.unit == decision.unit]
     return named[0] if named else alike[0] if len(alike) == 1 else None
+
+
+def ceiling(spec: StageSpec) -> float:
+    """Return where the decision function's plot ends; 0 lets the data say, as for units."""
+    gate = decision_gate(spec)
+    if gate is None or spec.trace[0].unit not in ("", "1") or not gate.at_least:
+        return 0.0
+    return CEILING * max(gate.threshold, 0.0)
+
+
+def step_like(spec: StageSpec) -> bool:
+    """Whether accepted candidates become steps, which have marks of their own on the lane."""
+    return spec.emits in ("step", "impact")
 
 
 def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
@@ -51,6 +70,8 @@ class DetectorLog:
         What its columns mean.
     colours
         Of the sensors.
+    lanes
+        Among which its own is.
     span_ns
         Over which the threshold is drawn: start and end [ns].
     """
@@ -60,6 +81,7 @@ class DetectorLog:
         timeline: Timeline,
         spec: StageSpec,
         colours: SensorColours,
+        lanes: StageLanes,
         span_ns: tuple[int, int],
     ) -> None:
         self._timeline = timeline
@@ -71,12 +93,13 @@ class DetectorLog:
         self._undecided: list[tuple[int, bool, str]] = []
         rejections = [f"rejected: {g.name}" for g in spec.gates]
         shades = (REJECTION_COLOURS[i % len(REJECTION_COLOURS)] for i in range(len(rejections)))
-        states = {"accepted": ACCEPTED, **dict(zip(rejections, shades, strict=True))}
-        self._lane = Lane(timeline, f"/state/{spec.stage}/{spec.topic.strip('/')}", states)
+        accepted = STEP_COLOURS if step_like(spec) else {"accepted": ACCEPTED}
+        states = {**accepted, **dict(zip(rejections, shades, strict=True))}
+        self._lane = lanes.of(spec.stage, spec.topic, states)
         if spec.trace:
             self._declare(colours)
             self._declare_threshold(span_ns)
-        self._declare_candidates()
+            self._declare_candidates()
 
     def _declare(self, colours: SensorColours) -> None:
         import rerun as rr
@@ -84,14 +107,17 @@ class DetectorLog:
         spec, decision, gate = self._spec, self._spec.trace[0], decision_gate(self._spec)
         unit = f" [{decision.unit}]" if decision.unit not in ("", "1") else ""
         limit = f", threshold {gate.threshold:g} in red" if gate else ""
-        title = f"{spec.stage} {spec.topic}: {decision.name.replace('_', ' ')}{unit}{limit}"
+        top = ceiling(spec)
+        cut = f", cut at {top:g}" if top else ""
+        title = f"{spec.stage} {spec.topic}: {decision.name.replace('_', ' ')}{unit}{limit}{cut}"
         lines = rr.SeriesLines(
             names=list(spec.channels),
             colors=np.array([colours.of(c) for c in spec.channels], np.uint32),
             aggregation_policy=rr.components.AggregationPolicy.Max,
         )
         path = f"{self._path}/decision"
-        self._timeline.declare(Entity(path, "detector", title, len(spec.channels)), lines)
+        entity = Entity(path, "detector", title, len(spec.channels), top=top)
+        self._timeline.declare(entity, lines)
 
     def _declare_threshold(self, span_ns: tuple[int, int]) -> None:
         import rerun as rr
@@ -137,34 +163,37 @@ class DetectorLog:
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
-        self._candidates.append(block)
+        if self._spec.trace:
+            self._candidates.append(block)
         first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
         gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
         self._undecided += zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
 
     def flush(self, before_ns: int | None = None) -> None:
-        """Log what is pending; lanes only up to a time, as channels lag behind each other."""
+        """Log what is pending; fill the lane up to a time, as channels lag behind each other."""
         if self._times:
             times, values = np.concatenate(self._times), np.concatenate(self._decision)
             self._timeline.scalars(f"{self._path}/decision", times, values)
         if self._candidates:
             times = np.concatenate([b.time_ns for b in self._candidates])
             values = np.concatenate([decision_values(b) for b in self._candidates])
+            values = np.minimum(values, TOP_EDGE * (ceiling(self._spec) or np.inf))
             accepted = np.concatenate([b.accepted for b in self._candidates])
             for verdict, rows in (("accepted", accepted), ("rejected", ~accepted)):
                 if rows.any():
                     path = f"{self._path}/{verdict}"
                     self._timeline.scalars(path, times[rows], values[rows][:, np.newaxis])
         self._times, self._decision, self._candidates = [], [], []
-        self._flush_lane(before_ns)
+        self._fill_lane(before_ns)
 
-    def _flush_lane(self, before_ns: int | None) -> None:
+    def _fill_lane(self, before_ns: int | None) -> None:
         decided = sorted(self._undecided)
         times = np.array([d[0] for d in decided], np.int64)
         ready = len(decided) if before_ns is None else int(np.searchsorted(times, before_ns))
         accepted = np.array([d[1] for d in decided[:ready]], np.bool_)
         for i in coincident(times[:ready], accepted, MARK_NS):
-            state = "accepted" if accepted[i] else f"rejected: {decided[i][2]}"
-            self._lane.add(int(times[i]), state)
+            if not accepted[i]:
+                self._lane.add(int(times[i]), f"rejected: {decided[i][2]}")
+            elif not step_like(self._spec):
+                self._lane.add(int(times[i]), "accepted")
         self._undecided = decided[ready:]
-        self._lane.flush(before_ns)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .lanes import Lane
-from .palette import IMPACT, LEFT, LOSS, RIGHT, SPAN, STEP
+from .palette import IMPACT, LOSS, SPAN, STEP, STEP_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from .palette import SensorColours
     from .timeline import Timeline
 
-STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
 GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
 
 
@@ -54,11 +53,11 @@ class PickLog:
         self._timeline = timeline
         self._colours = colours
         self._lines = lines
-        self._pending: list[Pick] = []
+        self._pending: list[tuple[Pick, float]] = []
 
-    def add(self, pick: Pick) -> None:
-        """Take a pick."""
-        self._pending.append(pick)
+    def add(self, pick: Pick, height: float) -> None:
+        """Take a pick; its mark lies at ``height`` of the waveform's plot."""
+        self._pending.append((pick, height))
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
         text = f"{where}{spread}  pick {pick.channel}, peak {pick.value:.3g} ({pick.stage})"
@@ -68,19 +67,19 @@ class PickLog:
         """Log what is pending."""
         import rerun as rr
 
-        for topic in dict.fromkeys(p.topic for p in self._pending):
-            picks = [p for p in self._pending if p.topic == topic]
+        for topic in dict.fromkeys(p.topic for p, _ in self._pending):
+            marks = [(p, height) for p, height in self._pending if p.topic == topic]
             path = f"/picks/{topic.strip('/')}"
-            style = rr.SeriesPoints(markers="down", marker_sizes=9.0, names="pick")
+            style = rr.SeriesPoints(markers="down", marker_sizes=6.0, names="pick")
             self._timeline.declare(Entity(path, "mark"), style)
-            colours = np.array([self._colours.of(p.channel) for p in picks], np.uint32)
+            colours = np.array([self._colours.of(p.channel) for p, _ in marks], np.uint32)
             columns = [
-                *rr.Scalars.columns(scalars=np.zeros(len(picks))),
+                *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
                 *rr.SeriesPoints.columns(colors=colours),
             ]
-            self._timeline.send(path, [p.time_ns for p in picks], columns)
+            self._timeline.send(path, [p.time_ns for p, _ in marks], columns)
         if self._pending:
-            self._rows(self._pending)
+            self._rows([p for p, _ in self._pending])
         self._pending = []
 
     def _rows(self, picks: list[Pick]) -> None:
@@ -97,45 +96,42 @@ class PickLog:
 
 
 class StepLog:
-    """Steps and impacts: a lane, marks on the waveform, rows of a table and log lines."""
+    """Steps and impacts: marks on the waveform, rows of a table and log lines."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
         self._timeline = timeline
         self._lines = lines
-        self._lane = Lane(timeline, "/state/steps", STEP_COLOURS)
-        self._pending: list[StepEvent] = []
+        self._pending: list[tuple[StepEvent, float]] = []
 
-    def add(self, step: StepEvent) -> None:
-        """Take a step."""
-        self._pending.append(step)
-        self._lane.add(step.time_ns, step.foot or step.kind)
+    def add(self, step: StepEvent, height: float) -> None:
+        """Take a step; its mark lies at ``height`` of the waveform's plot."""
+        self._pending.append((step, height))
         what = " ".join(filter(None, (step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
         text = f"{where}  {what}, peak {step.value:.3g}{seen} ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
 
-    def flush(self, before_ns: int | None = None) -> None:
-        """Log what is pending; the lane only up to a time."""
-        for topic in dict.fromkeys(s.topic for s in self._pending):
-            self._marks(topic, [s for s in self._pending if s.topic == topic])
+    def flush(self) -> None:
+        """Log what is pending."""
+        for topic in dict.fromkeys(s.topic for s, _ in self._pending):
+            self._marks(topic, [(s, height) for s, height in self._pending if s.topic == topic])
         if self._pending:
-            self._rows(self._pending)
+            self._rows([s for s, _ in self._pending])
         self._pending = []
-        self._lane.flush(before_ns)
 
-    def _marks(self, topic: str, steps: list[StepEvent]) -> None:
+    def _marks(self, topic: str, marks: list[tuple[StepEvent, float]]) -> None:
         import rerun as rr
 
         path = f"/steps/{topic.strip('/')}"
-        style = rr.SeriesPoints(markers="up", marker_sizes=8.0, names="step")
+        style = rr.SeriesPoints(markers="up", marker_sizes=7.0, names="step")
         self._timeline.declare(Entity(path, "mark"), style)
-        shades = [STEP_COLOURS.get(s.foot or s.kind, STEP) for s in steps]
+        shades = [STEP_COLOURS.get(s.foot or s.kind, STEP) for s, _ in marks]
         columns = [
-            *rr.Scalars.columns(scalars=np.zeros(len(steps))),
+            *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
             *rr.SeriesPoints.columns(colors=np.array(shades, np.uint32)),
         ]
-        self._timeline.send(path, [s.time_ns for s in steps], columns)
+        self._timeline.send(path, [s.time_ns for s, _ in marks], columns)
 
     def _rows(self, steps: list[StepEvent]) -> None:
         import rerun as rr
@@ -180,14 +176,19 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
 
 
 def log_truth(timeline: Timeline, labels: Iterable[Label]) -> None:
-    """Log a lane for every kind of label; what lies at a place without a span is on the map."""
+    """Log a lane for every kind of label.
+
+    Places alone are on the map, and arrivals follow from the step or impact they belong to.
+    """
+    known = tuple(labels)
+    caused = any(x.kind in ("step", "impact") for x in known)
     lanes: dict[str, Lane] = {}
-    for label in labels:
-        if label.kind == "waypoint":
+    for label in known:
+        if label.kind == "waypoint" or (label.kind == "pick" and caused):
             continue
         colours = {label.kind: SPAN} | STEP_COLOURS
-        lane = lanes.setdefault(label.kind, Lane(timeline, f"/state/truth/{label.kind}", colours))
-        known = label.label in STEP_COLOURS
-        lane.add(label.time_ns, label.label if known else label.kind, label.end_ns)
+        lane = lanes.setdefault(label.kind, Lane(timeline, f"/state/truth {label.kind}", colours))
+        shown = label.label if label.label in STEP_COLOURS else label.kind
+        lane.add(label.time_ns, shown, label.end_ns)
     for lane in lanes.values():
         lane.flush()

@@ -1,9 +1,15 @@
-"""Pictures of a recording as the viewer shows it, without a screen."""
+"""Pictures of a recording as the viewer shows it, without a screen.
+
+``python -m groundtrace_viewers.headless REPLAY.rrd PICTURE.png --at 3.62`` takes one for a page.
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .errors import ViewerError
@@ -11,13 +17,13 @@ from .serve import connect, free_port, start_viewer
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rerun.experimental import ViewerClient
 
 SETTLE_S = 60.0
 #: The viewer greets with a message that covers a plot for this long.
 GREETING_S = 5.0
+#: Height of the viewer's menu bar, which says nothing about the recording.
+MENU_POINTS = 36
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,3 +135,49 @@ def _state(client: ViewerClient) -> ViewerState:
         for v in state.views
     )
     return ViewerState(views, state.recordings[0].current_time if state.recordings else None)
+
+
+def publishable(png: Path, menu: int) -> None:
+    """Cut the menu bar off a picture and store it with 256 colours, a third of the size.
+
+    Parameters
+    ----------
+    png
+        The picture, replaced.
+    menu
+        Height of the menu bar [pixels].
+    """
+    from PIL import Image
+
+    with Image.open(png) as image:
+        kept = image.convert("RGB").crop((0, menu, image.width, image.height))
+    few = kept.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    few.save(png, optimize=True)
+
+
+def main(arguments: list[str]) -> int:
+    """Take one picture; return the exit code: 1 where there is none to take."""
+    parser = argparse.ArgumentParser(
+        prog="python -m groundtrace_viewers.headless",
+        description="Picture of a replay as the viewer shows it, without its menu bar.",
+    )
+    parser.add_argument("rrd", type=Path, help="the viewer's file")
+    parser.add_argument("png", type=Path, help="where the picture goes")
+    parser.add_argument("--at", type=float, help="cursor, since the first sample [s]")
+    parser.add_argument("--size", default="1600x900", help="of the picture [default: 1600x900]")
+    asked = parser.parse_args(arguments)
+    width, _, height = asked.size.partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        parser.error(f"--size: expected WIDTHxHEIGHT, found {asked.size!r}")
+    window = (int(width), int(height) + MENU_POINTS)
+    try:
+        screenshot(asked.rrd, asked.png, at_s=asked.at, size=window)
+    except ViewerError as error:
+        print(error, file=sys.stderr)
+        return 1
+    publishable(asked.png, MENU_POINTS)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

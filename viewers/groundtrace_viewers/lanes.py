@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .palette import STEP_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -92,6 +93,34 @@ class Lane:
         )
         self._timeline.declare(Entity(self._path, "lane"), style)
         self._declared = True
+
+
+class StageLanes:
+    """The lanes of stages: one for every stage and topic, by the stage's name alone if it can be.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    """
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._lanes: dict[tuple[str, str], Lane] = {}
+
+    def of(self, stage: str, topic: str, colours: Mapping[str, int] = STEP_COLOURS) -> Lane:
+        """Return the lane of a stage on a topic; the first to ask says which states may come."""
+        key = (stage, topic)
+        if key not in self._lanes:
+            alone = all(other != stage for other, _ in self._lanes)
+            where = "" if alone else " " + topic.strip("/").replace("/", " ")
+            self._lanes[key] = Lane(self._timeline, f"/state/{stage}{where}", colours)
+        return self._lanes[key]
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log all lanes up to a time."""
+        for lane in self._lanes.values():
+            lane.flush(before_ns)
 
 
 def coincident(

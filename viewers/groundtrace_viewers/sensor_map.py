@@ -27,6 +27,13 @@ SITE = "/map/site"
 PATH = f"{SITE}/truth/path"
 FOOTFALLS = f"{SITE}/truth/footfalls"
 ARRIVALS = f"{SITE}/arrivals"
+#: Above this many sensors only some are named: labels must not cover each other.
+MOST_NAMES = 16
+#: Radius of a sensor in screen points, how much larger one is that a wave reaches, and the width
+#: that a map may count on.
+RADIUS, LIT, MAP_POINTS = 6.0, 1.6, 480.0
+#: Side of a shot point's triangle and height of its name, as parts of the site's extent.
+TRIANGLE, NAME = 0.022, 0.09
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +71,23 @@ def bounds(session: Session) -> Bounds | None:
     )
 
 
+def labelled(count: int) -> list[int]:
+    """Return which of the sensors are named: all, or every fourth and the last."""
+    if count <= MOST_NAMES:
+        return list(range(count))
+    kept = list(range(0, count - 2, 4))
+    return [*kept, count - 1]
+
+
+def marker_radius(points: Sequence[tuple[float, float]], extent_m: float) -> float:
+    """Return the radius [screen points] that keeps neighbours apart on a map of that extent."""
+    if len(points) < 2:
+        return RADIUS
+    apart = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
+    nearest = float(np.median(apart)) / extent_m * MAP_POINTS
+    return float(np.clip(0.4 * nearest, 2.0, RADIUS))
+
+
 class SensorMap:
     """Logs the map of a session and lights sensors up as waves arrive.
 
@@ -85,11 +109,13 @@ class SensorMap:
         sensors = session.geometry.sensors if session.geometry else ()
         self._place = {s.channel: (s.x, s.y) for s in sensors}
         self._arrivals: list[tuple[int, str]] = []
+        self._extent = float(np.ptp(places(session), axis=0).max())
+        self._radius = marker_radius(list(self._place.values()), self._extent)
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
         timeline.declare(Entity(SITE, "map"), upwards)
         if session.geometry is not None:
             self._log_geometry(session.geometry)
-        self._log_path([x for x in session.labels if x.x_m is not None and x.y_m is not None])
+        self._log_places([x for x in session.labels if x.x_m is not None and x.y_m is not None])
 
     def _log_geometry(self, geometry: Geometry) -> None:
         import rerun as rr
@@ -101,47 +127,69 @@ class SensorMap:
         if geometry.sensors:
             sensors = rr.Points2D(
                 [(s.x, s.y) for s in geometry.sensors],
-                labels=[s.name for s in geometry.sensors],
-                show_labels=len(geometry.sensors) <= 16,
                 colors=np.array([self._colours.of(s.channel) for s in geometry.sensors], np.uint32),
-                radii=-6.0,
+                radii=-self._radius,
             )
             self._timeline.static(f"{SITE}/sensors", sensors)
-        if geometry.sources:
-            shots = rr.Points2D(
-                [(x, y) for _, x, y in geometry.sources],
-                labels=[name for name, _, _ in geometry.sources],
-                show_labels=len(geometry.sources) <= 12,
-                colors=np.full(len(geometry.sources), IMPACT, np.uint32),
-                radii=-4.0,
+            named = [geometry.sensors[i] for i in labelled(len(geometry.sensors))]
+            names = rr.Points2D(
+                [(s.x, s.y) for s in named],
+                labels=[s.name for s in named],
+                show_labels=True,
+                colors=np.array([self._colours.of(s.channel) for s in named], np.uint32),
+                radii=-self._radius,
             )
-            self._timeline.static(f"{SITE}/sources", shots)
+            self._timeline.static(f"{SITE}/names", names)
+        if geometry.sources:
+            self._log_sources(geometry.sources)
 
-    def _log_path(self, labels: Sequence[Label]) -> None:
-        """Log one segment a row, so that the path grows with the cursor."""
+    def _log_sources(self, sources: Sequence[tuple[str, float, float]]) -> None:
+        """Log a triangle that stands on each shot point, clear of the sensors' names below."""
+        import rerun as rr
+
+        x = np.array([s[1] for s in sources])
+        y = np.array([s[2] for s in sources])
+        side, name = TRIANGLE * self._extent, NAME * self._extent
+        corners = np.array([(0.0, 0.3), (-0.5, 1.2), (0.5, 1.2), (0.0, 0.3), (-0.1, 0.5)]) * side
+        strips = np.stack([x, y], axis=1)[:, np.newaxis, :] + corners
+        colours = np.full(len(sources), IMPACT, np.uint32)
+        triangles = rr.LineStrips2D(strips, colors=colours, radii=-1.8)
+        self._timeline.static(f"{SITE}/sources", triangles)
+        if len(sources) <= MOST_NAMES:
+            names = rr.Points2D(
+                np.stack([x, y + name], axis=1),
+                labels=[s[0] for s in sources],
+                show_labels=True,
+                colors=colours,
+                radii=-0.1,
+            )
+            self._timeline.static(f"{SITE}/sources/names", names)
+
+    def _log_places(self, labels: Sequence[Label]) -> None:
+        """Log where steps and impacts were, and between steps the path, a segment a row."""
         import rerun as rr
 
         if not labels:
             return
-        walked = sorted(labels)
-        points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
-        times = [x.time_ns for x in walked]
-        feet = [{"left": LEFT, "right": RIGHT}.get(x.label, TRUTH) for x in walked]
+        known = sorted(labels)
+        shades = {"left": LEFT, "right": RIGHT}
         columns = rr.Points2D.columns(
-            positions=points,
-            colors=np.array(feet, np.uint32),
-            radii=np.full(len(walked), -4.0),
+            positions=np.array([(x.x_m, x.y_m) for x in known], np.float32),
+            colors=np.array([shades.get(x.label, TRUTH) for x in known], np.uint32),
+            radii=np.full(len(known), -4.0),
         )
         self._timeline.declare(Entity(FOOTFALLS, "map"))
-        self._timeline.send(FOOTFALLS, times, columns)
+        self._timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
+        walked = [x for x in known if x.kind != "impact"]
         if len(walked) > 1:
+            points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
             strips = rr.LineStrips2D.columns(
                 strips=np.stack([points[:-1], points[1:]], axis=1),
                 colors=np.full(len(walked) - 1, TRUTH, np.uint32),
                 radii=np.full(len(walked) - 1, -1.2),
             )
             self._timeline.declare(Entity(PATH, "map"))
-            self._timeline.send(PATH, times[1:], strips)
+            self._timeline.send(PATH, [x.time_ns for x in walked[1:]], strips)
 
     def arrival(self, time_ns: int, channel: str) -> None:
         """Take the arrival of a wave at a sensor."""
@@ -159,7 +207,7 @@ class SensorMap:
         columns = rr.Points2D.columns(
             positions=np.array([self._place[n] for n in names], np.float32),
             colors=np.array([self._colours.of(n) for n in names], np.uint32),
-            radii=np.full(len(names), -10.0),
+            radii=np.full(len(names), -LIT * self._radius),
         )
         self._timeline.declare(Entity(ARRIVALS, "map"))
         self._timeline.send(ARRIVALS, times, columns)

@@ -10,6 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .envelope import Envelope
+from .palette import NORM
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
     from .palette import SensorColours
     from .timeline import Timeline
+
+Role = Literal["signal", "envelope", "norm"]
 
 #: Above this rate the overview shows an envelope, and the samples only around the cursor.
 FULL_RATE_HZ = 500.0
@@ -84,6 +87,11 @@ def curves_of(stream: Stream) -> tuple[Curves, ...]:
     return tuple(found)
 
 
+def has_norm(curves: Curves) -> bool:
+    """Whether curves are the axes of an acceleration, whose magnitude steps are found in."""
+    return curves.quantity == "acceleration" and len(curves.columns) == 3
+
+
 class SignalLog:
     """Logs the blocks of one stream.
 
@@ -128,6 +136,7 @@ class SignalLog:
         return self._stream.rate_hz > FULL_RATE_HZ and curves.quantity in SEISMIC_QUANTITIES
 
     def _declare(self, curves: Curves, colours: SensorColours) -> None:
+        import rerun as rr
         from rerun.components import AggregationPolicy
 
         heading = f"{curves.quantity.replace('_', ' ').capitalize()} {self._stream.topic}"
@@ -136,9 +145,17 @@ class SignalLog:
         lines = self._style(curves, colours, AggregationPolicy.MinMax)
         self._timeline.declare(self._entity("signal", title, curves), lines)
         if self._has_envelope(curves):
-            title = f"{heading}: envelope, max |x| per 10 ms [{curves.unit}]"
+            envelope = f"{heading}: envelope, max |x| per 10 ms [{curves.unit}]"
             lines = self._style(curves, colours, AggregationPolicy.Max)
-            self._timeline.declare(self._entity("envelope", title, curves), lines)
+            self._timeline.declare(self._entity("envelope", envelope, curves), lines)
+        if has_norm(curves):
+            style = rr.SeriesLines(
+                names=f"|{curves.quantity}| [{curves.unit}]",
+                colors=np.array([NORM], np.uint32),
+                widths=1.5,
+                aggregation_policy=AggregationPolicy.MinMax,
+            )
+            self._timeline.declare(self._entity("norm", title, curves), style)
 
     def _style(
         self, curves: Curves, colours: SensorColours, policy: AggregationPolicy
@@ -152,8 +169,8 @@ class SignalLog:
             aggregation_policy=policy,
         )
 
-    def _entity(self, role: Literal["signal", "envelope"], title: str, curves: Curves) -> Entity:
-        root = {"signal": "/signals", "envelope": "/envelope"}[role]
+    def _entity(self, role: Role, title: str, curves: Curves) -> Entity:
+        root = {"signal": "/signals", "envelope": "/envelope", "norm": "/norm"}[role]
         return Entity(
             root + curves.path,
             role,
@@ -206,6 +223,9 @@ class SignalLog:
         for curves in self._curves:
             shown = values[:, curves.columns] * curves.factor
             self._timeline.scalars(f"/signals{curves.path}", times, shown)
+            if has_norm(curves):
+                norm = np.linalg.norm(shown, axis=1, keepdims=True)
+                self._timeline.scalars(f"/norm{curves.path}", times, norm)
 
     def close(self) -> None:
         """Log what is pending and the envelopes' last buckets."""

@@ -7,28 +7,14 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.events import (
-    CandidateBlock,
-    Gap,
-    Note,
-    Pick,
-    StageSpec,
-    StepEvent,
-    TraceBlock,
-)
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.events import StageSpec
+from groundtrace_codecs.signals import NS_PER_S
 
-from .about import PAGE, about
 from .blueprint import blueprint
-from .detector import DetectorLog
 from .errors import ViewerError
-from .events import LogLines, LossLog, PickLog, StepLog, log_note, log_truth
-from .palette import SensorColours
-from .sensor_map import SensorMap, bounds
+from .replay import Replay
 from .serve import LOOPBACK, connect, data_url, free_port, open_viewer, serve_web
-from .signals import SignalLog
-from .spectrogram import Spectrogram
-from .timeline import TIMELINE, Timeline
+from .timeline import TIMELINE
 
 if TYPE_CHECKING:
     import subprocess
@@ -37,128 +23,7 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
-
-#: How much of the recording is collected before events are logged.
-FLUSH_NS = 10 * NS_PER_S
-LIVE_FLUSH_NS = NS_PER_S
-#: Events may lag this far behind the signal.
-LAG_NS = 5 * NS_PER_S
-LIVE_CHUNK_S = 0.5
-
-
-class Replay:
-    """Logs one replay: hands every item to the part that knows it.
-
-    Parameters
-    ----------
-    recording
-        Where to.
-    session
-        What is replayed.
-    live
-        True where somebody watches: smaller chunks.
-    """
-
-    def __init__(self, recording: rr.RecordingStream, session: Session, *, live: bool) -> None:
-        import rerun as rr
-
-        duration_s = (session.end_ns - session.start_ns) / NS_PER_S
-        self.timeline = Timeline(recording, session.start_ns)
-        self.first_event_ns: int | None = None
-        self._session = session
-        self._colours = SensorColours(session)
-        self._flush_every_ns = LIVE_FLUSH_NS if live else FLUSH_NS
-        self._flushed_ns = session.start_ns
-        self._chunk_s = LIVE_CHUNK_S if live else None
-        self._signals = {
-            s.topic: SignalLog(self.timeline, s, self._colours, self._chunk_s)
-            for s in session.streams
-        }
-        tonal = next((s for s in session.streams if Spectrogram.fits(s)), None)
-        self._spectrogram_topic = tonal.topic if tonal else ""
-        self._spectrogram = Spectrogram(self.timeline, tonal, duration_s) if tonal else None
-        self._detectors: dict[tuple[str, str], DetectorLog] = {}
-        lines = LogLines(self.timeline)
-        self._lines = lines
-        self._picks = PickLog(self.timeline, self._colours, lines)
-        self._steps = StepLog(self.timeline, lines)
-        self._losses = LossLog(self.timeline, lines)
-        mapped = bounds(session) is not None
-        self._map = SensorMap(self.timeline, session, self._colours) if mapped else None
-        log_truth(self.timeline, session.labels)
-        self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
-
-    def write(self, item: SignalBlock | Event) -> None:
-        """Take one block or event."""
-        match item:
-            case SignalBlock():
-                self._signal(item)
-            case StageSpec():
-                self._detector(item)
-            case TraceBlock():
-                self._detector(item.spec).trace(item)
-            case CandidateBlock():
-                self._detector(item.spec).candidates(item)
-            case Pick() | StepEvent():
-                self._single(item)
-            case Gap():
-                self._gap(item)
-            case Note():
-                log_note(self._lines, item, self.timeline.seconds(item.time_ns))
-
-    def _signal(self, block: SignalBlock) -> None:
-        if not len(block):
-            return
-        if block.topic not in self._signals:
-            log = SignalLog(self.timeline, block.stream, self._colours, self._chunk_s)
-            self._signals[block.topic] = log
-        self._signals[block.topic].write(block)
-        if self._spectrogram is not None and block.topic == self._spectrogram_topic:
-            self._spectrogram.write(block)
-        if block.last_ns - self._flushed_ns >= self._flush_every_ns:
-            self._flushed_ns = block.last_ns
-            self._flush(block.start_ns - LAG_NS)
-
-    def _detector(self, spec: StageSpec) -> DetectorLog:
-        key = (spec.stage, spec.topic)
-        if key not in self._detectors:
-            span_ns = (self._session.start_ns, self._session.end_ns)
-            self._detectors[key] = DetectorLog(self.timeline, spec, self._colours, span_ns)
-        return self._detectors[key]
-
-    def _gap(self, gap: Gap) -> None:
-        self._losses.add(gap)
-        for (_, topic), detector in self._detectors.items():
-            if topic == gap.topic and not gap.bridged:
-                detector.interrupt(gap.start_ns)
-
-    def _single(self, event: Pick | StepEvent) -> None:
-        if self.first_event_ns is None or event.time_ns < self.first_event_ns:
-            self.first_event_ns = event.time_ns
-        if isinstance(event, StepEvent):
-            self._steps.add(event)
-            return
-        self._picks.add(event)
-        if self._map is not None:
-            self._map.arrival(event.time_ns, event.channel)
-
-    def _flush(self, before_ns: int | None) -> None:
-        for detector in self._detectors.values():
-            detector.flush(before_ns)
-        self._picks.flush()
-        self._steps.flush(before_ns)
-        self._losses.flush(before_ns)
-        self._lines.flush()
-        if self._map is not None:
-            self._map.flush()
-
-    def close(self) -> None:
-        """Log everything pending."""
-        for signal in self._signals.values():
-            signal.close()
-        if self._spectrogram is not None:
-            self._spectrogram.close()
-        self._flush(None)
+    from groundtrace_codecs.signals import SignalBlock
 
 
 class RerunSink:

@@ -27,8 +27,8 @@ class Entity:
     path
         Entity path, e.g. ``/envelope/seismic``.
     role
-        What it is, which chooses its view: ``envelope``, ``signal``, ``spectrogram``,
-        ``detector``, ``mark``, ``lane``, ``log``, ``table``, ``map``.
+        What it is, which chooses its view: ``envelope``, ``signal``, ``norm``, ``spectrogram``,
+        ``section``, ``detector``, ``mark``, ``lane``, ``log``, ``table``, ``map``.
     title
         Heading of its view.
     series

@@ -101,10 +101,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
     try:
         application()(arguments, exit_on_error=False, result_action="return_value")
+        sys.stdout.flush()
     except CycloptsError:
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
+    except BrokenPipeError:  # who reads our output, as head does, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except OSError as error:
         if error.filename is None:
             raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,7 @@ def score(
     results: Path,
     *,
     truth: Path | None = None,
-    tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0))] = 0.12,
+    tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0, lt=math.inf))] = 0.12,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Score a result against the truth in its recording, with the level of chance beside it.

@@ -129,19 +129,22 @@ class ArrivalTracker:
     def add(
         self,
         times: NDArray[np.int64],
+        recorded: NDArray[np.float64],
         signal: NDArray[np.float64],
         drive: NDArray[np.float64],
         level: NDArray[np.float64],
     ) -> Measured:
         """Take samples: times (n,), the others (n_channels, n).
 
-        ``signal`` is as recorded, ``drive`` is what the decision function averages, ``level`` is
-        the decision function.
+        ``recorded`` is the signal as recorded, ``signal`` that in which onsets are refined,
+        ``drive`` what the decision function averages, ``level`` the decision function.
         """
         self._history.append(times, signal, drive)
-        cells = self._cells.add(times, drive, level)
+        cells = self._cells.add(times, recorded, drive, level)
         ratio = self._ratio(cells.level)
-        frames = self._trace.add(cells.time_ns, ratio, cells.peak, cells.power)
+        frames = self._trace.add(
+            cells.time_ns, ratio, cells.peak, cells.power, cells.high, cells.low
+        )
         return Measured(self._candidates(ratio, final=False), frames)
 
     def finish(self) -> Measured:

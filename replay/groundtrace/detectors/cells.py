@@ -32,15 +32,17 @@ class Cells:
     ----------
     time_ns
         Shape (n,), int64: first sample of each.
-    level, peak, power
-        Shape (n_channels, n): largest level of the decision function, largest absolute value of
-        the signal, mean square of the signal.
+    level, peak, power, high, low
+        Shape (n_channels, n): largest level of the decision function, largest absolute value and
+        mean square of the filtered signal, maximum and minimum of the recorded signal.
     """
 
     time_ns: NDArray[np.int64]
     level: NDArray[np.float64]
     peak: NDArray[np.float64]
     power: NDArray[np.float64]
+    high: NDArray[np.float64]
+    low: NDArray[np.float64]
 
 
 class CellReducer:
@@ -49,22 +51,28 @@ class CellReducer:
     def __init__(self, rate_hz: float, channels: int) -> None:
         self.length = max(1, round(CELL_S * rate_hz))
         self._times = np.empty(0, np.int64)
-        self._rows = np.empty((2, channels, 0))
+        self._rows = np.empty((3, channels, 0))
 
     def add(
-        self, times: NDArray[np.int64], signal: NDArray[np.float64], level: NDArray[np.float64]
+        self,
+        times: NDArray[np.int64],
+        recorded: NDArray[np.float64],
+        filtered: NDArray[np.float64],
+        level: NDArray[np.float64],
     ) -> Cells:
-        """Take times (n,), signal and level (n_channels, n); return the complete cells."""
+        """Take times (n,), signals and level (n_channels, n); return the complete cells."""
         times = np.concatenate([self._times, times])
-        rows = np.concatenate([self._rows, np.stack([signal, level])], axis=2)
+        rows = np.concatenate([self._rows, np.stack([filtered, level, recorded])], axis=2)
         whole = len(times) // self.length * self.length
         self._times, self._rows = times[whole:], rows[:, :, whole:]
-        folded = rows[:, :, :whole].reshape(2, rows.shape[1], -1, self.length)
+        folded = rows[:, :, :whole].reshape(3, rows.shape[1], -1, self.length)
         return Cells(
             times[: whole : self.length],
             folded[1].max(axis=2),
             np.maximum(folded[0].max(axis=2), -folded[0].min(axis=2)),
             np.einsum("ckl,ckl->ck", folded[0], folded[0]) / self.length,
+            folded[2].max(axis=2),
+            folded[2].min(axis=2),
         )
 
 

@@ -1,10 +1,16 @@
-"""The trace of a detector: per frame of 50 ms, what the decision function and signal reached."""
+"""The trace of a detector: per frame of 50 ms, what the decision function and signal reached.
+
+It answers why there was no candidate: nothing came, the filter took it out, the channel was dead
+or clipped.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from groundtrace_codecs.events import Quantity
 
 from ..detector import Frames
 
@@ -15,11 +21,25 @@ FRAME_S = 0.05
 NOISE_S = 5.0
 
 
-class FrameTrace:
-    """Reduces columns of a signal to frames.
+def trace_of(decision: Quantity, filtered_unit: str, recorded_unit: str) -> tuple[Quantity, ...]:
+    """Return the quantities of a :class:`FrameTrace`.
 
-    The quantities are the maximum of the decision function, the largest absolute value, and the
-    noise level: the smallest root-mean-square of a frame within the last 5 s.
+    ``peak`` and ``noise`` are of the filtered signal, ``swing`` (half peak to peak), ``quiet`` (the
+    smallest swing of the last 5 s) and ``flat`` (how long it stood still at its extreme) of the
+    signal as recorded.
+    """
+    return (
+        decision,
+        Quantity("peak", filtered_unit),
+        Quantity("noise", filtered_unit),
+        Quantity("swing", recorded_unit),
+        Quantity("quiet", recorded_unit),
+        Quantity("flat", "s"),
+    )
+
+
+class FrameTrace:
+    """Reduces columns of a signal to frames; the quantities are those of :func:`trace_of`.
 
     Parameters
     ----------
@@ -30,27 +50,30 @@ class FrameTrace:
     """
 
     def __init__(self, rate_hz: float, channels: int) -> None:
+        self.rate_hz = rate_hz
         self.length = max(1, round(FRAME_S * rate_hz))
         self.history = max(1, round(NOISE_S * rate_hz / self.length))
-        self._columns = np.empty((3, channels, 0))
+        self._columns = np.empty((5, channels, 0))
         self._times = np.empty(0, np.int64)
-        self._rms = np.full((channels, self.history - 1), np.inf)
+        self._past = np.full((2, channels, self.history - 1), np.inf)
 
-    def add(
-        self,
-        times: NDArray[np.int64],
-        decision: NDArray[np.float64],
-        peak: NDArray[np.float64],
-        power: NDArray[np.float64],
-    ) -> Frames:
-        """Take columns: times (n,); decision, peak and mean power (n_channels, n) each.
+    def add(self, times: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
+        """Take columns.
+
+        Parameters
+        ----------
+        times
+            Shape (n,).
+        rows
+            Five arrays of shape (n_channels, n): decision function; peak and mean power of the
+            filtered signal; maximum and minimum of the recorded signal.
 
         Returns
         -------
         The frames that are complete by now.
         """
         times = np.concatenate([self._times, times])
-        columns = np.concatenate([self._columns, np.stack([decision, peak, power])], axis=2)
+        columns = np.concatenate([self._columns, np.stack(rows)], axis=2)
         whole = len(times) // self.length * self.length
         self._times, self._columns = times[whole:], columns[:, :, whole:]
         return self._reduce(times[:whole], columns[:, :, :whole], self.length)
@@ -62,14 +85,36 @@ class FrameTrace:
     def _reduce(
         self, times: NDArray[np.int64], columns: NDArray[np.float64], length: int
     ) -> Frames:
-        channels = columns.shape[1]
-        count = len(times) // length
+        channels, count = columns.shape[1], len(times) // length
         if count == 0:
-            return Frames(np.empty(0, np.int64), np.empty((0, channels, 3), np.float32))
-        folded = columns.reshape(3, channels, count, length)
-        rms = np.sqrt(folded[2].mean(axis=2))
-        past = np.concatenate([self._rms, rms], axis=1)
-        windows = np.lib.stride_tricks.sliding_window_view(past, self.history, axis=1)
-        self._rms = past[:, count:]
-        value = np.stack([folded[0].max(axis=2), folded[1].max(axis=2), windows.min(axis=2)])
+            return Frames(np.empty(0, np.int64), np.empty((0, channels, 6), np.float32))
+        folded = columns.reshape(5, channels, count, length)
+        high, low = folded[3].max(axis=2), folded[4].min(axis=2)
+        levels = np.stack([np.sqrt(folded[2].mean(axis=2)), (high - low) / 2])
+        past = np.concatenate([self._past, levels], axis=2)
+        quiet = np.lib.stride_tricks.sliding_window_view(past, self.history, axis=2).min(axis=3)
+        self._past = past[:, :, count:]
+        value = np.stack(
+            [
+                folded[0].max(axis=2),
+                folded[1].max(axis=2),
+                quiet[0],
+                levels[1],
+                quiet[1],
+                _still(folded[3], folded[4], high, low) / self.rate_hz,
+            ]
+        )
         return Frames(times[::length][:count], value.transpose(2, 1, 0).astype(np.float32))
+
+
+def _still(
+    high: NDArray[np.float64],
+    low: NDArray[np.float64],
+    highest: NDArray[np.float64],
+    lowest: NDArray[np.float64],
+) -> NDArray[np.intp]:
+    """Return how many columns of each frame go on at the extreme that the one before stood at."""
+    extreme = (high == highest[:, :, None]) | (low == lowest[:, :, None])
+    still = (high == low) & extreme
+    same = high[:, :, 1:] == high[:, :, :-1]
+    return np.asarray((still[:, :, 1:] & still[:, :, :-1] & same).sum(axis=2))

@@ -21,6 +21,7 @@ from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .filters import SmoothedSlope, UnbiasedMean, planar
+from .frames import trace_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -59,7 +60,7 @@ class StaLtaPicker:
     quantities = SEISMIC_QUANTITIES
     emits: Emits = "pick"
     columns = COLUMNS
-    trace = (Quantity("ratio", "1"), Quantity("peak", "slope"), Quantity("noise", "slope"))
+    trace = trace_of(Quantity("ratio", "1"), "slope", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
 
     def __init__(self, parameters: StaLtaParameters) -> None:
@@ -97,4 +98,4 @@ class StaLtaPicker:
     def _measure(
         self, times: NDArray[np.int64], signal: NDArray[np.float64], slope: NDArray[np.float64]
     ) -> Measured:
-        return self.state.tracker.add(times, signal, slope, self.state.short(slope * slope))
+        return self.state.tracker.add(times, signal, signal, slope, self.state.short(slope * slope))

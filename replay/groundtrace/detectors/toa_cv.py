@@ -25,6 +25,7 @@ from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import sliding_maximum
 from .filters import ExponentialMean, StreamingFilter, bandpass, planar
+from .frames import trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,7 +89,7 @@ class VarianceChangePicker:
     quantities = SEISMIC_QUANTITIES
     emits: Emits = "pick"
     columns = COLUMNS
-    trace = (Quantity("ratio", "1"), Quantity("peak", "signal"), Quantity("noise", "signal"))
+    trace = trace_of(Quantity("ratio", "1"), "signal", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
 
     def __init__(self, parameters: VarianceChangeParameters) -> None:
@@ -120,8 +121,10 @@ class VarianceChangePicker:
     def measure(self, block: SignalBlock) -> Measured:
         """Average the squared signal and look for arrivals."""
         state = self.state
-        band = state.band(planar(block))
-        return state.tracker.add(block.sample_times(), band, band, state.average(band * band))
+        recorded = planar(block)
+        band = state.band(recorded)
+        level = state.average(band * band)
+        return state.tracker.add(block.sample_times(), recorded, band, band, level)
 
     def finish(self) -> Measured:
         """End the run."""

@@ -45,8 +45,43 @@ class WalkingSignal:
         self._filter = StreamingFilter(sos)
         self.delay_ns = round(phase_delay_s(sos, NOMINAL_CADENCE_HZ, rate_hz) * NS_PER_S)
 
-    def __call__(self, block: SignalBlock) -> NDArray[np.float64]:
-        """Return the signal of a block [m/s2], shape (1, n_samples)."""
+    def __call__(self, block: SignalBlock) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the norm and the filtered signal of a block [m/s2], shape (1, n_samples) each."""
         values = planar(block)
         norm = np.sqrt(np.einsum("cn,cn->n", values, values))
-        return self._filter(norm[None, :])
+        return norm[None, :], self._filter(norm[None, :])
+
+
+class Activity:
+    """Level of the walking signal in the time around a sample, which tells walking from rest.
+
+    Parameters
+    ----------
+    reach
+        Samples before and after that count; fewer at the ends of a run.
+    """
+
+    def __init__(self, reach: int) -> None:
+        self.reach = reach
+        self.first = 0  # index in the run of the first value kept
+        self._power = np.empty(0)
+
+    @property
+    def end(self) -> int:
+        """Index in the run just after the last value taken."""
+        return self.first + len(self._power)
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Take the next values."""
+        self._power = np.concatenate([self._power, values * values])
+
+    def around(self, index: int) -> float:
+        """Return the level around a sample of the run; its reach must have been taken."""
+        low = max(index - self.reach - self.first, 0)
+        return float(np.sqrt(self._power[low : index + self.reach + 1 - self.first].mean()))
+
+    def forget_before(self, index: int) -> None:
+        """Drop what no sample from ``index`` on reaches back to."""
+        cut = max(0, index - self.reach - self.first)
+        self._power = self._power[cut:]
+        self.first += cut

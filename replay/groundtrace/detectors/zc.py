@@ -18,7 +18,7 @@ from groundtrace_codecs.events import Quantity
 from ..detector import Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
-from .frames import FrameTrace
+from .frames import FrameTrace, trace_of
 from .walking import WalkingSignal
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ class ZeroCrossingDetector:
     quantities = frozenset({"acceleration"})
     emits: Emits = "step"
     columns = (Quantity("lobe", "m/s2"), Quantity("depth", "m/s2"))
-    trace = (Quantity("lobe", "m/s2"), Quantity("peak", "m/s2"), Quantity("noise", "m/s2"))
+    trace = trace_of(Quantity("lobe", "m/s2"), "m/s2", "m/s2")
     gates = (Level("lobe", "m/s2", "lobe"), Level("depth", "m/s2", "depth"), Refractory())
 
     def __init__(self, parameters: CrossingParameters) -> None:
@@ -77,8 +77,8 @@ class ZeroCrossingDetector:
     def measure(self, block: SignalBlock) -> Measured:
         """Find the crossings; one is complete when its lobe ends."""
         state = self.state
-        y = state.walking(block)
-        frames = state.trace.add(block.sample_times(), y, np.abs(y), y * y)
+        norm, y = state.walking(block)
+        frames = state.trace.add(block.sample_times(), y, np.abs(y), y * y, norm, norm)
         before = y[0, 0] if state.last is None else state.last
         signal = np.concatenate([[before], y[0]])
         state.last = float(signal[-1])

@@ -9,7 +9,8 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .matching import f1_of, f1_score, match, metronome_f1, random_f1
+from .matching import f1_of, f1_score, metronome_f1, random_f1
+from .step_matching import match_steps, nearest, seconds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,61 +79,6 @@ class StepScore:
     curve: list[tuple[float, float]]
 
 
-def seconds(label_ns: int, start_ns: int) -> float:
-    """Return a time as seconds since the recording's first sample."""
-    return (label_ns - start_ns) / NS_PER_S
-
-
-def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    out: list[tuple[float, float]] = []
-    for start, end in sorted(spans):
-        if out and start <= out[-1][1]:
-            out[-1] = (out[-1][0], max(end, out[-1][1]))
-        else:
-            out.append((start, end))
-    return out
-
-
-def _cut(
-    spans: list[tuple[float, float]], holes: list[tuple[float, float]]
-) -> list[tuple[float, float]]:
-    for low, high in holes:
-        pieces = [((a, min(b, low)), (max(a, high), b)) for a, b in spans]
-        spans = [(a, b) for pair in pieces for a, b in pair if b > a]
-    return spans
-
-
-def scored_spans(
-    labels: Sequence[Label], start_ns: int, end_ns: int, tolerance_s: float
-) -> NDArray[np.float64]:
-    """Return the disjoint spans [s] in which steps are scored, shape (n, 2).
-
-    These are the ``walking`` spans widened by the tolerance (the whole recording where there are
-    none), without the ``ignore`` spans.
-    """
-    walking = [
-        (seconds(x.time_ns, start_ns) - tolerance_s, seconds(x.end_ns, start_ns) + tolerance_s)
-        for x in labels
-        if x.kind == "walking" and x.end_ns is not None
-    ]
-    ignored = [
-        (seconds(x.time_ns, start_ns), seconds(x.end_ns, start_ns))
-        for x in labels
-        if x.kind == "ignore" and x.end_ns is not None
-    ]
-    whole = [(-tolerance_s, seconds(end_ns, start_ns) + tolerance_s)]
-    spans = _cut(_merged(walking) or whole, ignored)
-    return np.array(sorted(spans), np.float64).reshape(-1, 2)
-
-
-def inside(times: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of the sorted times lie in one of the sorted, disjoint spans."""
-    before = np.searchsorted(spans[:, 0], times, side="right") - 1
-    within = before >= 0
-    within[within] = times[within] <= spans[before[within], 1]
-    return within
-
-
 def score_steps(
     labels: Sequence[Label],
     detected_ns: NDArray[np.int64],
@@ -157,18 +103,13 @@ def score_steps(
     -------
     The score, or None where the truth has neither steps nor counts.
     """
-    truth = np.array(
-        sorted(seconds(x.time_ns, start_ns) for x in labels if x.kind == "step"),
-        np.float64,
-    )
     counts = [x for x in labels if x.kind == "count" and x.end_ns is not None]
-    if not len(truth) and not counts:
+    if not counts and not any(x.kind == "step" for x in labels):
         return None
-    spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
+    matching = match_steps(labels, detected_ns, start_ns, end_ns, tolerance_s)
+    spans, pairs = matching.spans, matching.pairs
+    truth, kept = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
     found = np.sort((detected_ns - start_ns) / NS_PER_S)
-    truth = truth[inside(truth, spans)]
-    kept = found[_counted(truth, found, spans, tolerance_s)]
-    pairs = match(truth, kept, tolerance_s)
     late = kept[pairs[:, 1]] - truth[pairs[:, 0]]
     matched = len(pairs)
     error, signed, count_truth = _count_error(truth, found, kept, spans, counts, start_ns)
@@ -189,45 +130,6 @@ def score_steps(
         tolerance_s=tolerance_s,
         curve=[(t, f1_of(truth, kept, t)) for t in CURVE_S],
     )
-
-
-def _counted(
-    truth: NDArray[np.float64],
-    found: NDArray[np.float64],
-    spans: NDArray[np.float64],
-    tolerance_s: float,
-) -> NDArray[np.bool_]:
-    """Return which detections are scored.
-
-    Those inside the spans, and of those outside the ones that answer a true step inside which no
-    other detection answers.
-    """
-    counted = inside(found, spans)
-    matched = len(match(truth, found[counted], tolerance_s))
-    for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
-        counted[index] = True
-        if len(match(truth, found[counted], tolerance_s)) == matched:
-            counted[index] = False
-        else:
-            matched += 1
-    return counted
-
-
-def _near(
-    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
-) -> NDArray[np.bool_]:
-    """Return which detections have a true step within the tolerance."""
-    if not len(truth):
-        return np.zeros(len(found), np.bool_)
-    return np.abs(truth[nearest(truth, found)] - found) <= tolerance_s
-
-
-def nearest(sorted_times: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the index of the sorted time (there is at least one) nearest to each time."""
-    after = np.minimum(np.searchsorted(sorted_times, times), len(sorted_times) - 1)
-    before = np.maximum(after - 1, 0)
-    earlier = times - sorted_times[before] <= sorted_times[after] - times
-    return np.where(earlier, before, after)
 
 
 def spread_ms(values_s: NDArray[np.float64]) -> Spread | None:

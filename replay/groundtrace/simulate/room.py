@@ -64,12 +64,14 @@ class RoomOptions:
 
     def check(self) -> None:
         """Raise SimulationError where an option is out of its range."""
+        duration_s = 1.0 if self.duration_s is None else self.duration_s
         limits = (
             ("channels", 3 <= self.channels <= 16, "3 to 16", self.channels),
-            ("rate_hz", self.rate_hz >= 1000, "1000 or more", self.rate_hz),
+            ("rate_hz", 1000 <= self.rate_hz <= 1e6, "1000 to 1e6", self.rate_hz),
+            ("seed", self.seed >= 0, "0 or more", self.seed),
             ("steps", self.steps is None or self.steps >= 1, "1 or more", self.steps),
             ("snr", self.snr > 0, "more than 0", self.snr),
-            ("duration_s", self.duration_s is None or self.duration_s > 0, "> 0", self.duration_s),
+            ("duration_s", 0 < duration_s < np.inf, "> 0", duration_s),
         )
         for name, good, expected, found in limits:
             if not good:

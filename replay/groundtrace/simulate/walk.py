@@ -71,7 +71,8 @@ class WalkOptions:
     def check(self) -> None:
         """Raise SimulationError where an option is out of its range."""
         limits = (
-            ("duration_s", self.duration_s > 0, "> 0", self.duration_s),
+            ("duration_s", 0 < self.duration_s < np.inf, "> 0", self.duration_s),
+            ("seed", self.seed >= 0, "0 or more", self.seed),
             ("rate_hz", 6 <= self.rate_hz <= 400, "6 to 400", self.rate_hz),
             ("placement", self.placement == "waist", "waist", self.placement),
         )

@@ -1,0 +1,166 @@
+"""Which detected steps answer which true ones, inside the spans that are scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from .matching import match
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.labels import Label
+
+
+def seconds(label_ns: int, start_ns: int) -> float:
+    """Return a time as seconds since the recording's first sample."""
+    return (label_ns - start_ns) / NS_PER_S
+
+
+def _merged(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    out: list[tuple[float, float]] = []
+    for start, end in sorted(spans):
+        if out and start <= out[-1][1]:
+            out[-1] = (out[-1][0], max(end, out[-1][1]))
+        else:
+            out.append((start, end))
+    return out
+
+
+def _cut(
+    spans: list[tuple[float, float]], holes: list[tuple[float, float]]
+) -> list[tuple[float, float]]:
+    for low, high in holes:
+        pieces = [((a, min(b, low)), (max(a, high), b)) for a, b in spans]
+        spans = [(a, b) for pair in pieces for a, b in pair if b > a]
+    return spans
+
+
+def scored_spans(
+    labels: Sequence[Label], start_ns: int, end_ns: int, tolerance_s: float
+) -> NDArray[np.float64]:
+    """Return the disjoint spans [s] in which steps are scored, shape (n, 2).
+
+    These are the ``walking`` spans widened by the tolerance (the whole recording where there are
+    none), without the ``ignore`` spans.
+    """
+    walking = [
+        (seconds(x.time_ns, start_ns) - tolerance_s, seconds(x.end_ns, start_ns) + tolerance_s)
+        for x in labels
+        if x.kind == "walking" and x.end_ns is not None
+    ]
+    ignored = [
+        (seconds(x.time_ns, start_ns), seconds(x.end_ns, start_ns))
+        for x in labels
+        if x.kind == "ignore" and x.end_ns is not None
+    ]
+    whole = [(-tolerance_s, seconds(end_ns, start_ns) + tolerance_s)]
+    spans = _cut(_merged(walking) or whole, ignored)
+    return np.array(sorted(spans), np.float64).reshape(-1, 2)
+
+
+def inside(times: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of the sorted times lie in one of the sorted, disjoint spans."""
+    before = np.searchsorted(spans[:, 0], times, side="right") - 1
+    within = before >= 0
+    within[within] = times[within] <= spans[before[within], 1]
+    return within
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepMatch:
+    """Which detected steps answer which true ones, inside the scored spans.
+
+    Attributes
+    ----------
+    truth_ns
+        True steps that are scored, sorted, shape (n,).
+    found_ns
+        Detections that are scored, sorted, shape (m,).
+    pairs
+        Index pairs (truth, found), shape (k, 2).
+    spans
+        Scored spans [s since the first sample], shape (s, 2).
+    """
+
+    truth_ns: NDArray[np.int64]
+    found_ns: NDArray[np.int64]
+    pairs: NDArray[np.intp]
+    spans: NDArray[np.float64]
+
+    @property
+    def missed(self) -> NDArray[np.intp]:
+        """Indices of the true steps that no detection answers."""
+        return np.setdiff1d(np.arange(len(self.truth_ns)), self.pairs[:, 0])
+
+    @property
+    def false(self) -> NDArray[np.intp]:
+        """Indices of the detections that answer no true step."""
+        return np.setdiff1d(np.arange(len(self.found_ns)), self.pairs[:, 1])
+
+
+def match_steps(
+    labels: Sequence[Label],
+    detected_ns: NDArray[np.int64],
+    start_ns: int,
+    end_ns: int,
+    tolerance_s: float = 0.12,
+) -> StepMatch:
+    """Match detected steps to ``step`` labels inside the scored spans.
+
+    The parameters are those of :func:`score_steps`.
+    """
+    truth_ns = np.array(sorted(x.time_ns for x in labels if x.kind == "step"), np.int64)
+    found_ns = np.sort(detected_ns)
+    spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
+    truth, found = ((t - start_ns) / NS_PER_S for t in (truth_ns, found_ns))
+    scored = inside(truth, spans)
+    counted = _counted(truth[scored], found, spans, tolerance_s)
+    pairs = match(truth[scored], found[counted], tolerance_s)
+    return StepMatch(truth_ns[scored], found_ns[counted], pairs, spans)
+
+
+def _counted(
+    truth: NDArray[np.float64],
+    found: NDArray[np.float64],
+    spans: NDArray[np.float64],
+    tolerance_s: float,
+) -> NDArray[np.bool_]:
+    """Return which detections are scored.
+
+    Those inside the spans, and of those outside the ones that answer a true step inside which no
+    other detection answers.
+    """
+    counted = inside(found, spans)
+    matched = len(match(truth, found[counted], tolerance_s))
+    for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
+        counted[index] = True
+        if len(match(truth, found[counted], tolerance_s)) == matched:
+            counted[index] = False
+        else:
+            matched += 1
+    return counted
+
+
+def _near(
+    truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
+) -> NDArray[np.bool_]:
+    """Return which detections have a true step within the tolerance."""
+    if not len(truth):
+        return np.zeros(len(found), np.bool_)
+    return np.abs(truth[nearest(truth, found)] - found) <= tolerance_s
+
+
+def nearest(sorted_times: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the sorted time (there is at least one) nearest to each time."""
+    after = np.minimum(np.searchsorted(sorted_times, times), len(sorted_times) - 1)
+    before = np.maximum(after - 1, 0)
+    earlier = times - sorted_times[before] <= sorted_times[after] - times
+    return np.where(earlier, before, after)

@@ -1,0 +1,77 @@
+"""Commands run in this process, and what their results say."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from groundtrace.commands import main
+from groundtrace.conformance import Outcome, assert_same, outcome
+from groundtrace.results import read_results
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pytest
+
+
+class Ran(NamedTuple):
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> Any:
+        """The one JSON document that is all of stdout."""
+        return json.loads(self.out)
+
+    @property
+    def error(self) -> str:
+        """The one line that a known error says."""
+        assert self.code == 1, (self.code, self.err)
+        assert self.out == ""
+        lines = self.err.splitlines()
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("groundtrace: ")
+        return lines[0].removeprefix("groundtrace: ")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
+    """Run a command and return what it left behind."""
+    capsys.readouterr()
+    code = 0
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    return Ran(code, *capsys.readouterr())
+
+
+def done(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
+    """Run a command that must succeed."""
+    ran = run(capsys, *arguments)
+    assert ran.code == 0, ran.err
+    return ran
+
+
+def decisions(results: Path) -> dict[str, Outcome]:
+    """Return what each stage decided, by its name."""
+    events = [e for e in read_results(results).events if stage_of(e)]
+    names = dict.fromkeys(map(stage_of, events))
+    return {name: outcome(e for e in events if stage_of(e) == name) for name in names}
+
+
+def stage_of(event: Any) -> str:
+    """Return the stage an event comes from, or nothing."""
+    return str(event.spec.stage if hasattr(event, "spec") else getattr(event, "stage", ""))
+
+
+def assert_same_decisions(one: Path, other: Path) -> None:
+    """Raise where two results differ in any candidate, verdict or event."""
+    first, second = decisions(one), decisions(other)
+    assert first.keys() == second.keys()
+    assert any(len(found.times) for found in first.values())
+    for stage, found in first.items():
+        assert_same(found, second[stage], f"{one.name} and {other.name}: {stage}")

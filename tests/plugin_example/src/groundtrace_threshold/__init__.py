@@ -1,0 +1,52 @@
+"""Arrivals where the amplitude is over a level: the smallest detector that is of use."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from groundtrace.detector import Detector, Measured
+from groundtrace.gates import Candidates, Level, Refractory
+from groundtrace.parameters import gate, measured
+from groundtrace_codecs import Quantity, SignalBlock, Stream
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """Parameters of :class:`ThresholdPicker`."""
+
+    floor: Annotated[float, measured("m/s", "Lowest peak kept as a candidate.", ge=0)] = 1e-5
+    level: Annotated[float, gate("m/s", "Lowest peak that is an arrival.", ge=0)] = 2e-5
+    refractory_s: Annotated[float, gate("s", "Least time between two arrivals.", ge=0)] = 0.25
+
+
+class ThresholdPicker(Detector):
+    """An arrival is a peak of the amplitude that is high enough and comes in time."""
+
+    Parameters = Thresholds
+    quantities = frozenset({"ground_velocity"})
+    emits = "pick"
+    columns = (Quantity("amplitude", "m/s"),)
+    gates = (Level("amplitude", "m/s", "level"), Refractory())
+
+    def __init__(self, parameters: Thresholds) -> None:
+        self.floor = parameters.floor
+
+    def start(self, stream: Stream) -> tuple[str, ...]:
+        """Begin a run; every channel is picked on its own."""
+        self.state = (np.empty(0, np.int64), np.empty((0, len(stream.channels))))
+        return tuple(channel.name for channel in stream.channels)
+
+    def measure(self, block: SignalBlock) -> Measured:
+        """Find the local maxima; whether a sample is one, the next sample tells."""
+        times = np.concatenate([self.state[0], block.sample_times()])
+        height = np.concatenate([self.state[1], np.abs(block.values)])
+        self.state = (times[-2:], height[-2:])  # the next block goes on from these
+        before, here, after = height[:-2], height[1:-1], height[2:]
+        row, channel = np.nonzero((here > before) & (here >= after) & (here >= self.floor))
+        value = here[row, channel, None].astype(np.float32)
+        return Measured(Candidates(times[1:-1][row], channel.astype(np.int32), value))
+
+    def finish(self) -> Measured:
+        """End the run; nothing is held back."""
+        return Measured(Candidates.empty(len(self.columns)))

@@ -1,0 +1,214 @@
+"""One replay on the timeline: every item goes to the parts that know it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Gap,
+    Note,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TraceBlock,
+)
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from .about import PAGE, about
+from .detector import DetectorLog, step_like
+from .events import LogLines, LossLog, PickLog, StepLog, log_note, log_truth
+from .lanes import StageLanes
+from .palette import SensorColours
+from .section import Section
+from .sensor_map import SensorMap, bounds
+from .signals import SignalLog
+from .spectrogram import Spectrogram
+from .timeline import Timeline
+from .traces import Traces
+from .verdict import log_verdicts, verdicts
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from groundtrace.sinks import Session
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import Stream
+
+#: How much of the recording is collected before events are logged.
+FLUSH_NS = 10 * NS_PER_S
+LIVE_FLUSH_NS = NS_PER_S
+#: Events may lag this far behind the signal.
+LAG_NS = 5 * NS_PER_S
+LIVE_CHUNK_S = 0.5
+
+
+class Replay:
+    """Logs one replay: hands every item to the part that knows it.
+
+    Parameters
+    ----------
+    recording
+        Where to.
+    session
+        What is replayed.
+    live
+        True where somebody watches: smaller chunks.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, session: Session, *, live: bool) -> None:
+        import rerun as rr
+
+        self.timeline = Timeline(recording, session.start_ns)
+        self.first_event_ns: int | None = None
+        self._session = session
+        self._colours = SensorColours(session)
+        self._flush_every_ns = LIVE_FLUSH_NS if live else FLUSH_NS
+        self._flushed_ns = session.start_ns
+        self._chunk_s = LIVE_CHUNK_S if live else None
+        self._replayed_ns: tuple[int, int] | None = None
+        self._signals: dict[str, SignalLog] = {}
+        self._sections: dict[str, Section] = {}
+        self._traces = Traces()
+        for stream in session.streams:
+            self._begin(stream)
+        self._spectrogram_topic, self._spectrogram = self._tonal()
+        self._detectors: dict[tuple[str, str], DetectorLog] = {}
+        self._picking: dict[str, str] = {}
+        self._stepping: dict[str, str] = {}
+        self._steps_ns: list[int] = []
+        lines = LogLines(self.timeline)
+        self._lines = lines
+        self._lanes = StageLanes(self.timeline)
+        self._picks = PickLog(self.timeline, self._colours, lines)
+        self._steps = StepLog(self.timeline, lines)
+        self._losses = LossLog(self.timeline, lines)
+        mapped = bounds(session) is not None
+        self._map = SensorMap(self.timeline, session, self._colours) if mapped else None
+        log_truth(self.timeline, session.labels)
+        self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
+
+    def _begin(self, stream: Stream) -> None:
+        """Prepare for a stream."""
+        topic = stream.topic
+        self._signals[topic] = SignalLog(self.timeline, stream, self._colours, self._chunk_s)
+        recent = self._traces.begin(stream)
+        if self._session.application == "shots" and Section.fits(stream):
+            self._sections[topic] = Section(self.timeline, stream, self._session.labels, recent)
+
+    def _tonal(self) -> tuple[str, Spectrogram | None]:
+        stream = next((s for s in self._session.streams if Spectrogram.fits(s)), None)
+        if stream is None:
+            return "", None
+        duration_s = (self._session.end_ns - self._session.start_ns) / NS_PER_S
+        return stream.topic, Spectrogram(self.timeline, stream, duration_s)
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take one block or event."""
+        match item:
+            case SignalBlock():
+                self._signal(item)
+            case StageSpec():
+                self._stage(item)
+            case TraceBlock():
+                self._detector(item.spec).trace(item)
+            case CandidateBlock():
+                self._detector(item.spec).candidates(item)
+            case Pick():
+                self._pick(item)
+            case StepEvent():
+                self._step(item)
+            case Gap():
+                self._gap(item)
+            case Note():
+                log_note(self._lines, item, self.timeline.seconds(item.time_ns))
+
+    def _signal(self, block: SignalBlock) -> None:
+        if not len(block):
+            return
+        if block.topic not in self._signals:
+            self._begin(block.stream)
+        first_ns, _ = self._replayed_ns or (block.start_ns, 0)
+        self._replayed_ns = (first_ns, block.last_ns)
+        self._signals[block.topic].write(block)
+        self._traces.push(block)
+        if block.topic in self._sections:
+            self._sections[block.topic].advance(block.end_ns)
+        if self._spectrogram is not None and block.topic == self._spectrogram_topic:
+            self._spectrogram.write(block)
+        if block.last_ns - self._flushed_ns >= self._flush_every_ns:
+            self._flushed_ns = block.last_ns
+            self._flush(block.start_ns - LAG_NS)
+
+    def _stage(self, spec: StageSpec) -> None:
+        """Take a stage; the last one of a kind has the last word on its topic."""
+        if spec.emits == "pick":
+            self._picking[spec.topic] = spec.stage
+        elif step_like(spec):
+            self._stepping[spec.topic] = spec.stage
+        self._detector(spec)
+
+    def _detector(self, spec: StageSpec) -> DetectorLog:
+        key = (spec.stage, spec.topic)
+        if key not in self._detectors:
+            span_ns = (self._session.start_ns, self._session.end_ns)
+            self._detectors[key] = DetectorLog(
+                self.timeline, spec, self._colours, self._lanes, span_ns
+            )
+        return self._detectors[key]
+
+    def _gap(self, gap: Gap) -> None:
+        self._losses.add(gap)
+        for (_, topic), detector in self._detectors.items():
+            if topic == gap.topic and not gap.bridged:
+                detector.interrupt(gap.start_ns)
+
+    def _answered(self, time_ns: int) -> None:
+        """Remember the first event, where a viewer opens."""
+        if self.first_event_ns is None or time_ns < self.first_event_ns:
+            self.first_event_ns = time_ns
+
+    def _pick(self, pick: Pick) -> None:
+        if self._picking.get(pick.topic, pick.stage) != pick.stage:
+            return
+        self._answered(pick.time_ns)
+        self._picks.add(pick, self._traces.of_pick(pick))
+        if pick.topic in self._sections:
+            self._sections[pick.topic].add(pick)
+        if self._map is not None:
+            self._map.arrival(pick.time_ns, pick.channel)
+
+    def _step(self, step: StepEvent) -> None:
+        self._lanes.of(step.stage, step.topic).add(step.time_ns, step.foot or step.kind)
+        if self._stepping.get(step.topic, step.stage) != step.stage:
+            return
+        self._answered(step.time_ns)
+        self._steps_ns.append(step.time_ns)
+        self._steps.add(step, self._traces.of_step(step))
+
+    def _flush(self, before_ns: int | None) -> None:
+        for detector in self._detectors.values():
+            detector.flush(before_ns)
+        self._lanes.flush(before_ns)
+        self._picks.flush()
+        self._steps.flush()
+        self._losses.flush(before_ns)
+        self._lines.flush()
+        for section in self._sections.values():
+            section.flush()
+        if self._map is not None:
+            self._map.flush()
+
+    def close(self) -> None:
+        """Log everything pending."""
+        for signal in self._signals.values():
+            signal.close()
+        for section in self._sections.values():
+            section.advance()
+        if self._spectrogram is not None:
+            self._spectrogram.close()
+        truth = any(x.kind == "step" for x in self._session.labels)
+        if truth and self._stepping and self._replayed_ns is not None:
+            found = verdicts(self._session, self._steps_ns, self._replayed_ns)
+            log_verdicts(self.timeline, self._lines, found)
+        self._flush(None)

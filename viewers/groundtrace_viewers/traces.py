@@ -1,0 +1,52 @@
+"""Where marks lie on the curves they belong to, in the units shown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .recent import Recent
+from .signals import curves_of
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Pick, StepEvent
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+
+class Traces:
+    """The last samples of all streams."""
+
+    def __init__(self) -> None:
+        self._recent: dict[str, Recent] = {}
+        self._streams: dict[str, Stream] = {}
+
+    def begin(self, stream: Stream) -> Recent:
+        """Prepare for a stream and return what will hold its samples."""
+        self._streams[stream.topic] = stream
+        self._recent[stream.topic] = recent = Recent(stream)
+        return recent
+
+    def push(self, block: SignalBlock) -> None:
+        """Take a block of a stream that has begun."""
+        self._recent[block.topic].push(block)
+
+    def of_pick(self, pick: Pick) -> float:
+        """Return the signal at a pick; 0 where it is not known."""
+        stream = self._streams.get(pick.topic)
+        names = [c.name for c in stream.channels] if stream is not None else []
+        if pick.channel not in names:
+            return 0.0
+        return self._shown(pick.topic, pick.time_ns, [names.index(pick.channel)])
+
+    def of_step(self, step: StepEvent) -> float:
+        """Return the magnitude of the acceleration at a step; 0 where there is none."""
+        stream = self._streams.get(step.topic)
+        if stream is None:
+            return 0.0
+        columns = stream.columns_of({"acceleration"}) or stream.columns_of(
+            {"acceleration_magnitude"}
+        )
+        return self._shown(step.topic, step.time_ns, columns) if columns else 0.0
+
+    def _shown(self, topic: str, time_ns: int, columns: list[int]) -> float:
+        factor = next(c.factor for c in curves_of(self._streams[topic]) if columns[0] in c.columns)
+        return factor * self._recent[topic].value(time_ns, columns)

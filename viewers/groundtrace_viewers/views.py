@@ -1,0 +1,155 @@
+"""Single views of the layout: how an entity is drawn, whatever stands beside it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .about import PAGE
+from .sensor_map import ARRIVALS, FOOTFALLS, PATH
+from .timeline import TIMELINE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import rerun.blueprint as rrb
+
+    from .sensor_map import Bounds
+    from .timeline import Entity
+
+#: More curves than this would hide the plot behind its own legend.
+LEGEND_CURVES = 4
+#: Parts of the true path and of arrivals that the map shows: all, or since so many seconds.
+VISIBLE_S = {PATH: None, FOOTFALLS: -3.0, ARRIVALS: -0.25}
+
+
+def linked() -> rrb.TimeAxis:
+    """Return the time axis that all overview plots share."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+
+
+def around(before_s: float, after_s: float) -> rrb.TimeAxis:
+    """Return a time axis that follows the cursor."""
+    import rerun.blueprint as rrb
+
+    edge = rrb.TimeRangeBoundary
+    window = rrb.TimeRange(
+        start=edge.cursor_relative(seconds=-before_s), end=edge.cursor_relative(seconds=after_s)
+    )
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=window)
+
+
+def legend(curves: int, most: int = LEGEND_CURVES) -> rrb.PlotLegend:
+    """Return a legend that is shown for several, but not too many curves."""
+    import rerun.blueprint as rrb
+
+    return rrb.PlotLegend(rrb.Corner2D.RightTop, visible=1 < curves <= most)
+
+
+def plot(entity: Entity, *, legend_shown: bool = True) -> rrb.View:
+    """Return curves on the common time axis."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        plot_legend=legend(entity.series, LEGEND_CURVES if legend_shown else 0),
+    )
+
+
+def fixed(entity: Entity, origin: str, axis_x: rrb.TimeAxis) -> rrb.View:
+    """Return a plot of an entity and its companions whose value axis ends where it says."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=entity.title,
+        axis_x=axis_x,
+        axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def samples(entity: Entity, companions: Sequence[Entity], half_s: float, most: int) -> rrb.View:
+    """Return every sample around the cursor, with what belongs to it.
+
+    Parameters
+    ----------
+    entity
+        The signal.
+    companions
+        Curves and marks of the same stream.
+    half_s
+        How much is shown on either side of the cursor [s].
+    most
+        Most curves with a legend.
+    """
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[entity.path, *(e.path for e in companions)],
+        name=f"{entity.title}: every sample, cursor ± {half_s:g} s",
+        axis_x=around(half_s, half_s),
+        plot_legend=legend(entity.series, most),
+    )
+
+
+def lanes() -> rrb.View:
+    """Return the state lanes on the common time axis."""
+    import rerun.blueprint as rrb
+
+    return rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
+
+
+def log() -> rrb.View:
+    """Return the log, without its time column: the lines begin with the time."""
+    import rerun.blueprint as rrb
+
+    kinds = rrb.encodings.TextLogColumnKind
+    columns = rrb.archetypes.TextLogColumns(
+        timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
+        text_log_columns=[kinds.LogLevel, kinds.Body],
+    )
+    return rrb.TextLogView(origin="/log", name="Events", columns=columns)
+
+
+def table(entity: Entity) -> rrb.View:
+    """Return a table that scrolls to the cursor."""
+    import rerun.blueprint as rrb
+
+    query = rrb.archetypes.DataframeQuery(timeline=TIMELINE, auto_scroll=True)
+    return rrb.DataframeView(origin=entity.path, name=entity.title, query=query)
+
+
+def page() -> rrb.View:
+    """Return the page that says how to read all this."""
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=PAGE, name="About")
+
+
+def site(bounds: Bounds, entities: Sequence[Entity]) -> rrb.View:
+    """Return the map."""
+    import rerun.blueprint as rrb
+
+    logged = {e.path for e in entities}
+    return rrb.Spatial2DView(
+        origin="/map",
+        name="Site [m]",
+        # The view's y points down.
+        visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0])),
+        overrides={path: _before(s) for path, s in VISIBLE_S.items() if path in logged},
+    )
+
+
+def _before(seconds: float | None) -> rrb.VisibleTimeRanges:
+    """Show what lies before the cursor: all, or since some seconds before it."""
+    import rerun.blueprint as rrb
+
+    edge = rrb.TimeRangeBoundary
+    start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=seconds)
+    end = edge.cursor_relative(seconds=0)
+    return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=start, end=end)])
