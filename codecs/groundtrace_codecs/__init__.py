@@ -12,15 +12,19 @@ from typing import TYPE_CHECKING, Any
 from .errors import CodecError, FormatError, MissingReaderError, SchemaError
 from .events import (
     CandidateBlock,
+    Disturbance,
     Event,
+    Fix,
     Gap,
     GateSpec,
+    Heading,
     Note,
     Pick,
     Quantity,
     StageSpec,
     StepEvent,
     TraceBlock,
+    TrackPoint,
 )
 from .geometry import Geometry, Medium, Sensor
 from .labels import TRUTH_KINDS, Label
@@ -42,11 +46,14 @@ __all__ = [
     "CandidateBlock",
     "Channel",
     "CodecError",
+    "Disturbance",
     "Event",
+    "Fix",
     "FormatError",
     "Gap",
     "GateSpec",
     "Geometry",
+    "Heading",
     "Label",
     "McapFile",
     "Medium",
@@ -65,6 +72,7 @@ __all__ = [
     "StepEvent",
     "Stream",
     "TraceBlock",
+    "TrackPoint",
     "events_of",
     "labels_of",
     "write_recording",

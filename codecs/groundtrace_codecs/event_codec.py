@@ -1,4 +1,4 @@
-"""Events as protobuf messages, their topics, and the text mirror other viewers show."""
+"""Events as protobuf messages, and their topics."""
 
 from __future__ import annotations
 
@@ -10,25 +10,44 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from .description import ROLE_KEY, SPEC_KEY
+from .description import SPEC_KEY
 from .encoders import Output, Packet, protobuf_output
 from .errors import SchemaError
-from .events import CandidateBlock, Gap, Note, Pick, StageSpec, StepEvent, TraceBlock
-from .schemas.protobuf import descriptor_set, get_time, message_class, parse, set_time
+from .event_mirror import mirror
+from .events import (
+    CandidateBlock,
+    Disturbance,
+    Fix,
+    Gap,
+    Heading,
+    Note,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TraceBlock,
+    TrackPoint,
+)
+from .schemas.protobuf import get_time, message_class, parse, set_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
-    from .events import Event
+    from .events import Event, SingleEvent
     from .mcap import McapFile
 
-PICKS_TOPIC = "/groundtrace/picks"
-STEPS_TOPIC = "/groundtrace/steps"
-GAPS_TOPIC = "/groundtrace/gaps"
-NOTES_TOPIC = "/groundtrace/notes"
-LOG_TOPIC = "/groundtrace/log"
+#: Topic of each message of a single event.
+TOPICS = {
+    "Pick": "/groundtrace/picks",
+    "StepEvent": "/groundtrace/steps",
+    "Fix": "/groundtrace/fixes",
+    "TrackPoint": "/groundtrace/tracks",
+    "Heading": "/groundtrace/headings",
+    "Disturbance": "/groundtrace/disturbances",
+    "Gap": "/groundtrace/gaps",
+    "Note": "/groundtrace/notes",
+}
 
 Encoded = tuple[Output, Packet | None]
 
@@ -84,7 +103,7 @@ def encode_event(event: Event) -> Iterator[Encoded]:
             yield _stage_output(event.spec, "TraceBlock"), _trace(event)
     else:
         yield _single(event)
-        yield _mirror(event)
+        yield from mirror(event)
 
 
 def _packet(message: Any, first_ns: int, last_ns: int) -> Packet:
@@ -114,51 +133,18 @@ def _trace(block: TraceBlock) -> Packet:
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
 
-def _single(event: Pick | StepEvent | Gap | Note) -> Encoded:
-    """Encode an event of one time: the message's fields are the event's, but for its times."""
+def _single(event: SingleEvent) -> Encoded:
+    """Encode a single event: the message's fields are the event's, but for its times."""
     name = type(event).__name__
-    topics = {"Pick": PICKS_TOPIC, "StepEvent": STEPS_TOPIC, "Gap": GAPS_TOPIC}
-    output = protobuf_output(topics.get(name, NOTES_TOPIC), name)
+    output = protobuf_output(TOPICS[name], name)
     fields = asdict(event)
     message = message_class(name)(**{k: v for k, v in fields.items() if not k.endswith("_ns")})
-    if isinstance(event, Gap):
+    start_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
+    end_ns = start_ns
+    if isinstance(event, Gap | Disturbance):
         set_time(message.end, event.end_ns)
-        return output, _packet(message, event.start_ns, max(event.start_ns, event.end_ns))
-    return output, _packet(message, event.time_ns, event.time_ns)
-
-
-@cache
-def _log_output() -> Output:
-    from foxglove_schemas_protobuf.Log_pb2 import Log
-
-    content = descriptor_set(Log)
-    role = ((ROLE_KEY, "mirror"),)
-    return Output(LOG_TOPIC, "foxglove.Log", "protobuf", content, "protobuf", role)
-
-
-def _mirror(event: Pick | StepEvent | Gap | Note) -> Encoded:
-    from foxglove_schemas_protobuf.Log_pb2 import Log
-
-    level, source, text, time_ns = _line(event)
-    message = Log(level=Log.Level.Value(level), message=text, name=source)
-    return _log_output(), _packet(message, time_ns, time_ns)
-
-
-def _line(event: Pick | StepEvent | Gap | Note) -> tuple[str, str, str, int]:
-    """Return level, source, text and time of an event's line in the log."""
-    if isinstance(event, Pick):
-        return "INFO", event.stage, f"pick {event.channel} value={event.value:.4g}", event.time_ns
-    if isinstance(event, StepEvent):
-        kind = f"{event.kind} {event.foot}".strip()
-        text = f"{kind} value={event.value:.4g} channels={event.channels}"
-        return "INFO", event.stage, text, event.time_ns
-    if isinstance(event, Gap):
-        time_ns = max(event.start_ns, event.end_ns)
-        seconds = (event.end_ns - event.start_ns) / 1e9
-        text = f"gap {event.topic} {event.reason}: {event.lost} lost in {seconds:.6g} s"
-        return "WARNING", "source", text, time_ns
-    level = event.level if event.level in {"DEBUG", "INFO", "WARNING", "ERROR", "FATAL"} else "INFO"
-    return level, event.source, event.text, event.time_ns
+        end_ns = max(start_ns, event.end_ns)
+    return output, _packet(message, start_ns, end_ns)
 
 
 def _column(data: bytes, dtype: str, shape: tuple[int, ...], place: str) -> NDArray[Any]:
@@ -214,8 +200,8 @@ def decode_trace(
     return TraceBlock(spec, time_ns, _column(message.value, "<f4", shape, f"{place}: value"))
 
 
-def decode_event(name: str, data: bytes | memoryview, place: str) -> Pick | StepEvent | Gap | Note:
-    """Decode an event of one time; ``name`` is its message's.
+def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent:
+    """Decode a single event; ``name`` is its message's.
 
     Raises
     ------
@@ -224,13 +210,31 @@ def decode_event(name: str, data: bytes | memoryview, place: str) -> Pick | Step
     """
     m = parse(message_class(name), data, place)
     time_ns = get_time(m.timestamp, place)
-    if name == "Pick":
-        return Pick(time_ns, m.channel, m.topic, m.stage, m.uncertainty_s, m.value)
-    if name == "StepEvent":
-        return StepEvent(time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels)
-    if name == "Gap":
-        return Gap(m.topic, time_ns, get_time(m.end, place), m.reason, m.lost, m.bridged)
+    match name:
+        case "Pick":
+            return Pick(time_ns, m.channel, m.topic, m.stage, m.uncertainty_s, m.value)
+        case "StepEvent":
+            return StepEvent(time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels)
+        case "Fix":
+            known = _covariance(m, place)
+            return Fix(time_ns, m.x_m, m.y_m, known, m.residual, m.method, m.picks, m.stage)
+        case "TrackPoint":
+            state = (m.x_m, m.y_m, m.vx_mps, m.vy_mps)
+            return TrackPoint(time_ns, m.track, *state, _covariance(m, place), m.stage, m.nis)
+        case "Heading":
+            return Heading(time_ns, m.heading_rad, m.sigma_rad, m.stage)
+        case "Disturbance":
+            return Disturbance(time_ns, get_time(m.end, place), m.value, m.stage)
+        case "Gap":
+            return Gap(m.topic, time_ns, get_time(m.end, place), m.reason, m.lost, m.bridged)
     return Note(time_ns, m.text, m.level, m.source)
+
+
+def _covariance(message: Any, place: str) -> tuple[float, float, float]:
+    found = tuple(message.covariance)
+    if len(found) != 3:
+        raise SchemaError(f"{place}: covariance: expected 3 numbers, found {len(found)}")
+    return found
 
 
 def events_of(file: McapFile) -> Iterator[Event]:
@@ -263,6 +267,6 @@ def _decoder(
         spec = spec_from_json(channel.metadata.get(SPEC_KEY, ""), place)
         decode = decode_candidates if name == "CandidateBlock" else decode_trace
         return spec, lambda data: decode(data, spec, place)
-    if name in {"Pick", "StepEvent", "Gap", "Note"}:
+    if name in TOPICS:
         return None, lambda data: decode_event(name, data, place)
     return None

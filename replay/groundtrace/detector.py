@@ -69,7 +69,8 @@ class Detector(Protocol):
     A detector never decides: it lists its gates, and :func:`groundtrace.gates.decide` applies
     them. Its ``state`` holds everything that crosses blocks and can be deep-copied.
 
-    A class that names this one as its base is checked by the type checker where it is written.
+    A class that names this one as its base is checked by the type checker where it is written, and
+    may leave out ``trace`` (there is none) and ``finish`` (nothing is held back).
 
     Notes
     -----
@@ -77,8 +78,7 @@ class Detector(Protocol):
     ``quantities`` are those of the channels it wants; it runs on every stream that has some.
     ``emits`` is what an accepted candidate becomes. ``columns`` are name and unit of what is
     measured of each candidate, first the peak of the decision function; ``trace`` the same of each
-    frame, first the decision function; it may be empty. ``gates`` stand in the order of the
-    decision.
+    frame, first the decision function. ``gates`` stand in the order of the decision.
     """
 
     Parameters: type[Any]
@@ -99,6 +99,7 @@ class Detector(Protocol):
 
     def finish(self) -> Measured:
         """End the run; return what was held back."""
+        return Measured(Candidates.empty(len(self.columns)))
 
 
 class Associator(Protocol):

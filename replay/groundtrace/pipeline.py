@@ -16,18 +16,15 @@ from .plugins import find
 from .stage import AssociatorStage, DetectorStage, Stage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import SignalBlock
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
-#: Groups of plugins a stage may use, and what runs them.
-RUNNERS: dict[str, Callable[..., Stage]] = {
-    "detectors": DetectorStage,
-    "associators": AssociatorStage,
-}
+#: Groups of plugins a stage may use.
+STAGE_GROUPS = ("detectors", "associators")
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,11 +200,17 @@ def build_pipeline(config: PipelineConfig) -> Pipeline:
         An unknown plugin, key, type or value out of range, in one line.
     """
     stages: list[Stage] = []
+    picking = ""  # an associator takes the picks of the last stage before it that picks
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     for stage in config.stage:
-        group, kind = find(tuple(RUNNERS), stage.use)
+        group, kind = find(STAGE_GROUPS, stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
-        stages.append(RUNNERS[group](stage.key, stage.use, kind, parameters, stage.topics))
+        given = (stage.key, stage.use, kind, parameters, stage.topics)
+        if group == "associators":
+            stages.append(AssociatorStage(*given, source=picking))
+        else:
+            stages.append(DetectorStage(*given))
+        picking = stage.key if kind.emits == "pick" else picking
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     return Pipeline(config, stages, "\n".join(lines) + "\n")
 

@@ -199,7 +199,12 @@ class DetectorStage:
 class AssociatorStage:
     """Runs one associator on the picks of every topic.
 
-    The parameters are those of :class:`DetectorStage`.
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`DetectorStage`.
+    source
+        The stage whose picks it takes; empty means any.
     """
 
     def __init__(
@@ -209,12 +214,14 @@ class AssociatorStage:
         kind: type[Associator],
         parameters: Any,
         topics: Sequence[str] = (),
+        source: str = "",
     ) -> None:
         self.name = name
         self.plugin = plugin
         self.kind = kind
         self.parameters = parameters
         self.topics = tuple(topics)
+        self.source = source
         self._runs: dict[str, _Run[Associator]] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
@@ -224,11 +231,13 @@ class AssociatorStage:
             if run is not None and item.reason == "clock step" and not item.bridged:
                 yield from run.decide(run.worker.finish(), self.parameters)
                 run.carry = Carry()
-        elif isinstance(item, StageSpec):
+        if not isinstance(item, StageSpec | Pick) or item.stage != (self.source or item.stage):
+            return
+        if isinstance(item, StageSpec):
             if not self.topics or any(fnmatch(item.topic, p) for p in self.topics):
                 self._runs[item.topic] = run = self._begin(item)
                 yield run.spec
-        elif isinstance(item, Pick) and item.topic in self._runs:
+        elif item.topic in self._runs:
             run = self._runs[item.topic]
             yield from run.decide(run.worker.associate(item), self.parameters)
 

@@ -103,9 +103,8 @@ def test_only_what_continues_is_joined():
 
 
 def test_joined_samples_keep_their_type_and_lie_channel_by_channel():
-    parts = [
-        SignalBlock(FAST, START_NS, 2 * i, np.array([[1, 2], [3, 4]], np.int16)) for i in range(3)
-    ]
+    planar = np.array([[1, 3], [2, 4]], np.int16)
+    parts = [SignalBlock(FAST, START_NS, 2 * i, planar.T) for i in range(3)]
     (one,) = joined(parts)
     assert one.samples.dtype == np.int16
     assert one.samples.T.flags.c_contiguous

@@ -153,7 +153,7 @@ class SensorMap:
         corners = np.array([(0.0, 0.3), (-0.5, 1.2), (0.5, 1.2), (0.0, 0.3), (-0.1, 0.5)]) * side
         strips = np.stack([x, y], axis=1)[:, np.newaxis, :] + corners
         colours = np.full(len(sources), IMPACT, np.uint32)
-        triangles = rr.LineStrips2D(strips, colors=colours, radii=-1.8)
+        triangles = rr.LineStrips2D(list(strips.astype(np.float32)), colors=colours, radii=-1.8)
         self._timeline.static(f"{SITE}/sources", triangles)
         if len(sources) <= MOST_NAMES:
             names = rr.Points2D(

@@ -6,17 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.score import match
-from groundtrace.score.steps import inside, scored_spans, seconds
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace.score import match_steps
 
 from .lanes import Lane
 from .palette import ACCEPTED, FALSE, MISSED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from groundtrace.sinks import Session
 
@@ -49,29 +45,16 @@ def verdicts(
         Times [ns] with ``hit``, ``missed`` (times of true steps) or ``false`` (of detections), in
         the spans that the score looks at.
     """
-    start = session.start_ns
-    labels = [x for x in session.labels if x.kind == "step"]
-    truth = np.array(sorted(seconds(x.time_ns, start) for x in labels), np.float64)
-    found = np.array(sorted(seconds(t, start) for t in steps_ns), np.float64)
-    spans = scored_spans(session.labels, start, session.end_ns, TOLERANCE_S)
-    first, last = (seconds(t, start) for t in replayed_ns)
-    truth = truth[inside(truth, spans) & (truth >= first) & (truth <= last)]
-    counted = inside(found, spans)
-    counted[match(truth, found, TOLERANCE_S)[:, 1]] = True
-    found = found[counted]
-    pairs = match(truth, found, TOLERANCE_S)
-    hits = np.isin(np.arange(len(truth)), pairs[:, 0])
-    answers = np.isin(np.arange(len(found)), pairs[:, 1])
-    result = [
-        *_named(truth[hits], "hit", start),
-        *_named(truth[~hits], "missed", start),
-        *_named(found[~answers], "false", start),
-    ]
-    return sorted(result)
-
-
-def _named(times_s: NDArray[np.float64], verdict: str, start_ns: int) -> list[tuple[int, str]]:
-    return [(start_ns + round(t * NS_PER_S), verdict) for t in times_s.tolist()]
+    first, last = replayed_ns
+    labels = [x for x in session.labels if x.kind != "step" or first <= x.time_ns <= last]
+    detected = np.array(steps_ns, np.int64)
+    found = match_steps(labels, detected, session.start_ns, session.end_ns, TOLERANCE_S)
+    named = (
+        ("hit", found.truth_ns[found.pairs[:, 0]]),
+        ("missed", found.truth_ns[found.missed]),
+        ("false", found.found_ns[found.false]),
+    )
+    return sorted((int(t), verdict) for verdict, times in named for t in times)
 
 
 def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[tuple[int, str]]) -> None:

@@ -46,7 +46,3 @@ class ThresholdPicker(Detector):
         row, channel = np.nonzero((here > before) & (here >= after) & (here >= self.floor))
         value = here[row, channel, None].astype(np.float32)
         return Measured(Candidates(times[1:-1][row], channel.astype(np.int32), value))
-
-    def finish(self) -> Measured:
-        """End the run; nothing is held back."""
-        return Measured(Candidates.empty(len(self.columns)))

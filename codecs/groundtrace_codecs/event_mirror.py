@@ -1,0 +1,67 @@
+"""The mirror of events in words, as the ``foxglove.Log`` that every other viewer shows."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+from .description import ROLE_KEY
+from .encoders import Output, Packet
+from .events import Disturbance, Fix, Gap, Heading, Note, Pick, StepEvent, TrackPoint
+from .schemas.protobuf import descriptor_set, set_time
+from .signals import NS_PER_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from .events import SingleEvent
+
+LOG_TOPIC = "/groundtrace/log"
+LEVELS = frozenset({"DEBUG", "INFO", "WARNING", "ERROR", "FATAL"})
+
+
+def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
+    """Yield an event's line in the log.
+
+    Track points and headings have none: they are curves, and would bury what there is to read.
+    """
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    if isinstance(event, TrackPoint | Heading):
+        return
+    level, source, text, time_ns = _line(event)
+    message = Log(level=Log.Level.Value(level), message=text, name=source)
+    set_time(message.timestamp, time_ns)
+    yield _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())
+
+
+@cache
+def _log_output() -> Output:
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    content = descriptor_set(Log)
+    role = ((ROLE_KEY, "mirror"),)
+    return Output(LOG_TOPIC, "foxglove.Log", "protobuf", content, "protobuf", role)
+
+
+def _line(event: Pick | StepEvent | Fix | Disturbance | Gap | Note) -> tuple[str, str, str, int]:
+    """Return level, source, text and time of an event's line in the log."""
+    match event:
+        case Pick():
+            text = f"pick {event.channel} value={event.value:.4g}"
+        case StepEvent():
+            kind = f"{event.kind} {event.foot}".strip()
+            text = f"{kind} value={event.value:.4g} channels={event.channels}"
+        case Fix():
+            text = f"fix x={event.x_m:.3f} m y={event.y_m:.3f} m {event.method} picks={event.picks}"
+        case Disturbance():
+            seconds = (event.end_ns - event.time_ns) / NS_PER_S
+            text = f"disturbed for {seconds:.6g} s value={event.value:.4g}"
+        case Gap():
+            seconds = (event.end_ns - event.start_ns) / NS_PER_S
+            text = f"gap {event.topic} {event.reason}: {event.lost} lost in {seconds:.6g} s"
+            return "WARNING", "source", text, max(event.start_ns, event.end_ns)
+        case Note():
+            level = event.level if event.level in LEVELS else "INFO"
+            return level, event.source, event.text, event.time_ns
+    return "INFO", event.stage, text, event.time_ns
