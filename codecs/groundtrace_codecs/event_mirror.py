@@ -57,6 +57,7 @@ def _line(event: Pick | StepEvent | Fix | Disturbance | Gap | Note) -> tuple[str
         case Disturbance():
             seconds = (event.end_ns - event.time_ns) / NS_PER_S
             text = f"disturbed for {seconds:.6g} s value={event.value:.4g}"
+            return "INFO", event.stage, text, max(event.time_ns, event.end_ns)
         case Gap():
             seconds = (event.end_ns - event.start_ns) / NS_PER_S
             text = f"gap {event.topic} {event.reason}: {event.lost} lost in {seconds:.6g} s"

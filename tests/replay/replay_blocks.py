@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,7 +43,7 @@ def irregular_of(stream: Stream, times_ns: Sequence[int], samples: Sequence[floa
 def split(block: SignalBlock, cuts: Iterable[int]) -> list[SignalBlock]:
     """Cut a block at some of its samples; equal cuts give empty blocks."""
     edges = [0, *sorted(min(c, len(block)) for c in cuts), len(block)]
-    return [block.slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [block.slice(a, b) for a, b in pairwise(edges)]
 
 
 def cuts_of(length: int) -> st.SearchStrategy[list[int]]:

@@ -157,7 +157,7 @@ def test_a_loop_goes_back_to_its_start_at_its_end():
 
 
 def test_the_clock_never_sleeps(monkeypatch):
-    monkeypatch.setattr(time, "sleep", lambda seconds: pytest.fail("slept"))
+    monkeypatch.setattr(time, "sleep", lambda _: pytest.fail("slept"))
     clock = Clock(1.0)
     clock.wait_s(at(0), 0.0)
     assert clock.wait_s(at(1000), 0.0) == pytest.approx(1000.0)

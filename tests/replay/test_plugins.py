@@ -73,7 +73,5 @@ def test_listing_imports_no_plugin():
         "import sys; from groundtrace.plugins import plugins; plugins('detectors');"
         "print(any(m.startswith(('groundtrace.detectors', 'scipy')) for m in sys.modules))"
     )
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

@@ -51,7 +51,13 @@ SPEC = StageSpec(
     "pick",
 )
 PROVENANCE = Provenance(
-    "room.mcap", "ab" * 32, START_NS, START_NS + 10, 'name = "x"\n', ("replay", "room.mcap"), {"n": "2"}
+    "room.mcap",
+    "ab" * 32,
+    START_NS,
+    START_NS + 10,
+    'name = "x"\n',
+    ("replay", "room.mcap"),
+    {"n": "2"},
 )
 
 
@@ -154,7 +160,7 @@ def test_a_file_that_is_not_there_or_no_result_is_refused(tmp_path):
     with pytest.raises(RecordingError, match=r"^no\.mcap: expected a results file, found no such"):
         read_results(tmp_path / "no.mcap")
     (tmp_path / "text.mcap").write_text("not an MCAP")
-    with pytest.raises(CodecError, match="text.mcap"):
+    with pytest.raises(CodecError, match=r"text\.mcap"):
         read_results(tmp_path / "text.mcap")
     with RecordingWriter(tmp_path / "rec.mcap") as writer:
         writer.add_metadata("other", {"a": "b"})

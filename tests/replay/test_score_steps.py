@@ -63,7 +63,8 @@ def walk(pace_s: float = 0.55, count: int = 400) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("tolerance_s", "metronome", "random"), [(0.5, 0.995, 0.77), (0.15, 0.56, 0.42), (0.1, 0.36, 0.31)]
+    ("tolerance_s", "metronome", "random"),
+    [(0.5, 0.995, 0.77), (0.15, 0.56, 0.42), (0.1, 0.36, 0.31)],
 )
 def test_blind_detectors_reach_the_known_chance_levels(tolerance_s, metronome, random):
     truth = walk()

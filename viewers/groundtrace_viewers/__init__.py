@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .errors import ViewerError
-from .headless import screenshot
+from .picture import screenshot
 from .serve import serve_web
 from .sink import RerunSink
 

@@ -21,7 +21,7 @@ Triangles on the map are shot points.
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge.
 * Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
-number of its channel. Green crosses are picks, violet circles hand picks or computed arrivals. \
+number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
 The next tab has true amplitudes.
 * Picks come from the last stage that picks; those of stages before it are its candidates.
 * Lanes: what each stage decided, and for a rejected candidate the first gate that failed. \

@@ -25,15 +25,19 @@ if TYPE_CHECKING:
 Part = tuple["rrb.View | rrb.Container", float]
 
 ACCELERATIONS = ("acceleration", "acceleration_magnitude")
-#: Quantities of worn sensors that get a row of their own, in this order.
-ROWS = (*ACCELERATIONS, "angular_velocity", "magnetic_field", "pressure")
+#: Quantities of worn sensors by row, and the rows' shares of the height.
+ROWS = (
+    (("acceleration",), 1.9),
+    (("acceleration_magnitude",), 1.9),
+    (("angular_velocity",), 1.5),
+    (("magnetic_field", "pressure"), 1.5),
+)
+WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.065, 0.0455
+LANE_HEADING, LANE = 0.075, 0.048
 MOST_LANES = 6
-#: What a section shows before and after the cursor [s].
-SECTION_S = (0.05, 0.25)
-#: What the samples of fast and of slow streams show on either side of the cursor [s].
-FAST_S, SLOW_S = 0.1, 2.0
+#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
+SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.06, 0.06), (2.0, 2.0)
 
 
 def blueprint(
@@ -53,7 +57,7 @@ def blueprint(
     import rerun.blueprint as rrb
 
     site = bounds(session) if _of(entities, "map") else None
-    detail = _detail(entities, legend=site is None)
+    detail = _detail(session.application, entities, legend=site is None)
     below = detail if site else []
     overview = _overview(session.application, entities)
     stack = overview + _lanes(entities, overview + below) + below
@@ -111,14 +115,14 @@ def _map(site: Bounds, entities: Sequence[Entity]) -> list[Part]:
 def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
     """Everything on the common time axis, from signals to decisions."""
     seismic = _of(entities, "envelope") or [
-        e for e in _of(entities, "signal") if e.quantity not in ROWS and not _is_other(e)
+        e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
     ]
     signals = [views.plot(e) for e in seismic]
     tonal = [views.fixed(e, e.path, views.linked()) for e in _of(entities, "spectrogram")]
     decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
     if application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
-    return [*_parts(signals, 2.2), *_worn(entities), *_parts(tonal, 1.6), *decisions]
+    return [*_parts(signals, 2.2), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 
 
 def _is_other(entity: Entity) -> bool:
@@ -129,12 +133,12 @@ def _is_other(entity: Entity) -> bool:
 def _worn(entities: Sequence[Entity]) -> list[Part]:
     signals = _of(entities, "signal")
     parts: list[Part] = []
-    for quantity in ROWS:
-        # The colours of the axes stand in the legend of the samples around the cursor.
-        legend = not any(e.quantity in ACCELERATIONS for e in signals)
-        shown = [views.plot(e, legend_shown=legend) for e in signals if e.quantity == quantity]
-        parts += _parts(shown, 1.7 if quantity in ACCELERATIONS else 1.2)
-    others = [views.plot(e) for e in signals if e.quantity not in ROWS and _is_other(e)]
+    # The colours of the axes stand in the legend of the samples around the cursor.
+    legend = not any(e.quantity in ACCELERATIONS for e in signals)
+    for row, share in ROWS:
+        shown = [views.plot(e, legend_shown=legend) for e in signals if e.quantity in row]
+        parts += _parts(shown, share)
+    others = [views.plot(e) for e in signals if e.quantity not in WORN and _is_other(e)]
     return parts + _parts(others, 1.0)
 
 
@@ -152,19 +156,20 @@ def _lanes(entities: Sequence[Entity], others: Sequence[Part]) -> list[Part]:
     return [(views.lanes(), rest * height / (1.0 - height))]
 
 
-def _detail(entities: Sequence[Entity], *, legend: bool) -> list[Part]:
+def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> list[Part]:
     """Show the samples around the cursor: fast streams, else the first acceleration."""
     signals = _of(entities, "signal")
     fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
     slow = [e for e in signals if e.quantity in ACCELERATIONS]
     most = 12 if legend else 0
     sections = [
-        views.fixed(e, e.path.removesuffix("/traces"), views.around(*SECTION_S))
+        views.fixed(e, e.path.removesuffix("/traces"), views.around(*SHOT_S))
         for e in _of(entities, "section")
     ]
+    span = SHOT_S if application == "shots" else FAST_S
     shown = [
-        views.samples(e, _companions(e, entities), seconds, most)
-        for e, seconds in [(e, FAST_S) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
+        views.samples(e, _companions(e, entities), around, most)
+        for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
     return _parts([*sections, *shown], 6.0 if sections else 3.6)
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 CEILING = 4.0
 #: Where on it candidates lie that are higher, as part of its height.
 TOP_EDGE = 0.96
+#: With more channels than this the marks of candidates are smaller.
+FEW_CHANNELS = 12
 
 
 def decision_gate(spec: StageSpec) -> GateSpec | None:
@@ -87,6 +89,7 @@ class DetectorLog:
         self._timeline = timeline
         self._spec = spec
         self._path = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
+        self._size = 5.0 if len(spec.channels) <= FEW_CHANNELS else 3.0
         self._times: list[NDArray[np.int64]] = []
         self._decision: list[NDArray[np.float32]] = []
         self._candidates: list[CandidateBlock] = []
@@ -105,7 +108,7 @@ class DetectorLog:
         import rerun as rr
 
         spec, decision, gate = self._spec, self._spec.trace[0], decision_gate(self._spec)
-        unit = f" [{decision.unit}]" if decision.unit not in ("", "1") else ""
+        unit = f" [{decision.unit.replace('s2', 's²')}]" if decision.unit not in ("", "1") else ""
         limit = f", threshold {gate.threshold:g} in red" if gate else ""
         top = ceiling(spec)
         cut = f", cut at {top:g}" if top else ""
@@ -140,7 +143,7 @@ class DetectorLog:
 
         for verdict, colour, marker, size in (
             ("rejected", REJECTED, rr.components.MarkerShape.Cross, 2.5),
-            ("accepted", ACCEPTED, rr.components.MarkerShape.Down, 5.0),
+            ("accepted", ACCEPTED, rr.components.MarkerShape.Down, self._size),
         ):
             style = rr.SeriesPoints(
                 names=verdict,

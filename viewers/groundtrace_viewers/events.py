@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .lanes import Lane
-from .palette import IMPACT, LOSS, SPAN, STEP, STEP_COLOURS
+from .palette import IGNORED, IMPACT, LOSS, SPAN, STEP, STEP_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from .timeline import Timeline
 
 GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
+
+
+def readable(value: float) -> str:
+    """Return a number with three digits, without an exponent where it has few more."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 class LogLines:
@@ -60,7 +65,7 @@ class PickLog:
         self._pending.append((pick, height))
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
-        text = f"{where}{spread}  pick {pick.channel}, peak {pick.value:.3g} ({pick.stage})"
+        text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"
         self._lines.add("picks", pick.time_ns, text, "INFO")
 
     def flush(self) -> None:
@@ -109,7 +114,7 @@ class StepLog:
         what = " ".join(filter(None, (step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
-        text = f"{where}  {what}, peak {step.value:.3g}{seen} ({step.stage})"
+        text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
 
     def flush(self) -> None:
@@ -186,9 +191,21 @@ def log_truth(timeline: Timeline, labels: Iterable[Label]) -> None:
     for label in known:
         if label.kind == "waypoint" or (label.kind == "pick" and caused):
             continue
-        colours = {label.kind: SPAN} | STEP_COLOURS
-        lane = lanes.setdefault(label.kind, Lane(timeline, f"/state/truth {label.kind}", colours))
+        name = "walking" if label.kind == "ignore" else label.kind
+        colours = {name: SPAN, "ignore": IGNORED} | STEP_COLOURS
+        lane = lanes.setdefault(name, Lane(timeline, f"/state/truth/{name}", colours))
         shown = label.label if label.label in STEP_COLOURS else label.kind
         lane.add(label.time_ns, shown, label.end_ns)
+        if label.kind == "ignore":
+            _resume(lane, label, known)
     for lane in lanes.values():
         lane.flush()
+
+
+def _resume(lane: Lane, ignored: Label, labels: Iterable[Label]) -> None:
+    """Go on with the walk after a part of it that is ignored."""
+    if ignored.end_ns is None:
+        return
+    for label in labels:
+        if label.kind == "walking" and label.time_ns <= ignored.end_ns < (label.end_ns or 0):
+            lane.add(ignored.end_ns, "walking", label.end_ns)

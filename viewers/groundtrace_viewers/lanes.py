@@ -113,7 +113,7 @@ class StageLanes:
         key = (stage, topic)
         if key not in self._lanes:
             alone = all(other != stage for other, _ in self._lanes)
-            where = "" if alone else " " + topic.strip("/").replace("/", " ")
+            where = "" if alone else "/" + topic.strip("/")
             self._lanes[key] = Lane(self._timeline, f"/state/{stage}{where}", colours)
         return self._lanes[key]
 

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 #: What is shown of a shot: from a little before it until the waves have passed.
 BEFORE_NS = 50_000_000
-AFTER_NS = 350_000_000
+AFTER_NS = 300_000_000
 #: Largest deflection of a trace, in distances between traces.
-DEFLECTION = 0.9
+DEFLECTION = 1.5
 
 
 def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -124,17 +124,15 @@ class Section:
         if not len(times):
             return
         count = len(self._names)
-        title = (
-            f"Section {self._topic}: each trace scaled to its own maximum, offset by channel; "
-            "green crosses are picks, violet circles truth"
-        )
+        scale = "each trace scaled to its own maximum, offset by channel"
+        title = f"Section {self._topic}: {scale} (● picks, + truth)"
         style = rr.SeriesLines(
             names=self._names,
             colors=np.full(count, TRACE, np.uint32),
             widths=1.0,
             aggregation_policy=rr.components.AggregationPolicy.MinMax,
         )
-        entity = Entity(f"{self._path}/traces", "section", title, count, top=count + 1.0)
+        entity = Entity(f"{self._path}/traces", "section", title, count, top=count + 1.5)
         self._timeline.declare(entity, style)
         # Curves end with the window: the viewer would draw a line to the next.
         times = np.append(times, times[-1] + self._period_ns)
@@ -149,8 +147,8 @@ class Section:
             style = rr.SeriesPoints(
                 names="pick",
                 colors=np.array([ACCEPTED], np.uint32),
-                markers="plus",
-                marker_sizes=5.0,
+                markers="circle",
+                marker_sizes=3.5,
             )
             self._timeline.static(f"{self._path}/picks", style)
             marks = [(p.time_ns, p.channel) for p in self._picks]
@@ -158,14 +156,15 @@ class Section:
             self._picks = []
 
     def _log_truth(self, labels: list[Label]) -> None:
+        """Log the arrivals of the truth, in a shape that shows whatever lies on it."""
         import rerun as rr
 
         if labels:
             style = rr.SeriesPoints(
                 names="truth",
                 colors=np.array([TRUTH], np.uint32),
-                markers="circle",
-                marker_sizes=4.0,
+                markers="plus",
+                marker_sizes=8.0,
             )
             self._timeline.static(f"{self._path}/truth", style)
             self._log_marks("truth", [(x.time_ns, x.channel) for x in labels])

@@ -31,7 +31,7 @@ ARRIVALS = f"{SITE}/arrivals"
 MOST_NAMES = 16
 #: Radius of a sensor in screen points, how much larger one is that a wave reaches, and the width
 #: that a map may count on.
-RADIUS, LIT, MAP_POINTS = 6.0, 1.6, 480.0
+RADIUS, LIT, MAP_POINTS = 6.0, 1.8, 480.0
 #: Side of a shot point's triangle and height of its name, as parts of the site's extent.
 TRIANGLE, NAME = 0.022, 0.09
 
@@ -150,10 +150,10 @@ class SensorMap:
         x = np.array([s[1] for s in sources])
         y = np.array([s[2] for s in sources])
         side, name = TRIANGLE * self._extent, NAME * self._extent
-        corners = np.array([(0.0, 0.3), (-0.5, 1.2), (0.5, 1.2), (0.0, 0.3), (-0.1, 0.5)]) * side
+        corners = np.array([(0.0, 0.3), (-0.5, 1.2), (0.5, 1.2), (0.0, 0.3), (0.0, 1.2)]) * side
         strips = np.stack([x, y], axis=1)[:, np.newaxis, :] + corners
         colours = np.full(len(sources), IMPACT, np.uint32)
-        triangles = rr.LineStrips2D(list(strips.astype(np.float32)), colors=colours, radii=-1.8)
+        triangles = rr.LineStrips2D(list(strips.astype(np.float32)), colors=colours, radii=-2.2)
         self._timeline.static(f"{SITE}/sources", triangles)
         if len(sources) <= MOST_NAMES:
             names = rr.Points2D(

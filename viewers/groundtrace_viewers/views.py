@@ -72,7 +72,9 @@ def fixed(entity: Entity, origin: str, axis_x: rrb.TimeAxis) -> rrb.View:
     )
 
 
-def samples(entity: Entity, companions: Sequence[Entity], half_s: float, most: int) -> rrb.View:
+def samples(
+    entity: Entity, companions: Sequence[Entity], span_s: tuple[float, float], most: int
+) -> rrb.View:
     """Return every sample around the cursor, with what belongs to it.
 
     Parameters
@@ -81,18 +83,20 @@ def samples(entity: Entity, companions: Sequence[Entity], half_s: float, most: i
         The signal.
     companions
         Curves and marks of the same stream.
-    half_s
-        How much is shown on either side of the cursor [s].
+    span_s
+        How much is shown before and after the cursor [s].
     most
         Most curves with a legend.
     """
     import rerun.blueprint as rrb
 
+    before, after = span_s
+    span = f"± {after:g} s" if before == after else f"−{before:g} to +{after:g} s"
     return rrb.TimeSeriesView(
         origin="/",
         contents=[entity.path, *(e.path for e in companions)],
-        name=f"{entity.title}: every sample, cursor ± {half_s:g} s",
-        axis_x=around(half_s, half_s),
+        name=f"{entity.title}: every sample, cursor {span}",
+        axis_x=around(before, after),
         plot_legend=legend(entity.series, most),
     )
 

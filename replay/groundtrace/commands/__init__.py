@@ -44,6 +44,12 @@ COMMANDS = {
         "Score a result against the truth, with the level of chance beside it.\n\n"
         "Example: groundtrace score walk.results.mcap --tolerance 0.1",
     ),
+    "why": (
+        f"{HERE}.why:why",
+        "Explain every missed and false step: the first gate that failed, by how much, and the "
+        "smallest change of one parameter that mends it, with what else it changes.\n\n"
+        "Example: groundtrace why walk.results.mcap --step 30",
+    ),
     "plugins": (
         f"{HERE}.listing:plugins",
         "List what is installed: detectors, associators, importers, sinks.\n\n"

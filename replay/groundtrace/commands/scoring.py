@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter, validators
 
 from ..errors import RecordingError
-from ..results import Results, read_results
+from ..results import read_results
 from ..score import PickScore, Score, StepScore, score_events
 from .output import print_json, print_table
+from .truth import truth_of
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.labels import Label
-
     from ..score.picks import PickErrors
 
 
@@ -42,7 +41,7 @@ def score(
     result = read_results(results)
     origin = result.provenance
     figures = score_events(
-        _labels(result, results, truth), result.events, origin.start_ns, origin.end_ns, tolerance
+        truth_of(result, results, truth), result.events, origin.start_ns, origin.end_ns, tolerance
     )
     if figures.steps is None and figures.picks is None:
         raise RecordingError(
@@ -60,21 +59,6 @@ def score(
 
 def _parts(figures: Score) -> dict[str, StepScore | PickScore | None]:
     return {"steps": figures.steps, "picks": figures.picks}
-
-
-def _labels(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
-    """Return the truth: a given file, the recording's own, or annotations beside the results."""
-    from groundtrace_codecs.truth import read_truth
-
-    start_ns = result.provenance.start_ns
-    beside = path.with_name(f"{Path(result.provenance.recording).stem}.annotations.mcap")
-    if truth is None and not result.labels and beside.is_file():
-        truth = beside
-    if truth is None:
-        return result.labels
-    if not truth.is_file():
-        raise RecordingError(f"{truth}: expected a truth file, found no such file")
-    return read_truth(truth, start_ns=start_ns, geometry=result.geometry, labels=result.labels)
 
 
 def _print_steps(s: StepScore) -> None:

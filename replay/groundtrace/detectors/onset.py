@@ -63,6 +63,7 @@ def aic_onset(
     least = criterion.min(axis=1, keepdims=True)
     weight = np.exp(-(criterion - least) / (2 * max(correlation, 1.0)))
     weight /= weight.sum(axis=1, keepdims=True)
-    onset = weight @ k
-    variance = np.einsum("mk,mk->m", weight, (k[None, :] - onset[:, None]) ** 2)
+    # row by row: a matrix product would round each window according to those beside it
+    onset = (weight * k).sum(axis=1)
+    variance = (weight * (k[None, :] - onset[:, None]) ** 2).sum(axis=1)
     return onset, np.sqrt(variance)

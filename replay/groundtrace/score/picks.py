@@ -21,6 +21,28 @@ if TYPE_CHECKING:
 ANSWER_S = 0.05
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PickResiduals:
+    """The first pick after an impact on every channel, minus the true arrival.
+
+    Attributes
+    ----------
+    impacts
+        Names of the impacts, in order of time.
+    impact
+        Index of each arrival's impact, shape (n,).
+    channels
+        Of each arrival.
+    error_s
+        Pick minus arrival [s], shape (n,); NaN where there is no pick.
+    """
+
+    impacts: list[str]
+    impact: NDArray[np.intp]
+    channels: list[str]
+    error_s: NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True)
 class PickErrors:
     """Errors of the first picks after impacts.
@@ -63,16 +85,27 @@ class PickScore:
 def score_picks(labels: Sequence[Label], picks: Sequence[Pick]) -> PickScore | None:
     """Score picks against ``pick`` labels.
 
-    The answer to a true arrival is the first pick on its channel between the last impact (or
-    step) before the arrival and the next one, so that a false early pick counts as such.
-
     Returns
     -------
     The score, or None where the truth has no picks.
     """
-    truth = sorted(x for x in labels if x.kind == "pick")
-    if not truth:
+    residuals = pick_residuals(labels, picks)
+    if not len(residuals.error_s):
         return None
+    each = [
+        _summary(name, residuals.error_s[residuals.impact == i])
+        for i, name in enumerate(residuals.impacts)
+    ]
+    return PickScore(_summary("", residuals.error_s), each)
+
+
+def pick_residuals(labels: Sequence[Label], picks: Sequence[Pick]) -> PickResiduals:
+    """Return the errors of the answers to the ``pick`` labels.
+
+    The answer to a true arrival is the first pick on its channel between the last impact (or
+    step) before the arrival and the next one, so that a false early pick counts as such.
+    """
+    truth = sorted(x for x in labels if x.kind == "pick")
     impacts = sorted(x for x in labels if x.kind in ("impact", "step"))
     origins = np.array([x.time_ns for x in impacts], np.int64)
     by_channel: dict[str, list[int]] = {}
@@ -80,17 +113,13 @@ def score_picks(labels: Sequence[Label], picks: Sequence[Pick]) -> PickScore | N
         by_channel.setdefault(pick.channel, []).append(pick.time_ns)
     times = {name: np.sort(np.array(found, np.int64)) for name, found in by_channel.items()}
     group = np.searchsorted(origins, [x.time_ns for x in truth], side="right") - 1
-    errors = np.array(
-        [
-            _first_error_s(label, times.get(label.channel), origins, int(k))
-            for label, k in zip(truth, group, strict=True)
-        ]
-    )
-    each = [
-        _summary(impacts[k].label or f"impact {k + 1}" if k >= 0 else "before", errors[group == k])
-        for k in np.unique(group)
+    errors = [
+        _first_error_s(label, times.get(label.channel), origins, int(k))
+        for label, k in zip(truth, group, strict=True)
     ]
-    return PickScore(_summary("", errors), each)
+    present, impact = np.unique(group, return_inverse=True)
+    names = [impacts[k].label or f"impact {k + 1}" if k >= 0 else "before" for k in present]
+    return PickResiduals(names, impact, [x.channel for x in truth], np.array(errors, np.float64))
 
 
 def _first_error_s(

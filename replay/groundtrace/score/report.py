@@ -2,15 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from groundtrace_codecs.events import Pick, StageSpec, StepEvent
+from groundtrace_codecs.events import (
+    Disturbance,
+    Fix,
+    Heading,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
 
+from .consistency import ConsistencyScore, score_consistency
+from .disturbances import DisturbanceScore, score_disturbances
+from .headings import HeadingScore, score_headings
 from .picks import PickScore, score_picks
+from .positions import PositionScore, score_positions
+from .step_matching import match_steps
+from .step_words import compare_words
 from .steps import StepScore, score_steps
+from .tracks import TrackScore, score_tracks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -18,13 +33,79 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
 
+E = TypeVar("E", Fix, TrackPoint, Heading, Disturbance)
+
 
 @dataclass(frozen=True, slots=True)
 class Score:
     """Scores by kind of truth; None where there is no truth of that kind, or nothing to score."""
 
     steps: StepScore | None
+    positions: PositionScore | None
     picks: PickScore | None
+    track: TrackScore | None
+    heading: HeadingScore | None
+    disturbance: DisturbanceScore | None
+    consistency: ConsistencyScore | None
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """What a result has to say, by kind of truth, in the order of its events.
+
+    Attributes
+    ----------
+    steps
+        Of all stages.
+    picks
+        By topic, of the last stage that picks: it has the last word.
+    fixes
+        Of all stages, so that localisers side by side can be compared.
+    points, headings, disturbances
+        Of the last stage that gives any.
+    """
+
+    steps: list[StepEvent]
+    picks: list[Pick]
+    fixes: list[Fix]
+    points: list[TrackPoint]
+    headings: list[Heading]
+    disturbances: list[Disturbance]
+
+
+def answers_of(events: Iterable[Event]) -> Answers:
+    """Sort a result's events by the truth they answer."""
+    found = Answers([], [], [], [], [], [])
+    picking: dict[str, str] = {}
+    for event in events:
+        match event:
+            case StepEvent():
+                found.steps.append(event)
+            case Pick():
+                found.picks.append(event)
+            case Fix():
+                found.fixes.append(event)
+            case TrackPoint():
+                found.points.append(event)
+            case Heading():
+                found.headings.append(event)
+            case Disturbance():
+                found.disturbances.append(event)
+            case StageSpec(emits="pick"):
+                picking[event.topic] = event.stage
+    return replace(
+        found,
+        picks=[pick for pick in found.picks if picking.get(pick.topic) == pick.stage],
+        points=last_word(found.points),
+        headings=last_word(found.headings),
+        disturbances=last_word(found.disturbances),
+    )
+
+
+def last_word(events: list[E]) -> list[E]:
+    """Return the events of the stage that was the last to give its first one."""
+    stages = list(dict.fromkeys(event.stage for event in events))
+    return [event for event in events if event.stage == stages[-1]]
 
 
 def score_events(
@@ -47,16 +128,29 @@ def score_events(
     tolerance_s
         Largest distance of a matched step [s].
     """
-    steps: list[int] = []
-    picks: list[Pick] = []
-    picking: dict[str, str] = {}  # by topic, the last stage that picks: it has the last word
-    for event in events:
-        if isinstance(event, StepEvent):
-            steps.append(event.time_ns)
-        elif isinstance(event, Pick):
-            picks.append(event)
-        elif isinstance(event, StageSpec) and event.emits == "pick":
-            picking[event.topic] = event.stage
-    final = [pick for pick in picks if picking.get(pick.topic) == pick.stage]
-    step_score = score_steps(labels, np.array(steps, np.int64), start_ns, end_ns, tolerance_s)
-    return Score(step_score, score_picks(labels, final))
+    said = answers_of(events)
+    return Score(
+        steps=_steps(labels, said.steps, start_ns, end_ns, tolerance_s),
+        positions=score_positions(labels, said.fixes, tolerance_s),
+        picks=score_picks(labels, said.picks),
+        track=score_tracks(labels, said.points, tolerance_s),
+        heading=score_headings(labels, said.headings, tolerance_s),
+        disturbance=score_disturbances(labels, said.disturbances, start_ns, end_ns),
+        consistency=score_consistency(labels, last_word(said.fixes), said.points, tolerance_s),
+    )
+
+
+def _steps(
+    labels: Sequence[Label],
+    steps: Sequence[StepEvent],
+    start_ns: int,
+    end_ns: int,
+    tolerance_s: float,
+) -> StepScore | None:
+    detected_ns = np.array([step.time_ns for step in steps], np.int64)
+    score = score_steps(labels, detected_ns, start_ns, end_ns, tolerance_s)
+    if score is None:
+        return None
+    matching = match_steps(labels, detected_ns, start_ns, end_ns, tolerance_s)
+    feet, kinds = compare_words(labels, steps, matching)
+    return replace(score, feet=feet, kinds=kinds)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.labels import Label
 
+    from .step_words import Confusion
+
 CURVE_S = (0.02, 0.03, 0.05, 0.075, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 #: How far a detection may lie from its step for the latency that the de-biased F1 takes out [s].
 LATENCY_REACH_S = 0.5
@@ -60,6 +62,9 @@ class StepScore:
         Of the match [s].
     curve
         Pairs (tolerance [s], F1).
+    feet, kinds
+        What truth and detections say of the matched steps: left or right, and the kind of step;
+        None where one side says nothing.
     """
 
     truth: int
@@ -77,6 +82,8 @@ class StepScore:
     latency_ms: Spread | None
     tolerance_s: float
     curve: list[tuple[float, float]]
+    feet: Confusion | None = None
+    kinds: Confusion | None = None
 
 
 def score_steps(

@@ -1,0 +1,23 @@
+"""Explanation: why a step was missed or false, and what the smallest change would do."""
+
+from __future__ import annotations
+
+from .evidence import Evidence, StageEvidence, evidence_of
+from .reasons import CAUSES, GateReading, Reason, reason_at
+from .redecide import Counts, Outcome, Redecider
+from .remedies import Healer, Remedy
+
+__all__ = [
+    "CAUSES",
+    "Counts",
+    "Evidence",
+    "GateReading",
+    "Healer",
+    "Outcome",
+    "Reason",
+    "Redecider",
+    "Remedy",
+    "StageEvidence",
+    "evidence_of",
+    "reason_at",
+]

@@ -1,0 +1,141 @@
+"""Evidence: what a results file holds of every decision, read back without the signal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+
+from ..detector import Frames
+from ..gates import Candidates
+from ..pipeline import parse_pipeline
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.labels import Label
+
+    from ..pipeline import PipelineConfig
+    from ..results import Results
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StageEvidence:
+    """All candidates and frames of one stage on one topic.
+
+    Attributes
+    ----------
+    spec
+        What the columns mean, and the gates as they stood.
+    candidates
+        In the order they were decided.
+    gate_value, margin
+        Shape (n, n_gates), float32, as decided.
+    accepted
+        Shape (n,), bool, as decided.
+    frames
+        The trace; empty for associators.
+    """
+
+    spec: StageSpec
+    candidates: Candidates
+    gate_value: NDArray[np.float32]
+    margin: NDArray[np.float32]
+    accepted: NDArray[np.bool_]
+    frames: Frames
+
+    def between(self, start_ns: int, end_ns: int) -> NDArray[np.intp]:
+        """Return the rows of candidates with start <= time <= end."""
+        times = self.candidates.time_ns
+        return np.flatnonzero((times >= start_ns) & (times <= end_ns))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Everything needed to decide again.
+
+    Attributes
+    ----------
+    name
+        File name of the recording.
+    config
+        The pipeline, every parameter as it stood.
+    stages
+        In the order of the pipeline, then of the topics.
+    gaps
+        Interruptions of the streams.
+    labels
+        The truth.
+    start_ns, end_ns
+        First and last sample of the recording [ns].
+    """
+
+    name: str
+    config: PipelineConfig
+    stages: tuple[StageEvidence, ...]
+    gaps: tuple[Gap, ...]
+    labels: tuple[Label, ...]
+    start_ns: int
+    end_ns: int
+
+    def of(self, stage: str) -> tuple[StageEvidence, ...]:
+        """Return the evidence of a stage, topic by topic."""
+        return tuple(e for e in self.stages if e.spec.stage == stage)
+
+
+def evidence_of(results: Results, labels: tuple[Label, ...] | None = None) -> Evidence:
+    """Return the evidence of a result; ``labels`` replace its own truth where given."""
+    origin = results.provenance
+    config = parse_pipeline(origin.pipeline.encode(), f"{results.name}: pipeline")
+    return Evidence(
+        origin.recording,
+        config,
+        stage_evidence(results.events, [stage.key for stage in config.stage]),
+        tuple(e for e in results.events if isinstance(e, Gap)),
+        results.labels if labels is None else labels,
+        origin.start_ns,
+        origin.end_ns,
+    )
+
+
+def stage_evidence(events: Iterable[Event], order: list[str]) -> tuple[StageEvidence, ...]:
+    """Gather the blocks of each stage and topic; stages come in ``order``."""
+    specs: dict[tuple[str, str], StageSpec] = {}
+    blocks: dict[tuple[str, str], list[CandidateBlock]] = {}
+    traces: dict[tuple[str, str], list[TraceBlock]] = {}
+    for event in events:
+        if isinstance(event, StageSpec):
+            specs.setdefault((event.stage, event.topic), event)
+        elif isinstance(event, CandidateBlock):
+            blocks.setdefault((event.spec.stage, event.spec.topic), []).append(event)
+        elif isinstance(event, TraceBlock):
+            traces.setdefault((event.spec.stage, event.spec.topic), []).append(event)
+    keys = sorted(specs, key=lambda key: order.index(key[0]))
+    return tuple(_gathered(specs[k], blocks.get(k, []), traces.get(k, [])) for k in keys)
+
+
+def _gathered(
+    spec: StageSpec, blocks: list[CandidateBlock], traces: list[TraceBlock]
+) -> StageEvidence:
+    gates, n_channels = len(spec.gates), len(spec.channels)
+    none = Candidates.empty(len(spec.columns))
+    parts = [Candidates(b.time_ns, b.channel, b.value) for b in blocks]
+    margins = np.empty((0, gates), np.float32)
+    frames = np.empty((0, n_channels, len(spec.trace)), np.float32)
+    return StageEvidence(
+        spec,
+        Candidates.concatenate([none, *parts]),
+        np.concatenate([margins, *(b.gate_value for b in blocks)]),
+        np.concatenate([margins, *(b.margin for b in blocks)]),
+        np.concatenate([np.empty(0, np.bool_), *(b.accepted for b in blocks)]),
+        Frames(
+            np.concatenate([np.empty(0, np.int64), *(t.time_ns for t in traces)]),
+            np.concatenate([frames, *(t.value for t in traces)]),
+        ),
+    )

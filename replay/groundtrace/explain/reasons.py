@@ -1,0 +1,275 @@
+"""Reasons: why there is no step at a time, in the words of the stage that decided."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from .silence import silence
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .evidence import Evidence, StageEvidence
+
+#: The cause of a miss, in one word; ``score`` and fleets count them.
+CAUSES = (
+    "refractory",
+    "threshold",
+    "coincidence",
+    "dead",
+    "clipped",
+    "filter",
+    "quiet",
+    "walking",
+    "gap",
+    "taken",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GateReading:
+    """What one gate said of one candidate."""
+
+    gate: str
+    unit: str
+    parameter: str
+    value: float
+    threshold: float
+    margin: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """Why nothing was accepted at a time.
+
+    Attributes
+    ----------
+    cause
+        One of :data:`CAUSES`.
+    text
+        The same for people.
+    stage, topic, channel
+        Where.
+    candidate_s
+        Time of the nearest candidate [s since the first sample], or None.
+    gate
+        Name of the first gate that failed, or empty.
+    readings
+        All gates of that candidate, in order.
+    channels
+        For a group of picks: why each missing channel is missing.
+    """
+
+    cause: str
+    text: str
+    stage: str
+    topic: str
+    channel: str = ""
+    candidate_s: float | None = None
+    gate: str = ""
+    readings: tuple[GateReading, ...] = ()
+    channels: tuple[str, ...] = field(default=())
+
+
+def readings(part: StageEvidence, row: int) -> tuple[GateReading, ...]:
+    """Return what every gate said of a candidate."""
+    return tuple(
+        GateReading(
+            gate.name,
+            gate.unit,
+            gate.parameter,
+            float(part.gate_value[row, i]),
+            gate.threshold,
+            float(part.margin[row, i]),
+            bool(part.margin[row, i] >= 0),
+        )
+        for i, gate in enumerate(part.spec.gates)
+    )
+
+
+def reason_at(evidence: Evidence, time_ns: int, tolerance_s: float) -> Reason:
+    """Say why there is no step at a time.
+
+    Parameters
+    ----------
+    evidence
+        Of the result, as decided.
+    time_ns
+        The moment.
+    tolerance_s
+        Candidates up to this far away count.
+    """
+    reach = round(tolerance_s * NS_PER_S)
+    final = _last_stage(evidence, "step") or evidence.config.stage[-1].key
+    found = [
+        (part, row)
+        for part in evidence.of(final)
+        for row in part.between(time_ns - reach, time_ns + reach)
+    ]
+    if not found:
+        return _nothing(evidence, final, time_ns, reach)
+    part, row = min(found, key=lambda item: _distance(item[0], int(item[1]), time_ns))
+    return _failed(evidence, part, int(row), time_ns, reach)
+
+
+def _last_stage(evidence: Evidence, emits: str) -> str:
+    stages = [part.spec.stage for part in evidence.stages if part.spec.emits == emits]
+    return stages[-1] if stages else ""
+
+
+def _distance(part: StageEvidence, row: int, time_ns: int) -> tuple[int, float, int]:
+    """Order candidates: most gates passed first, then least shortfall, then nearest."""
+    margin = part.margin[row]
+    scale = [max(abs(g.threshold), 1e-9) for g in part.spec.gates]
+    short = np.where(margin < 0, -margin / scale, 0.0)
+    failed = int((~(margin >= 0)).sum())
+    return failed, float(np.nansum(short)), abs(int(part.candidates.time_ns[row]) - time_ns)
+
+
+def _failed(evidence: Evidence, part: StageEvidence, row: int, time_ns: int, reach: int) -> Reason:
+    """Say which gate a candidate failed first."""
+    all_readings = readings(part, row)
+    at_s = (int(part.candidates.time_ns[row]) - evidence.start_ns) / NS_PER_S
+    channel = part.spec.channels[int(part.candidates.channel[row])]
+    spec = part.spec
+    first = next((r for r in all_readings if not r.passed), None)
+    if first is None:
+        text = f"its detection at {at_s:.3f} s answers another step"
+        return Reason("taken", text, spec.stage, spec.topic, channel, at_s, "", all_readings)
+    cause, text, missing = _verdict(evidence, part, first, time_ns, reach)
+    more = [r.gate for r in all_readings if not r.passed and r.gate != first.gate]
+    if more:
+        text = f"{text}; {' and '.join(more)} would fail too"
+    return Reason(
+        cause, text, spec.stage, spec.topic, channel, at_s, first.gate, all_readings, missing
+    )
+
+
+def _verdict(
+    evidence: Evidence, part: StageEvidence, first: GateReading, time_ns: int, reach: int
+) -> tuple[str, str, tuple[str, ...]]:
+    """Return cause, sentence and, for a group of picks, the missing channels."""
+    if first.gate == "refractory":
+        return "refractory", _merged(first), ()
+    if not part.spec.trace:  # a group of picks: say what its channels lack
+        missing = missing_channels(evidence, part, time_ns, reach)
+        text = (
+            f"picked on {first.value:g} of {first.threshold:g} channels needed"
+            if first.gate == "channels"
+            else _below(first)
+        )
+        return "coincidence", "; ".join([text + ":"[: bool(missing)], *missing]), missing
+    if first.gate == "activity":
+        return "walking", f"nobody seems to walk: {_below(first)}", ()
+    channel = 0
+    hint = silence(part, channel, time_ns - reach, time_ns + reach)
+    if hint.cause in {"clipped", "dead"} and len(part.spec.channels) == 1:
+        return hint.cause, f"{_below(first)}; {hint.text}", ()
+    return "threshold", _below(first), ()
+
+
+def _merged(reading: GateReading) -> str:
+    return (
+        f"merged with the step {reading.value * 1e3:.0f} ms earlier by the refractory gate "
+        f"({reading.threshold * 1e3:.0f} ms)"
+    )
+
+
+def _below(reading: GateReading) -> str:
+    unit = "" if reading.unit == "1" else f" {reading.unit}"
+    sign = "<" if reading.value < reading.threshold else ">"
+    return (
+        f"{reading.gate} {reading.value:.4g}{unit} {sign} {reading.threshold:.4g}{unit} "
+        f"(margin {reading.margin:.3g})"
+    )
+
+
+def _nothing(evidence: Evidence, stage: str, time_ns: int, reach: int) -> Reason:
+    """Say why the final stage had no candidate at all."""
+    parts = evidence.of(stage)
+    if not parts:
+        return Reason("quiet", "the stage ran on no stream", stage, "")
+    part = parts[0]
+    gap = next(
+        (g for g in evidence.gaps if g.start_ns - reach <= time_ns <= g.end_ns + reach), None
+    )
+    if gap is not None and not gap.bridged:
+        text = f"no signal: {gap.reason}, {gap.lost} samples"
+        return Reason("gap", text, stage, part.spec.topic)
+    if part.spec.trace:
+        quiet = silence(part, 0, time_ns - reach, time_ns + reach)
+        return Reason(quiet.cause, f"no candidate: {quiet.text}", stage, part.spec.topic)
+    missing = missing_channels(evidence, part, time_ns, reach)
+    text = "no channel was picked: " + "; ".join(missing)
+    causes = [_channel_cause(evidence, part, time_ns, reach, c) for c in _channels(evidence, part)]
+    cause = max(set(causes), key=causes.count) if causes else "quiet"
+    return Reason(cause, text, stage, part.spec.topic, channels=missing)
+
+
+def _upstream(evidence: Evidence, part: StageEvidence) -> StageEvidence | None:
+    """Return the picking stage before an associator, on the same topic."""
+    order = [stage.key for stage in evidence.config.stage]
+    before = order[: order.index(part.spec.stage)]
+    sources = [
+        e
+        for key in before
+        for e in evidence.of(key)
+        if e.spec.emits == "pick" and e.spec.topic == part.spec.topic
+    ]
+    return sources[-1] if sources else None
+
+
+def _channels(evidence: Evidence, part: StageEvidence) -> range:
+    source = _upstream(evidence, part)
+    return range(len(source.spec.channels) if source is not None else 0)
+
+
+def missing_channels(
+    evidence: Evidence, part: StageEvidence, time_ns: int, reach: int
+) -> tuple[str, ...]:
+    """Say for each channel without a pick around a time why it has none."""
+    source = _upstream(evidence, part)
+    if source is None:
+        return ()
+    rows = source.between(time_ns - reach, time_ns + reach)
+    picked = set(source.candidates.channel[rows[source.accepted[rows]]].tolist())
+    return tuple(
+        f"{name} {_channel_text(source, rows, channel, time_ns, reach)}"
+        for channel, name in enumerate(source.spec.channels)
+        if channel not in picked
+    )
+
+
+def _channel_text(
+    source: StageEvidence, rows: NDArray[np.intp], channel: int, time_ns: int, reach: int
+) -> str:
+    quiet = silence(source, channel, time_ns - reach, time_ns + reach)
+    if quiet.cause in {"dead", "clipped"}:
+        return quiet.text
+    own = rows[source.candidates.channel[rows] == channel]
+    if not len(own):
+        return quiet.text
+    row = int(min(own, key=lambda r: _distance(source, int(r), time_ns)))
+    first = next((r for r in readings(source, row) if not r.passed), None)
+    return _below(first) if first is not None else "was picked"
+
+
+def _channel_cause(
+    evidence: Evidence, part: StageEvidence, time_ns: int, reach: int, channel: int
+) -> str:
+    source = _upstream(evidence, part)
+    if source is None:
+        return "quiet"
+    rows = source.between(time_ns - reach, time_ns + reach)
+    own = rows[source.candidates.channel[rows] == channel]
+    return (
+        "threshold"
+        if len(own)
+        else silence(source, channel, time_ns - reach, time_ns + reach).cause
+    )

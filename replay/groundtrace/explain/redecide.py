@@ -1,0 +1,259 @@
+"""Deciding again: the same ``decide`` on stored candidates, with other thresholds.
+
+Equal, decision by decision, to a fresh replay with those thresholds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec, StepEvent
+
+from ..errors import PipelineError
+from ..gates import Candidates, Carry, decide, gate_specs
+from ..parameters import build, describe
+from ..pipeline import STAGE_GROUPS
+from ..plugins import find
+from ..score import match_steps
+from ..stage import AssociatorStage, accepted_events
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.labels import Label
+
+    from ..pipeline import StageConfig
+    from ..score import StepMatch
+    from .evidence import Evidence
+
+#: A setting: (stage, parameter) to value.
+Settings = Mapping[tuple[str, str], Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What a pipeline decides.
+
+    Attributes
+    ----------
+    blocks
+        Decided candidates of each stage and topic.
+    events
+        Picks and steps of all stages.
+    """
+
+    blocks: tuple[CandidateBlock, ...]
+    events: tuple[Pick | StepEvent, ...]
+
+    def step_times(self) -> NDArray[np.int64]:
+        """Return the times of the steps of the last stage that emits them [ns]."""
+        stage = next((b.spec.stage for b in reversed(self.blocks) if b.spec.emits == "step"), "")
+        times = [e.time_ns for e in self.events if isinstance(e, StepEvent) and e.stage == stage]
+        return np.array(times, np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """True positives, false positives and false negatives of steps."""
+
+    tp: int
+    fp: int
+    fn: int
+
+    @classmethod
+    def of(cls, matching: StepMatch) -> Counts:
+        """Count a match."""
+        tp = len(matching.pairs)
+        return cls(tp, len(matching.found_ns) - tp, len(matching.truth_ns) - tp)
+
+
+class Redecider:
+    """Decides the evidence of one result with other settings.
+
+    Parameters
+    ----------
+    evidence
+        What was stored.
+
+    Raises
+    ------
+    PipelineError
+        Where a setting changes what was measured: that needs a replay.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+        self._stages = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
+
+    def outcome(
+        self, settings: Settings | None = None, span_ns: tuple[int, int] | None = None
+    ) -> Outcome:
+        """Decide with some parameters changed; only candidates inside ``span_ns`` where given."""
+        blocks: list[CandidateBlock] = []
+        events: list[Pick | StepEvent] = []
+        picking = ""
+        for stage, group, kind in self._stages:
+            parameters = self.parameters(stage, kind, settings or {})
+            if group == "detectors":
+                found = self._detector(stage.key, kind, parameters, span_ns)
+            else:
+                runner = AssociatorStage(
+                    stage.key, stage.use, kind, parameters, stage.topics, picking
+                )
+                found = self._associator(runner, blocks, events)
+            picking = stage.key if kind.emits == "pick" else picking
+            for item in found:
+                if isinstance(item, CandidateBlock):
+                    blocks.append(item)
+                elif isinstance(item, Pick | StepEvent):
+                    events.append(item)
+        return Outcome(tuple(blocks), tuple(events))
+
+    def matching(
+        self,
+        settings: Settings | None = None,
+        tolerance_s: float = 0.12,
+        labels: Sequence[Label] | None = None,
+    ) -> StepMatch:
+        """Decide, and match the steps to the truth."""
+        e = self.evidence
+        times = self.outcome(settings).step_times()
+        truth = e.labels if labels is None else labels
+        return match_steps(truth, times, e.start_ns, e.end_ns, tolerance_s)
+
+    def whole_numbers(self, stage: str) -> set[str]:
+        """Return the parameters of a stage that are integers."""
+        kinds = [kind for config, _, kind in self._stages if config.key == stage]
+        infos = [info for kind in kinds for info in describe(kind.Parameters)]
+        return {info.name for info in infos if isinstance(info.default, int)}
+
+    def parameters(self, stage: StageConfig, kind: Any, settings: Settings) -> Any:
+        """Return a stage's parameters, checked to be decidable from the evidence."""
+        changed = {name: value for (key, name), value in settings.items() if key == stage.key}
+        parts = {info.name: info.part for info in describe(kind.Parameters)}
+        for name in changed:
+            if parts.get(name) == "measure":
+                raise PipelineError(
+                    f"{stage.key}.{name}: expected a gate's parameter, found one of the signal "
+                    f"path: it needs a replay"
+                )
+        parameters = build(kind.Parameters, {**stage.parameters, **changed}, stage.key)
+        self._check_floor(stage.key, kind, parameters, changed)
+        return parameters
+
+    def _check_floor(
+        self, key: str, kind: Any, parameters: Any, changed: Mapping[str, Any]
+    ) -> None:
+        """Refuse a threshold under the floor: candidates below it were not stored."""
+        if "floor" not in {f.name for f in fields(parameters)}:
+            return
+        first = kind.columns[0].name
+        for gate in kind.gates:
+            under = gate.name == first and getattr(parameters, gate.parameter) < parameters.floor
+            if under and gate.parameter in changed:
+                raise PipelineError(
+                    f"{key}.{gate.parameter}: expected at least the stored floor "
+                    f"{parameters.floor:g}, found {getattr(parameters, gate.parameter):g}: it "
+                    f"needs a replay with a lower {key}.floor"
+                )
+
+    def _detector(
+        self, key: str, kind: Any, parameters: Any, span_ns: tuple[int, int] | None
+    ) -> Iterator[Event]:
+        for part in self.evidence.of(key):
+            candidates = part.candidates
+            if span_ns is not None:
+                candidates = candidates.rows(part.between(*span_ns))
+            spec = replace(part.spec, gates=gate_specs(kind.gates, parameters))
+            yield from self._decided(spec, kind, parameters, candidates)
+
+    def _decided(
+        self, spec: StageSpec, kind: Any, parameters: Any, candidates: Candidates
+    ) -> Iterator[Event]:
+        block = decided_block(spec, candidates, kind, parameters)
+        yield block
+        yield from accepted_events(block, kind.emits)
+
+    def _associator(
+        self,
+        runner: AssociatorStage,
+        blocks: Sequence[CandidateBlock],
+        events: Sequence[Pick | StepEvent],
+    ) -> Iterator[Event]:
+        """Feed the picks of the source stage to a fresh associator, topic by topic."""
+        gathered: dict[str, list[CandidateBlock]] = {}
+        singles: list[Event] = []
+        specs: dict[str, StageSpec] = {}
+        for block in blocks:
+            if block.spec.stage != runner.source:
+                continue
+            topic = block.spec.topic
+            picks = [
+                e
+                for e in events
+                if isinstance(e, Pick) and e.stage == runner.source and e.topic == topic
+            ]
+            items: list[Event] = [block.spec, *picks]
+            for item in items:
+                for made in runner.process(item):
+                    _sort_in(made, gathered, singles, specs)
+        for made in runner.flush():
+            _sort_in(made, gathered, singles, specs)
+        for topic, spec in specs.items():
+            yield joined_block(spec, gathered.get(topic, []))
+        yield from singles
+
+
+def _sort_in(
+    event: Event,
+    blocks: dict[str, list[CandidateBlock]],
+    singles: list[Event],
+    specs: dict[str, StageSpec],
+) -> None:
+    if isinstance(event, StageSpec):
+        specs[event.topic] = event
+    elif isinstance(event, CandidateBlock):
+        blocks.setdefault(event.spec.topic, []).append(event)
+    elif not isinstance(event, Gap):
+        singles.append(event)
+
+
+def decided_block(
+    spec: StageSpec, candidates: Candidates, kind: Any, parameters: Any
+) -> CandidateBlock:
+    """Decide candidates of one stage and topic at once."""
+    decisions, _ = decide(candidates, kind.columns, kind.gates, parameters, Carry())
+    return CandidateBlock(
+        spec,
+        candidates.time_ns,
+        candidates.channel,
+        candidates.value,
+        decisions.gate_value,
+        decisions.margin,
+        decisions.accepted,
+    )
+
+
+def joined_block(spec: StageSpec, parts: Sequence[CandidateBlock]) -> CandidateBlock:
+    """Return the blocks of one stage and topic as one."""
+    none = Candidates.empty(len(spec.columns))
+    gates = np.empty((0, len(spec.gates)), np.float32)
+    found = Candidates.concatenate(
+        [none, *(Candidates(b.time_ns, b.channel, b.value) for b in parts)]
+    )
+    return CandidateBlock(
+        spec,
+        found.time_ns,
+        found.channel,
+        found.value,
+        np.concatenate([gates, *(b.gate_value for b in parts)]),
+        np.concatenate([gates, *(b.margin for b in parts)]),
+        np.concatenate([np.empty(0, np.bool_), *(b.accepted for b in parts)]),
+    )

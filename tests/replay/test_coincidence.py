@@ -1,0 +1,147 @@
+"""Coincidence: picks of several channels close in time are one impact."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
+from groundtrace.gates import Candidates
+from groundtrace.stage import AssociatorStage
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Gap,
+    GateSpec,
+    Pick,
+    Quantity,
+    StageSpec,
+    StepEvent,
+)
+
+MS = 1_000_000
+SPEC = StageSpec(
+    "picks",
+    "toa-cv",
+    "/s",
+    tuple(f"G{i}" for i in range(6)),
+    (Quantity("ratio", "1"),),
+    (GateSpec("ratio", "1", "ratio", 5.0),),
+    (),
+    "pick",
+)
+
+
+def pick(channel: int, time_ms: float, topic: str = "/s") -> Pick:
+    return Pick(round(time_ms * MS), f"G{channel}", topic, "picks", 0.001, 9.0)
+
+
+def groups(picks, **parameters) -> Candidates:
+    worker = Coincidence(CoincidenceParameters(**parameters))
+    assert worker.start(SPEC) == ("all",)
+    return Candidates.concatenate([*(worker.associate(p) for p in picks), worker.finish()])
+
+
+def stage(**parameters) -> AssociatorStage:
+    return AssociatorStage("steps", "coincidence", Coincidence, CoincidenceParameters(**parameters))
+
+
+def test_picks_within_the_window_of_the_first_are_one_group():
+    found = groups([pick(0, 0), pick(1, 20), pick(2, 49.9), pick(3, 60), pick(4, 61)])
+    assert found.time_ns.tolist() == [0, 60 * MS]
+    assert found.value[:, 0].tolist() == [3, 2]
+    assert found.value[:, 1].tolist() == pytest.approx([0.0499, 0.001])
+
+
+def test_the_window_includes_its_end():
+    assert groups([pick(0, 0), pick(1, 50)]).value[:, 0].tolist() == [2]
+    later = Pick(50 * MS + 1, "G1", "/s", "picks", 0.001, 9.0)
+    assert groups([pick(0, 0), later]).value[:, 0].tolist() == [1, 1]
+
+
+def test_a_channel_counts_once():
+    found = groups([pick(0, 0), pick(0, 10), pick(1, 20)])
+    assert found.value[:, 0].tolist() == [2]
+
+
+def test_a_group_comes_out_as_soon_as_the_next_pick_is_outside_its_window():
+    worker = Coincidence(CoincidenceParameters())
+    assert [len(worker.associate(p)) for p in (pick(0, 0), pick(1, 10), pick(0, 100))] == [0, 0, 1]
+    assert len(worker.finish()) == 1
+    assert len(worker.finish()) == 0
+
+
+@given(
+    times=st.lists(st.integers(0, 400), min_size=1, max_size=40).map(sorted),
+    channels=st.lists(st.integers(0, 5), min_size=40, max_size=40),
+)
+def test_groups_are_those_of_a_plain_loop(times, channels):
+    expected: list[tuple[int, set[int], int]] = []
+    for time, channel in zip(times, channels, strict=False):
+        if expected and time - expected[-1][0] <= 50:
+            first, seen, _ = expected[-1]
+            expected[-1] = (first, seen | {channel}, time)
+        else:
+            expected.append((time, {channel}, time))
+    found = groups([pick(c, t) for t, c in zip(times, channels, strict=False)])
+    assert found.time_ns.tolist() == [g[0] * MS for g in expected]
+    assert found.value[:, 0].tolist() == [len(g[1]) for g in expected]
+    assert np.allclose(found.value[:, 1], [(g[2] - g[0]) / 1e3 for g in expected])
+
+
+def impact(time_ms: float, channels: int = 4, topic: str = "/s") -> list[Pick]:
+    return [pick(c, time_ms + c, topic) for c in range(channels)]
+
+
+def run(chain: AssociatorStage, items) -> list:
+    return [e for item in items for e in chain.process(item)] + list(chain.flush())
+
+
+def steps_of(events) -> list[StepEvent]:
+    return [e for e in events if isinstance(e, StepEvent)]
+
+
+def test_a_step_needs_channels_and_time_since_the_last_one():
+    items = [SPEC, *impact(0), *impact(100), *impact(300, 3), *impact(600)]
+    events = run(stage(), items)
+    assert [(e.time_ns, e.kind, e.channels, e.stage) for e in steps_of(events)] == [
+        (0, "step", 4, "steps"),
+        (600 * MS, "step", 4, "steps"),
+    ]
+    blocks = [e for e in events if isinstance(e, CandidateBlock)]
+    assert np.concatenate([b.accepted for b in blocks]).tolist() == [True, False, False, True]
+    margin = np.concatenate([b.margin for b in blocks])
+    assert np.allclose(margin[1:3], [[0, -0.15], [-1, 0.05]], atol=1e-6)
+
+
+def test_topics_are_associated_apart():
+    other = StageSpec("picks", "toa-cv", "/t", SPEC.channels, SPEC.columns, SPEC.gates, (), "pick")
+    mixed = sorted([*impact(0, 2), *impact(2, 4, "/t")], key=lambda p: p.time_ns)
+    events = run(stage(), [SPEC, other, *mixed])
+    assert [(e.topic, e.channels) for e in steps_of(events)] == [("/t", 4)]
+    chosen = AssociatorStage("s", "c", Coincidence, CoincidenceParameters(min_channels=2), ["/s*"])
+    assert [e.topic for e in steps_of(run(chosen, [SPEC, other, *mixed]))] == ["/s"]
+
+
+def test_picks_of_an_unknown_topic_are_left_alone():
+    assert run(stage(), impact(0)) == []
+
+
+def test_a_clock_that_is_set_back_ends_the_group_and_the_refractory_time():
+    back = Gap("/s", 0, 0, "clock step", 0)
+    items = [SPEC, *impact(900_000), back, *impact(100), *impact(500)]
+    assert [e.time_ns // MS for e in steps_of(run(stage(), items))] == [900_000, 100, 500]
+    lost = Gap("/s", 0, 0, "missing", 9)
+    items = [SPEC, *impact(0, 2), lost, pick(2, 5), pick(3, 6)]
+    assert [e.channels for e in steps_of(run(stage(), items))] == [4]
+
+
+def test_a_stage_saved_in_a_group_goes_on_elsewhere():
+    items = [SPEC, *impact(0), *impact(400)]
+    one, other = stage(), stage()
+    events = [e for item in items[:3] for e in one.process(item)]
+    other.restore(one.save())
+    run(one, items[3:])  # what the first one does later is not seen by the second
+    events += run(other, items[3:])
+    assert [e.time_ns for e in steps_of(events)] == [0, 400 * MS]
