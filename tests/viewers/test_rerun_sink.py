@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import rerun as rr
 from viewer_sessions import (
     IMU,
     SEISMIC,
+    SPEC,
     START_NS,
     STEPS_S,
     blocks,
@@ -20,7 +22,9 @@ from viewer_sessions import (
     write_walker,
 )
 
-from groundtrace_codecs.events import Note
+from groundtrace_codecs.events import CandidateBlock, Note, Quantity
+from groundtrace_codecs.labels import Label
+from groundtrace_viewers.detector import TOP_EDGE, ceiling
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.serve import quiet_environment, viewer_program
 from groundtrace_viewers.sink import RerunSink
@@ -119,6 +123,25 @@ def test_a_decision_is_logged_with_its_threshold(room: Path) -> None:
     assert times[0] == 0
 
 
+def test_the_plot_of_a_ratio_ends_where_the_threshold_can_be_seen() -> None:
+    assert ceiling(SPEC) == 16.0
+    in_units = replace(SPEC, trace=(Quantity("ratio", "m/s2"),))
+    assert ceiling(in_units) == 0.0
+    assert ceiling(replace(SPEC, trace=(), gates=())) == 0.0
+
+
+def test_candidates_beyond_the_plot_lie_at_its_edge(tmp_path: Path) -> None:
+    sink = RerunSink(tmp_path / "high.rrd")
+    sink.open(room_session())
+    value = np.array([[9000.0, 1.0], [5.0, 1.0]], np.float32)
+    yes, channel = np.ones(2, np.bool_), np.zeros(2, np.int32)
+    times = START_NS + np.array([10, 20])
+    sink.write(CandidateBlock(SPEC, times, channel, value, value, value, yes))
+    sink.close()
+    _, accepted = read_back(tmp_path / "high.rrd", "/detector/picker/seismic/accepted", SCALARS)
+    np.testing.assert_allclose(np.array(accepted).ravel(), [16.0 * TOP_EDGE, 5.0])
+
+
 def test_candidates_are_split_into_accepted_and_rejected(room: Path) -> None:
     _, accepted = read_back(room, "/detector/picker/seismic/accepted", SCALARS)
     _, rejected = read_back(room, "/detector/picker/seismic/rejected", SCALARS)
@@ -127,11 +150,29 @@ def test_candidates_are_split_into_accepted_and_rejected(room: Path) -> None:
 
 
 def test_the_lane_of_a_stage_names_the_first_gate_that_failed(room: Path) -> None:
-    times, states = read_back(room, "/state/picker/seismic", "StateChange:state")
+    times, states = read_back(room, "/state/picker", "StateChange:state")
     shown = [(t, s[0]) for t, s in zip(times.tolist(), states, strict=True) if s != [""]]
     expected = ["rejected: ratio" if k == 2 else "accepted" for k in range(len(STEPS_S))]
     assert [s for _, s in shown] == expected
     assert [t for t, _ in shown] == [round(s * 1e9) for s in STEPS_S]
+
+
+def test_steps_and_rejections_of_a_stage_share_its_lane(room: Path) -> None:
+    _, states = read_back(room, "/state/associate", "StateChange:state")
+    assert [s for [s] in states if s] == ["step"] * (len(STEPS_S) - 1)
+
+
+def test_a_walk_goes_on_after_what_is_ignored(tmp_path: Path) -> None:
+    sink = RerunSink(tmp_path / "ignore.rrd")
+    session = room_session()
+    second = 1_000_000_000
+    ignore = Label(START_NS + 2 * second, "ignore", end_ns=START_NS + 3 * second)
+    sink.open(replace(session, labels=(*session.labels, ignore)))
+    sink.close()
+    path = tmp_path / "ignore.rrd"
+    times, states = read_back(path, "/state/truth/walking", "StateChange:state")
+    assert [s for [s] in states] == ["walking", "ignore", "walking", ""]
+    np.testing.assert_array_equal(times / second, [0.5, 2.0, 3.0, 5.5])
 
 
 def test_truth_becomes_lanes_by_kind(room: Path) -> None:

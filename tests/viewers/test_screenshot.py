@@ -8,6 +8,7 @@ import psutil
 import pytest
 from conftest import skip_or_fail
 from PIL import Image
+from shot_sessions import shot_labels, write_shots
 from viewer_sessions import (
     SEISMIC,
     blocks,
@@ -20,7 +21,7 @@ from viewer_sessions import (
 )
 
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.headless import ViewerState, screenshot
+from groundtrace_viewers.headless import ViewerState, main, screenshot
 from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment, serve_web
 from groundtrace_viewers.sink import RerunSink
 from groundtrace_viewers.web import fetch
@@ -66,6 +67,31 @@ def test_the_picture_shows_the_data_and_not_only_the_layout(tmp_path: Path) -> N
 def test_a_walker_without_places_has_no_map(tmp_path: Path) -> None:
     state, _ = picture(write_walker(tmp_path / "walker.rrd"), 2.0)
     assert [v for v in state.views if v.kind == "2D" or v.reports] == []
+
+
+def test_a_section_of_shots_is_drawn_without_complaint(tmp_path: Path) -> None:
+    state, _ = picture(write_shots(tmp_path / "shots.rrd", shot_labels()), 1.0)
+    assert {v.name: v.reports for v in state.views if v.reports} == {}
+    assert [v.name for v in state.views if v.origin == "/section/seismic"] == [
+        "Section /seismic: each trace scaled to its own maximum, offset by channel "
+        "(● picks, + truth)"
+    ]
+
+
+def test_a_picture_for_a_page_has_the_size_asked_for_and_few_colours(tmp_path: Path) -> None:
+    png = tmp_path / "page.png"
+    code = main([str(write_walker(tmp_path / "w.rrd")), str(png), "--at", "2", "--size", "800x500"])
+    if code:
+        skip_or_fail("viewer", "the viewer cannot draw here")
+    with Image.open(png) as image:
+        assert (image.size, image.mode) == ((800, 500), "P")
+
+
+def test_a_picture_of_nothing_is_one_line_and_an_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(tmp_path / "absent.rrd"), str(tmp_path / "x.png")]) == 1
+    assert capsys.readouterr().err == "absent.rrd: expected a recording, found no file\n"
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:

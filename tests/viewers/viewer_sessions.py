@@ -54,6 +54,7 @@ IMU = Stream(
     IMU_RATE_HZ,
     "waist",
 )
+ASSOCIATE = StageSpec("associate", "coincidence", "/seismic", ("all",), (), (), (), "step")
 SPEC = StageSpec(
     "picker",
     "sta-lta",
@@ -62,7 +63,9 @@ SPEC = StageSpec(
     (Quantity("ratio", "1"), Quantity("peak", "m/s")),
     (GateSpec("ratio", "1", "threshold", 4.0), GateSpec("peak", "m/s", "floor", 1e-6)),
     (Quantity("ratio", "1"), Quantity("peak", "m/s")),
+    "pick",
 )
+FIRST_BREAKS = StageSpec("first-breaks", "first-breaks", "/seismic", NAMES, (), (), (), "pick")
 
 
 def at(seconds: float) -> int:
@@ -149,6 +152,7 @@ def decisions() -> Iterator[Event]:
     margin = measured - np.array([4.0, 1e-6], np.float32)
     accepted = (margin >= 0).all(axis=1)
     yield SPEC
+    yield ASSOCIATE
     yield TraceBlock(SPEC, frames, ratio)
     yield CandidateBlock(
         SPEC, np.array(times), np.array(channels, np.int32), measured, measured, margin, accepted

@@ -37,7 +37,7 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 LANE_HEADING, LANE = 0.075, 0.048
 MOST_LANES = 6
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
-SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.06, 0.06), (2.0, 2.0)
+SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0)
 
 
 def blueprint(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: A ratio's plot ends at this many thresholds: peaks reach thousands, the decision falls near one.
 CEILING = 4.0
 #: Where on it candidates lie that are higher, as part of its height.
-TOP_EDGE = 0.96
+TOP_EDGE = 0.9
 #: With more channels than this the marks of candidates are smaller.
 FEW_CHANNELS = 12
 

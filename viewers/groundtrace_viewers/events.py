@@ -75,7 +75,7 @@ class PickLog:
         for topic in dict.fromkeys(p.topic for p, _ in self._pending):
             marks = [(p, height) for p, height in self._pending if p.topic == topic]
             path = f"/picks/{topic.strip('/')}"
-            style = rr.SeriesPoints(markers="down", marker_sizes=6.0, names="pick")
+            style = rr.SeriesPoints(markers="down", marker_sizes=7.0, names="pick")
             self._timeline.declare(Entity(path, "mark"), style)
             colours = np.array([self._colours.of(p.channel) for p, _ in marks], np.uint32)
             columns = [

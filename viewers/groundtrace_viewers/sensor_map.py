@@ -85,7 +85,7 @@ def marker_radius(points: Sequence[tuple[float, float]], extent_m: float) -> flo
         return RADIUS
     apart = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
     nearest = float(np.median(apart)) / extent_m * MAP_POINTS
-    return float(np.clip(0.4 * nearest, 2.0, RADIUS))
+    return float(np.clip(0.3 * nearest, 2.0, RADIUS))
 
 
 class SensorMap:

@@ -26,7 +26,7 @@ def trace_of(decision: Quantity, filtered_unit: str, recorded_unit: str) -> tupl
 
     ``peak`` and ``noise`` are of the filtered signal, ``swing`` (half peak to peak), ``quiet`` (the
     smallest swing of the last 5 s) and ``flat`` (how long it stood still at its extreme) of the
-    signal as recorded.
+    signal as recorded. ``noise`` and ``quiet`` are 0 where nothing but dead frames came before.
     """
     return (
         decision,
@@ -91,9 +91,11 @@ class FrameTrace:
         folded = columns.reshape(5, channels, count, length)
         high, low = folded[3].max(axis=2), folded[4].min(axis=2)
         levels = np.stack([np.sqrt(folded[2].mean(axis=2)), (high - low) / 2])
-        past = np.concatenate([self._past, levels], axis=2)
+        # a dead stretch says nothing about the noise
+        past = np.concatenate([self._past, np.where(levels > 0, levels, np.inf)], axis=2)
         quiet = np.lib.stride_tricks.sliding_window_view(past, self.history, axis=2).min(axis=3)
         self._past = past[:, :, count:]
+        quiet = np.where(np.isfinite(quiet), quiet, 0.0)
         value = np.stack(
             [
                 folded[0].max(axis=2),

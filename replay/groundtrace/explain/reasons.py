@@ -142,7 +142,7 @@ def _failed(evidence: Evidence, part: StageEvidence, row: int, time_ns: int, rea
     if first is None:
         text = f"its detection at {at_s:.3f} s answers another step"
         return Reason("taken", text, spec.stage, spec.topic, channel, at_s, "", all_readings)
-    cause, text, missing = _verdict(evidence, part, first, time_ns, reach)
+    cause, text, missing = _verdict(evidence, part, row, first, time_ns, reach)
     more = [r.gate for r in all_readings if not r.passed and r.gate != first.gate]
     if more:
         text = f"{text}; {' and '.join(more)} would fail too"
@@ -152,19 +152,18 @@ def _failed(evidence: Evidence, part: StageEvidence, row: int, time_ns: int, rea
 
 
 def _verdict(
-    evidence: Evidence, part: StageEvidence, first: GateReading, time_ns: int, reach: int
+    evidence: Evidence,
+    part: StageEvidence,
+    row: int,
+    first: GateReading,
+    time_ns: int,
+    reach: int,
 ) -> tuple[str, str, tuple[str, ...]]:
     """Return cause, sentence and, for a group of picks, the missing channels."""
     if first.gate == "refractory":
         return "refractory", _merged(first), ()
     if not part.spec.trace:  # a group of picks: say what its channels lack
-        missing = missing_channels(evidence, part, time_ns, reach)
-        text = (
-            f"picked on {first.value:g} of {first.threshold:g} channels needed"
-            if first.gate == "channels"
-            else _below(first)
-        )
-        return "coincidence", "; ".join([text + ":"[: bool(missing)], *missing]), missing
+        return _lacking(evidence, part, row, first, time_ns, reach)
     if first.gate == "activity":
         return "walking", f"nobody seems to walk: {_below(first)}", ()
     channel = 0
@@ -172,6 +171,35 @@ def _verdict(
     if hint.cause in {"clipped", "dead"} and len(part.spec.channels) == 1:
         return hint.cause, f"{_below(first)}; {hint.text}", ()
     return "threshold", _below(first), ()
+
+
+def _lacking(
+    evidence: Evidence,
+    part: StageEvidence,
+    row: int,
+    first: GateReading,
+    time_ns: int,
+    reach: int,
+) -> tuple[str, str, tuple[str, ...]]:
+    """Say what the missing channels of a group of picks lack; broken ones are the cause."""
+    missing = missing_channels(evidence, part, time_ns, reach, _span_of_group(part, row))
+    names = tuple(f"{m.channel} {m.text}" for m in missing)
+    if first.gate != "channels":
+        return "coincidence", _below(first), names
+    text = f"picked on {first.value:g} of {first.threshold:g} channels needed"
+    cause = "coincidence"
+    for broken in ("dead", "clipped"):
+        if first.value + sum(m.cause == broken for m in missing) >= first.threshold:
+            cause = broken
+    return cause, "; ".join([f"{text}: {names[0]}", *names[1:]]) if names else text, names
+
+
+def _span_of_group(part: StageEvidence, row: int) -> tuple[int, int]:
+    """Return first and last pick of a group [ns]; its candidate may hold how long it lasted."""
+    begin = int(part.candidates.time_ns[row])
+    names = [column.name for column in part.spec.columns]
+    length_s = float(part.candidates.value[row, names.index("span")]) if "span" in names else 0.0
+    return begin, begin + round(length_s * NS_PER_S) + 1000  # the stored length is rounded
 
 
 def _merged(reading: GateReading) -> str:
@@ -206,10 +234,11 @@ def _nothing(evidence: Evidence, stage: str, time_ns: int, reach: int) -> Reason
         quiet = silence(part, 0, time_ns - reach, time_ns + reach)
         return Reason(quiet.cause, f"no candidate: {quiet.text}", stage, part.spec.topic)
     missing = missing_channels(evidence, part, time_ns, reach)
-    text = "no channel was picked: " + "; ".join(missing)
-    causes = [_channel_cause(evidence, part, time_ns, reach, c) for c in _channels(evidence, part)]
-    cause = max(set(causes), key=causes.count) if causes else "quiet"
-    return Reason(cause, text, stage, part.spec.topic, channels=missing)
+    names = tuple(f"{m.channel} {m.text}" for m in missing)
+    causes = [m.cause for m in missing if m.cause != "quiet"]
+    cause = max(causes, key=causes.count, default="quiet")
+    text = "no channel was picked: " + "; ".join(names)
+    return Reason(cause, text, stage, part.spec.topic, channels=names)
 
 
 def _upstream(evidence: Evidence, part: StageEvidence) -> StageEvidence | None:
@@ -225,51 +254,47 @@ def _upstream(evidence: Evidence, part: StageEvidence) -> StageEvidence | None:
     return sources[-1] if sources else None
 
 
-def _channels(evidence: Evidence, part: StageEvidence) -> range:
-    source = _upstream(evidence, part)
-    return range(len(source.spec.channels) if source is not None else 0)
+@dataclass(frozen=True, slots=True)
+class MissingChannel:
+    """A channel without a pick, and why."""
+
+    channel: str
+    cause: str
+    text: str
 
 
 def missing_channels(
-    evidence: Evidence, part: StageEvidence, time_ns: int, reach: int
-) -> tuple[str, ...]:
-    """Say for each channel without a pick around a time why it has none."""
+    evidence: Evidence,
+    part: StageEvidence,
+    time_ns: int,
+    reach: int,
+    group_ns: tuple[int, int] | None = None,
+) -> tuple[MissingChannel, ...]:
+    """Say for each channel without a pick in a group, or around a time, why it has none."""
     source = _upstream(evidence, part)
     if source is None:
         return ()
     rows = source.between(time_ns - reach, time_ns + reach)
-    picked = set(source.candidates.channel[rows[source.accepted[rows]]].tolist())
+    group = source.between(*(group_ns or (time_ns - reach, time_ns + reach)))
+    picked = set(source.candidates.channel[group[source.accepted[group]]].tolist())
     return tuple(
-        f"{name} {_channel_text(source, rows, channel, time_ns, reach)}"
+        MissingChannel(name, *_channel_verdict(source, rows, channel, time_ns, reach))
         for channel, name in enumerate(source.spec.channels)
         if channel not in picked
     )
 
 
-def _channel_text(
+def _channel_verdict(
     source: StageEvidence, rows: NDArray[np.intp], channel: int, time_ns: int, reach: int
-) -> str:
+) -> tuple[str, str]:
+    """Return cause and sentence for one channel."""
     quiet = silence(source, channel, time_ns - reach, time_ns + reach)
-    if quiet.cause in {"dead", "clipped"}:
-        return quiet.text
     own = rows[source.candidates.channel[rows] == channel]
-    if not len(own):
-        return quiet.text
+    if quiet.cause in {"dead", "clipped", "filter"} or not len(own):
+        return quiet.cause, quiet.text
     row = int(min(own, key=lambda r: _distance(source, int(r), time_ns)))
     first = next((r for r in readings(source, row) if not r.passed), None)
-    return _below(first) if first is not None else "was picked"
-
-
-def _channel_cause(
-    evidence: Evidence, part: StageEvidence, time_ns: int, reach: int, channel: int
-) -> str:
-    source = _upstream(evidence, part)
-    if source is None:
-        return "quiet"
-    rows = source.between(time_ns - reach, time_ns + reach)
-    own = rows[source.candidates.channel[rows] == channel]
-    return (
-        "threshold"
-        if len(own)
-        else silence(source, channel, time_ns - reach, time_ns + reach).cause
-    )
+    if first is None:
+        later_ms = (int(source.candidates.time_ns[row]) - time_ns) / 1e6
+        return "taken", f"was picked {later_ms:+.0f} ms from it, in another group"
+    return ("refractory" if first.gate == "refractory" else "threshold"), _below(first)

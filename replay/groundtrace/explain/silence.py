@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.signals import NS_PER_S
+
 if TYPE_CHECKING:
     from .evidence import StageEvidence
 
@@ -14,6 +16,8 @@ if TYPE_CHECKING:
 CLEAR_DB = 12.0
 #: A filter that takes more than this away from the signal-to-noise ratio hid the event [dB].
 TAKEN_DB = 6.0
+#: A signal that stands still for this part of a span is dead, for less it is clipped.
+DEAD_PART = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +28,9 @@ class Silence:
     text: str
 
 
-def _db(ratio: float) -> float:
-    return 20 * float(np.log10(ratio)) if ratio > 0 else float("-inf")
+def _db(level: float, noise: float) -> float | None:
+    """Return a level over noise [dB], or None where either is not known."""
+    return 20 * float(np.log10(level / noise)) if level > 0 and noise > 0 else None
 
 
 def silence(part: StageEvidence, channel: int, start_ns: int, end_ns: int) -> Silence:
@@ -45,14 +50,22 @@ def silence(part: StageEvidence, channel: int, start_ns: int, end_ns: int) -> Si
     top = dict(zip(names, rows.max(axis=0), strict=True))
     low = dict(zip(names, rows.min(axis=0), strict=True))
     unit = next(q.unit for q in part.spec.trace if q.name == "swing")
-    if top["swing"] == 0:
+    still_s = float(rows[:, names.index("flat")].sum())
+    if still_s >= DEAD_PART * (frames.time_ns[last - 1] - frames.time_ns[first]) / NS_PER_S:
         return Silence("dead", "is dead: the signal does not move")
-    if top["flat"] > 0:
-        return Silence("clipped", f"is clipped for {top['flat'] * 1e3:.0f} ms of a frame")
-    recorded = _db(top["swing"] / low["quiet"]) if low["quiet"] > 0 else float("inf")
-    filtered = _db(top["peak"] / (low["noise"] * np.sqrt(2))) if low["noise"] > 0 else recorded
-    peak = f"peak amplitude {top['swing']:.3g} {unit} at {recorded:.0f} dB over noise"
-    if recorded >= CLEAR_DB and recorded - filtered > TAKEN_DB:
+    loud = rows[:, names.index("swing")] >= top["swing"] / 2
+    flat_s = float(rows[loud, names.index("flat")].max())
+    if flat_s > 0:
+        return Silence("clipped", f"is clipped for {flat_s * 1e3:.0f} ms of a frame")
+    recorded = _db(top["swing"], low["quiet"])
+    filtered = _db(top["peak"], low["noise"] * np.sqrt(2))
+    over = "" if recorded is None else f" at {recorded:.0f} dB over noise"
+    peak = f"peak amplitude {top['swing']:.3g} {unit}{over}"
+    if (
+        recorded is not None
+        and filtered is not None
+        and recorded >= max(CLEAR_DB, filtered + TAKEN_DB)
+    ):
         return Silence(
             "filter",
             f"the filter takes it out: {peak} as recorded, {filtered:.0f} dB after the filter "

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
 from .matching import metronome_f1, random_f1
-from .svg import Axis, Plot, number, picture
+from .svg import Axis, Plot, element, number, picture, text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,20 +31,11 @@ def tolerance_figure(score: StepScore, matching: StepMatch, start_ns: int) -> st
     truth = (matching.truth_ns - start_ns) / NS_PER_S
     tolerances = [t for t, _ in score.curve]
     plot = Plot(Axis("Tolerance [ms]", 0, 1e3 * tolerances[-1]), Axis("F1 [1]", 0, 1))
-    chance = [
-        ("metronome", "metronome", metronome_f1),
-        ("random", "random", random_f1),
-    ]
-    for name, style, f1 in chance:
+    for name, f1 in (("metronome", metronome_f1), ("random", random_f1)):
         values = [f1(truth, matching.spans, score.detected, t) for t in tolerances]
-        _series(plot, tolerances, values, style, name)
+        _series(plot, tolerances, values, name, name)
     plot.vertical(1e3 * score.tolerance_s, "mark", "tolerance of the score")
     _series(plot, tolerances, [f1 for _, f1 in score.curve], "result", "this result")
-    legend = (("result", "this result"), ("metronome", "metronome"), ("random", "random"))
-    for row, (style, name) in enumerate(legend):
-        y = 168 + 18 * row + 60
-        plot.add("rect", f"swatch {style}", x=plot.width - 130, y=y - 9, width=14, height=4)
-        plot.text(plot.width - 110, y - 3, name)
     return plot.svg("F1 over tolerance, with two levels of chance")
 
 
@@ -76,90 +68,94 @@ def latency_figure(score: StepScore, matching: StepMatch) -> str:
 
 
 def timeline_figure(matching: StepMatch, start_ns: int, end_ns: int) -> str:
-    """Return every scored step in rows of time: truth above, detections below the line."""
-    truth = (matching.truth_ns - start_ns) / NS_PER_S
-    found = (matching.found_ns - start_ns) / NS_PER_S
+    """Return every scored step in rows of time: truth above, detections below the line.
+
+    Rows in which nothing happens are left out.
+    """
     length = max((end_ns - start_ns) / NS_PER_S, 1.0)
     row_s = next((r for r in ROW_S if length / r <= MOST_ROWS), length / MOST_ROWS)
-    rows = [k for k in range(int(length / row_s) + 1) if _busy(matching, k * row_s, row_s)]
+    marks = [
+        *_marks(matching.truth_ns, matching.missed, "missed", start_ns),
+        *_marks(matching.found_ns, matching.false, "false", start_ns),
+    ]
+    last = int(length / row_s)
+    by_row: dict[int, list[Mark]] = {}
+    for mark in marks:
+        by_row.setdefault(min(max(int(mark.time_s / row_s), 0), last), []).append(mark)
     parts: list[str] = []
-    hits = np.zeros(len(truth), np.bool_)
-    hits[matching.pairs[:, 0]] = True
-    right = np.zeros(len(found), np.bool_)
-    right[matching.pairs[:, 1]] = True
-    for place, k in enumerate(rows):
-        row = _Row(k * row_s, row_s, place * ROW_PX)
-        row.spans(matching.spans)
-        row.marks(truth, hits, ("hit", "missed"), above=True)
-        row.marks(found, right, ("hit", "false"), above=False)
-        parts += row.parts()
-    return picture(WIDTH, ROW_PX * len(rows) + 22, "Steps over time", [*parts, *_foot(len(rows))])
+    for place, k in enumerate(sorted(by_row)):
+        row = Row(k * row_s, row_s, place * ROW_PX)
+        parts += [*row.frame(), *row.spans(matching.spans), *map(row.stroke, by_row[k])]
+    foot = ROW_PX * len(by_row) + 16
+    parts.append(text(WIDTH / 2, foot, "Time since the first sample [s]", "label mid"))
+    return picture(WIDTH, foot + 6, "Steps over time", parts)
 
 
-def _busy(matching: StepMatch, begin: float, row_s: float) -> bool:
-    spans = matching.spans
-    return bool(((spans[:, 0] < begin + row_s) & (spans[:, 1] > max(begin, 1e-9))).any())
+class Mark(NamedTuple):
+    """A step on the timeline: when, what became of it, and whether it is a true one."""
+
+    time_s: float
+    style: str
+    true: bool
 
 
-def _foot(rows: int) -> list[str]:
+def _marks(
+    times_ns: NDArray[np.int64], alone: NDArray[np.intp], style: str, start_ns: int
+) -> list[Mark]:
+    unmatched = set(alone.tolist())
     return [
-        f'<text class="label mid" x="{WIDTH / 2}" y="{ROW_PX * rows + 16}">'
-        "Time since the first sample [s]</text>"
+        Mark((int(t) - start_ns) / NS_PER_S, style if i in unmatched else "hit", style == "missed")
+        for i, t in enumerate(times_ns)
     ]
 
 
-class _Row:
-    """One row of the timeline."""
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row of the timeline: its first second, its length, its place from the top [px]."""
 
-    def __init__(self, begin_s: float, length_s: float, top: float) -> None:
-        self.begin, self.end, self.top = begin_s, begin_s + length_s, top
-        axis = Axis("", begin_s, begin_s + length_s)
-        self.ticks = axis.ticks(12)
-        self._plot = Plot(axis, Axis("", 0, 1), WIDTH + 2 * 0)
-
-    def parts(self) -> list[str]:
-        """Return the elements of the row."""
-        middle = self.top + 22
-        self._plot.add(
-            "line", "zero", x1=self.px(self.begin), x2=self.px(self.end), y1=middle, y2=middle
-        )
-        for tick in self.ticks:
-            x = self.px(tick)
-            self._plot.add("line", "grid", x1=x, x2=x, y1=self.top + 40, y2=self.top + 44)
-            self._plot.text(x, self.top + 54, number(tick), "tick mid")
-        return self._plot.parts
+    begin_s: float
+    length_s: float
+    top: float
 
     def px(self, time_s: float) -> float:
-        """Return the horizontal place of a time [px]."""
-        part = (min(max(time_s, self.begin), self.end) - self.begin) / (self.end - self.begin)
+        """Return the horizontal place of a time, within the row [px]."""
+        part = min(max((time_s - self.begin_s) / self.length_s, 0.0), 1.0)
         return MARGIN_PX + part * (WIDTH - MARGIN_PX - 14)
 
-    def spans(self, spans: NDArray[np.float64]) -> None:
-        """Shade what is scored and name the halves."""
-        for a, b in spans:
-            if a < self.end and b > self.begin:
-                left, right = self.px(a), self.px(b)
-                title = f"scored: {a:.2f} to {b:.2f} s"
-                self._plot.add(
-                    "rect", "scored", title, x=left, y=self.top + 2, width=right - left, height=40
-                )
-        self._plot.text(MARGIN_PX - 6, self.top + 16, "truth", "tick end")
-        self._plot.text(MARGIN_PX - 6, self.top + 36, "found", "tick end")
+    def frame(self) -> list[str]:
+        """Return the middle line, ticks and names of the halves."""
+        end_s, middle = self.begin_s + self.length_s, self.top + 22
+        x1, x2 = self.px(self.begin_s), self.px(end_s)
+        out = [element("line", "zero", x1=x1, x2=x2, y1=middle, y2=middle)]
+        for tick in Axis("", self.begin_s, end_s).ticks(12):
+            x = self.px(tick)
+            out.append(element("line", "grid", x1=x, x2=x, y1=self.top + 41, y2=self.top + 45))
+            out.append(text(x, self.top + 55, number(tick), "tick mid"))
+        for y, name in ((16, "truth"), (36, "found")):
+            out.append(text(MARGIN_PX - 6, self.top + y, name, "tick end"))
+        return out
 
-    def marks(
-        self,
-        times: NDArray[np.float64],
-        good: NDArray[np.bool_],
-        styles: tuple[str, str],
-        *,
-        above: bool,
-    ) -> None:
-        """Add a stroke for each time in the row, thick where it is not matched."""
-        y1, y2 = (self.top + 5, self.top + 21) if above else (self.top + 23, self.top + 39)
-        for index in np.flatnonzero((times >= self.begin) & (times < self.end)):
-            style = styles[0] if good[index] else styles[1]
-            name = "matched" if good[index] else style
-            x = self.px(float(times[index]))
-            self._plot.add(
-                "line", f"stroke {style}", f"{name}: {times[index]:.3f} s", x1=x, x2=x, y1=y1, y2=y2
+    def spans(self, spans: NDArray[np.float64]) -> list[str]:
+        """Return the shades of what is scored."""
+        end_s = self.begin_s + self.length_s
+        return [
+            element(
+                "rect",
+                "scored",
+                f"scored: {a:.2f} to {b:.2f} s",
+                x=self.px(a),
+                y=self.top + 2,
+                width=self.px(b) - self.px(a),
+                height=40,
             )
+            for a, b in spans
+            if a < end_s and b > self.begin_s
+        ]
+
+    def stroke(self, mark: Mark) -> str:
+        """Return the stroke of a step: above the line for a true one."""
+        x = self.px(mark.time_s)
+        y1, y2 = (self.top + 5, self.top + 21) if mark.true else (self.top + 23, self.top + 39)
+        name = {"hit": "matched"}.get(mark.style, mark.style)
+        title = f"{'step' if mark.true else 'detection'} at {mark.time_s:.3f} s: {name}"
+        return element("line", f"stroke {mark.style}", title, x1=x, x2=x, y1=y1, y2=y2)

@@ -40,6 +40,21 @@ def number(value: float) -> str:
     return "0" if text in ("-0", "") else text
 
 
+def element(tag: str, style: str, title: str = "", **attributes: float | str) -> str:
+    """Return an SVG element of a class; the title shows where the mouse rests."""
+    pairs = "".join(
+        f' {name}="{number(value) if isinstance(value, int | float) else escape(value)}"'
+        for name, value in attributes.items()
+    )
+    inner = f"<title>{escape(title)}</title>" if title else ""
+    return f'<{tag} class="{style}"{pairs}>{inner}</{tag}>'
+
+
+def text(x: float, y: float, words: str, style: str = "note") -> str:
+    """Return text at a place in pixels."""
+    return f'<text class="{style}" x="{number(x)}" y="{number(y)}">{escape(words)}</text>'
+
+
 def span_of(values: NDArray[np.float64], label: str, least: float = 1e-3) -> Axis:
     """Return an axis that holds all finite values with a margin, at least ``least`` long."""
     known = values[np.isfinite(values)]
@@ -77,14 +92,8 @@ class Plot:
         return self.height - BOTTOM - part * (self.height - TOP - BOTTOM)
 
     def add(self, tag: str, style: str, title: str = "", **attributes: float | str) -> None:
-        """Add an element of a class; the title shows where the mouse rests."""
-        pairs = [(k.rstrip("_").replace("_", "-"), v) for k, v in attributes.items()]
-        text = "".join(
-            f' {name}="{number(v) if isinstance(v, int | float) else escape(v)}"'
-            for name, v in pairs
-        )
-        inner = f"<title>{escape(title)}</title>" if title else ""
-        self.parts.append(f'<{tag} class="{style}"{text}>{inner}</{tag}>')
+        """Add an element, as :func:`element` makes it."""
+        self.parts.append(element(tag, style, title, **attributes))
 
     def line(self, points: Iterable[tuple[float, float]], style: str) -> None:
         """Add a line through points; it breaks where one is not finite."""
@@ -120,11 +129,9 @@ class Plot:
         at = self.py(y)
         self.add("line", style, x1=LEFT, x2=self.width - RIGHT, y1=at, y2=at)
 
-    def text(self, x: float, y: float, text: str, style: str = "note") -> None:
+    def text(self, x: float, y: float, words: str, style: str = "note") -> None:
         """Add text at a place in pixels."""
-        self.parts.append(
-            f'<text class="{style}" x="{number(x)}" y="{number(y)}">{escape(text)}</text>'
-        )
+        self.parts.append(text(x, y, words, style))
 
     def svg(self, title: str) -> str:
         """Return the picture; ``title`` is read to those who cannot see it."""

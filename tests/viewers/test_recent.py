@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from viewer_sessions import IMU, SEISMIC, at, blocks, imu_samples, seismic_samples
+
+from groundtrace_codecs.events import Pick, StepEvent
+from groundtrace_viewers.recent import Recent
+from groundtrace_viewers.traces import Traces
+
+
+@pytest.mark.parametrize("rows", [1, 40, 12_000])
+def test_a_span_is_the_same_whatever_the_blocks(rows: int) -> None:
+    samples = seismic_samples()[:400]
+    recent = Recent(SEISMIC)
+    for block in blocks(SEISMIC, samples, rows):
+        recent.push(block)
+    pieces = list(recent.between(at(0.05), at(0.1)))
+    times = np.concatenate([t for t, _ in pieces])
+    np.testing.assert_array_equal(times, at(0.05) + np.arange(100) * 500_000)
+    values = np.concatenate([v for _, v in pieces])
+    np.testing.assert_array_equal(values, samples[100:200] * 2e-9)
+
+
+def test_only_the_last_seconds_are_kept() -> None:
+    recent = Recent(SEISMIC, keep_s=1.0)
+    for block in blocks(SEISMIC, seismic_samples(), 500):
+        recent.push(block)
+    assert recent.value(at(4.9), [0]) == 0.0
+    assert recent.value(at(5.1), [0]) != 0.0
+
+
+def test_a_pick_lies_on_its_trace_in_the_units_shown() -> None:
+    traces, samples = Traces(), seismic_samples()
+    traces.begin(SEISMIC)
+    for block in blocks(SEISMIC, samples, 1000):
+        traces.push(block)
+    pick = Pick(at(0.81), "G3", "/seismic", "picker", 0.0, 1.0)
+    assert traces.of_pick(pick) == pytest.approx(samples[1620, 2] * 2e-9 * 1e6)
+
+
+def test_a_step_lies_on_the_magnitude_of_the_acceleration() -> None:
+    traces, samples = Traces(), imu_samples()
+    traces.begin(IMU)
+    traces.begin(SEISMIC)
+    for block in blocks(IMU, samples, 100):
+        traces.push(block)
+    step = StepEvent(at(2.0), "step", "", "/imu/waist", "steps", 1.0)
+    assert traces.of_step(step) == pytest.approx(np.linalg.norm(samples[200, :3]))
+    seismic = StepEvent(at(2.0), "step", "", "/seismic", "steps", 1.0)
+    assert traces.of_step(seismic) == 0.0
