@@ -56,7 +56,7 @@ proto: dev ## the committed descriptors, from the .proto
 screenshot: $(VENV)/installed ## the picture in the README
 	mkdir -p build
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
-	$(BIN)/python -m groundtrace_viewers.headless build/room-walk.rrd docs/screenshot.png --at 3.62
+	$(BIN)/python -m groundtrace_viewers.headless build/room-walk.rrd docs/screenshot.png --at 8.0425
 
 clean:
 	rm -rf $(VENV) build dist

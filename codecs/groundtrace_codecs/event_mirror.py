@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .events import SingleEvent
 
 LOG_TOPIC = "/groundtrace/log"
-LEVELS = frozenset({"DEBUG", "INFO", "WARNING", "ERROR", "FATAL"})
+LEVELS = {"DEBUG": "DEBUG", "INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
 
 
 def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
@@ -63,6 +63,6 @@ def _line(event: Pick | StepEvent | Fix | Disturbance | Gap | Note) -> tuple[str
             text = f"gap {event.topic} {event.reason}: {event.lost} lost in {seconds:.6g} s"
             return "WARNING", "source", text, max(event.start_ns, event.end_ns)
         case Note():
-            level = event.level if event.level in LEVELS else "INFO"
+            level = LEVELS.get(event.level, "INFO")
             return level, event.source, event.text, event.time_ns
     return "INFO", event.stage, text, event.time_ns

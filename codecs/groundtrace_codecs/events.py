@@ -38,7 +38,10 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A line of text at a time: what a stage wants a person to read."""
+    """A line of text at a time: what a stage wants a person to read.
+
+    ``level`` is ``DEBUG``, ``INFO``, ``WARN`` or ``ERROR``.
+    """
 
     time_ns: int
     text: str

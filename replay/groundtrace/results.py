@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .sinks import Session
 
 RUN = "groundtrace.run"
+FIRST_NS, LAST_NS = -(2**63), 2**63 - 1
 PACKAGES = ("groundtrace", "numpy", "scipy", "mcap")
 
 
@@ -46,6 +47,8 @@ class Provenance:
         The resolved pipeline, TOML.
     arguments
         The command line, every path reduced to its file name.
+    from_ns, to_ns
+        Half-open span that was replayed [ns]; None where it begins or ends with the recording.
     versions
         Of the packages that took part.
     """
@@ -56,6 +59,8 @@ class Provenance:
     end_ns: int
     pipeline: str
     arguments: tuple[str, ...] = ()
+    from_ns: int | None = None
+    to_ns: int | None = None
     versions: dict[str, str] = field(default_factory=dict)
 
 
@@ -108,6 +113,13 @@ class ResultsSink:
         """Take an event; signals are left out."""
         if self._writer is not None and not isinstance(item, SignalBlock):
             self._writer.add_event(item)
+
+    def abandon(self) -> None:
+        """End without giving the file its name: what was written stays in NAME.partial."""
+        if self._writer is not None:
+            error = RuntimeError("the replay did not end")
+            self._writer.__exit__(RuntimeError, error, None)
+            self._writer = None
 
     def close(self) -> None:
         """Finish the file and give it its name."""
@@ -165,7 +177,8 @@ def read_results(path: Path) -> Results:
                 f"found {', '.join(recording.metadata) or 'none'}"
             )
         provenance = _provenance(run.get("json", ""), path.name)
-        labels, geometry = recording.labels, recording.geometry
+        labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
+        geometry = recording.geometry
     with McapFile.open(path) as file:
         return Results(path.name, provenance, labels, geometry, tuple(events_of(file)))
 
@@ -177,3 +190,20 @@ def _provenance(text: str, name: str) -> Provenance:
         raise RecordingError(
             f"{name}: metadata: {RUN}: expected a provenance, found: {error}"
         ) from None
+
+
+def replayed_labels(
+    labels: Sequence[Label], from_ns: int | None, to_ns: int | None
+) -> tuple[Label, ...]:
+    """Return the labels of the span that was replayed; labelled spans are cut to it."""
+    first = FIRST_NS if from_ns is None else from_ns
+    last = LAST_NS if to_ns is None else to_ns
+    kept = []
+    for label in labels:
+        end_ns = label.time_ns if label.end_ns is None else label.end_ns
+        if end_ns < first or label.time_ns >= last:
+            continue
+        if label.end_ns is not None:
+            label = replace(label, time_ns=max(label.time_ns, first), end_ns=min(end_ns, last))
+        kept.append(label)
+    return tuple(kept)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import rerun as rr
 from shot_sessions import SHOTS_S, arrival, shot_labels, write_shots
-from viewer_sessions import NAMES, START_NS, read_back, write_room
+from viewer_sessions import NAMES, START_NS, at, read_back, write_room
 
+from groundtrace_codecs.labels import Label
 from groundtrace_viewers.section import AFTER_NS, BEFORE_NS, DEFLECTION, scaled
 
 if TYPE_CHECKING:
@@ -55,6 +56,15 @@ def test_without_labels_a_shot_begins_with_its_first_pick(tmp_path: Path) -> Non
     times, _ = read_back(path, "/section/seismic/traces", SCALARS)
     starts = times[np.flatnonzero(np.diff(times, prepend=-(10**9)) > 10**8)]
     np.testing.assert_array_equal(starts, [arrival(s, 0) - START_NS - BEFORE_NS for s in SHOTS_S])
+
+
+def test_shots_close_to_each_other_share_no_sample(tmp_path: Path) -> None:
+    labels = tuple(Label(at(s), "impact") for s in (1.0, 1.1, 1.2))
+    path = write_shots(tmp_path / "close.rrd", labels)
+    times, values = read_back(path, "/section/seismic/traces", SCALARS)
+    shown = times[~np.isnan(np.array(values)).all(axis=1)]
+    assert len(np.unique(shown)) == len(shown)
+    assert {950_000_000, 1_100_000_000, 1_200_000_000} <= set(shown.tolist())
 
 
 def test_picks_and_truth_lie_on_their_channels(shots: Path) -> None:

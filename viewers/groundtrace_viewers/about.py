@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from groundtrace.sinks import Session
+    from groundtrace_codecs.signals import Stream
 
 PAGE = "/about"
 
@@ -15,8 +16,8 @@ _READING = """\
 * Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
 zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
 the waveform at the cursor follows it.
-* One colour per sensor, in every plot and on the map. A sensor lights up when a wave arrives. \
-Triangles on the map are shot points.
+* One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
+a wave arrives. Triangles on the map are shot points.
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge.
@@ -31,10 +32,15 @@ within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
 """
 
 
+def _names(stream: Stream) -> str:
+    names = [c.name for c in stream.channels]
+    return ", ".join(names) if len(names) <= 10 else f"{names[0]} … {names[-1]} ({len(names)})"
+
+
 def about(session: Session) -> str:
     """Return the page as markdown."""
     rows = "\n".join(
-        f"| `{s.topic}` | {', '.join(c.name for c in s.channels)} | {s.rate_hz:g} Hz"
+        f"| `{s.topic}` | {_names(s)} | {s.rate_hz:g} Hz"
         f"{' (irregular)' if s.irregular else ''} "
         f"| {', '.join(dict.fromkeys(c.unit for c in s.channels))} |"
         for s in session.streams

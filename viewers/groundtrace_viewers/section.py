@@ -6,6 +6,7 @@ maximum every trace shows its onset, and picks lie on the travel-time curve.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,11 +96,14 @@ class Section:
     def _open(self, time_ns: int) -> None:
         """Ask for the window of a shot, without what another window shows already."""
         start, end = time_ns - BEFORE_NS, time_ns + AFTER_NS
-        for a, b in self._windows:
-            if a <= time_ns < b:
+        place = bisect_right(self._windows, time_ns, key=lambda w: w[0])
+        if place:
+            if time_ns < self._windows[place - 1][1]:
                 return
-            start, end = (max(start, b), end) if b <= time_ns else (start, min(end, a))
-        self._windows.append((start, end))
+            start = max(start, self._windows[place - 1][1])
+        if place < len(self._windows):
+            end = min(end, self._windows[place][0])
+        self._windows.insert(place, (start, end))
         self._pending.append((start, end))
 
     def add(self, pick: Pick) -> None:

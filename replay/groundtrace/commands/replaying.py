@@ -89,18 +89,23 @@ def replay(
     with Recording.open(path) as opened:
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)
-        sinks: list[Sink] = [ResultsSink(results, _provenance(session, path, chain), force=True)]
+        start_ns, stop_ns = _span(session, from_, to)
+        origin = _provenance(session, path, chain, (start_ns, stop_ns))
+        stored = ResultsSink(results, origin, force=True)
+        sinks: list[Sink] = [stored]
         shown: Any = None
         if rrd is not None or spawn or web:
             shown = load("sinks", "rerun")(rrd, spawn=spawn, web=web)
             sinks.append(shown)
-        start_ns, stop_ns = _span(session, from_, to)
         block_s = BLOCK_S if rate == 0 else 0.0
         source = Source(opened, start_ns=start_ns, stop_ns=stop_ns, block_s=block_s)
         for sink in sinks:
             sink.open(session)
         try:
             tally = _run(source, chain, sinks, session, rate)
+        except BaseException:
+            stored.abandon()
+            raise
         finally:
             for sink in sinks:
                 sink.close()
@@ -179,7 +184,9 @@ def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
     )
 
 
-def _provenance(session: Session, path: Path, chain: Pipeline) -> Provenance:
+def _provenance(
+    session: Session, path: Path, chain: Pipeline, span_ns: tuple[int | None, int | None]
+) -> Provenance:
     return Provenance(
         recording=session.name,
         sha256=file_sha256(path),
@@ -188,6 +195,8 @@ def _provenance(session: Session, path: Path, chain: Pipeline) -> Provenance:
         pipeline=chain.recipe(),
         arguments=public_arguments(sys.argv[1:]),
         versions=package_versions(),
+        from_ns=span_ns[0],
+        to_ns=span_ns[1],
     )
 
 

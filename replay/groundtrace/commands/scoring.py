@@ -10,12 +10,23 @@ from cyclopts import Parameter, validators
 
 from ..errors import RecordingError
 from ..results import read_results
-from ..score import PickScore, Score, StepScore, score_events
-from .output import print_json, print_table
+from ..score import score_events
+from .output import print_json, print_table, say, writable
 from .truth import truth_of
 
 if TYPE_CHECKING:
+    from ..score import (
+        ConsistencyScore,
+        DisturbanceScore,
+        HeadingScore,
+        PickScore,
+        PositionScore,
+        Score,
+        StepScore,
+        TrackScore,
+    )
     from ..score.picks import PickErrors
+    from ..score.positions import PositionErrors
 
 
 def score(
@@ -23,6 +34,8 @@ def score(
     *,
     truth: Path | None = None,
     tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0, lt=math.inf))] = 0.12,
+    html: Path | None = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Score a result against the truth in its recording, with the level of chance beside it.
@@ -35,30 +48,57 @@ def score(
         Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
     tolerance
         Largest distance between a step and its detection [s].
+    html
+        Write the score with figures as a page that opens in any browser, offline.
+    force
+        Overwrite an existing page.
     json
         Print one JSON document.
     """
+    if html is not None:
+        writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
     result = read_results(results)
     origin = result.provenance
-    figures = score_events(
-        truth_of(result, results, truth), result.events, origin.start_ns, origin.end_ns, tolerance
-    )
-    if figures.steps is None and figures.picks is None:
+    labels = truth_of(result, results, truth)
+    figures = score_events(labels, result.events, origin.start_ns, origin.end_ns, tolerance)
+    if not _parts(figures):
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
             f"found none"
         )
+    if html is not None:
+        from ..score.html import score_page
+
+        html.write_text(score_page(result, labels, figures, tolerance), encoding="utf-8")
     if json:
-        print_json({k: v for k, v in _parts(figures).items() if v is not None})
-        return
+        print_json(_parts(figures))
+    else:
+        _print(figures)
+    if html is not None:
+        say(f"page: {html}")
+
+
+def _parts(figures: Score) -> dict[str, object]:
+    """Return the parts for which there is truth, by name."""
+    named = {name: getattr(figures, name) for name in figures.__dataclass_fields__}
+    return {name: part for name, part in named.items() if part is not None}
+
+
+def _print(figures: Score) -> None:
     if figures.steps is not None:
         _print_steps(figures.steps)
+    if figures.positions is not None:
+        _print_positions(figures.positions)
     if figures.picks is not None:
         _print_picks(figures.picks)
-
-
-def _parts(figures: Score) -> dict[str, StepScore | PickScore | None]:
-    return {"steps": figures.steps, "picks": figures.picks}
+    if figures.track is not None:
+        _print_track(figures.track)
+    if figures.heading is not None:
+        _print_heading(figures.heading)
+    if figures.disturbance is not None:
+        _print_disturbance(figures.disturbance)
+    if figures.consistency is not None:
+        _print_consistency(figures.consistency)
 
 
 def _print_steps(s: StepScore) -> None:
@@ -77,6 +117,14 @@ def _print_steps(s: StepScore) -> None:
     )
     curve = "  ".join(f"{t * 1e3:.0f} ms {f1:.2f}" for t, f1 in s.curve)
     print(f"  F1 by tolerance: {curve}")
+    for name, c in (("left and right", s.feet), ("kind of step", s.kinds)):
+        if c is not None:
+            print(f"  {name}: {c.agreed} of {c.compared} agree ({c.accuracy:.1%})")
+    if s.kinds is not None:
+        rows = [
+            (word, *map(str, row)) for word, row in zip(s.kinds.words, s.kinds.counts, strict=True)
+        ]
+        print_table(("truth \\ found", *s.kinds.words), rows)
 
 
 def _print_picks(p: PickScore) -> None:
@@ -89,14 +137,55 @@ def _print_picks(p: PickScore) -> None:
 
 
 def _pick_row(e: PickErrors) -> tuple[str, ...]:
-    def ms(value: float | None) -> str:
-        return "-" if value is None else f"{value:.2f}"
+    values = (e.median_abs_ms, e.median_ms, e.earliest_ms, e.latest_ms)
+    return (e.label or "all", f"{e.answered}/{e.truth}", *map(_number, values))
 
-    return (
-        e.label or "all",
-        f"{e.answered}/{e.truth}",
-        ms(e.median_abs_ms),
-        ms(e.median_ms),
-        ms(e.earliest_ms),
-        ms(e.latest_ms),
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _print_positions(p: PositionScore) -> None:
+    print(f"positions: {p.n} fixes of {p.stage} at {p.truth} true places")
+    rows = [_position_row("all", p), *(_position_row(f"{e.group} picks", e) for e in p.by_picks)]
+    if len(p.by_stage) > 1:
+        rows += [_position_row(e.group, e) for e in p.by_stage]
+    print_table(("fixes", "n", "RMSE", "CEP50", "CEP95", "bias x", "bias y [m]"), rows)
+
+
+def _position_row(name: str, e: PositionScore | PositionErrors) -> tuple[str, ...]:
+    values = (e.rmse_m, e.cep50_m, e.cep95_m, e.bias_x_m, e.bias_y_m)
+    return (name, str(e.n), *map(_number, values))
+
+
+def _print_track(t: TrackScore) -> None:
+    print(f"track: {t.tracks} of {t.stage} at {t.times} times")
+    print(f"  OSPA {t.ospa_m:.2f} m, GOSPA {t.gospa_m:.2f} m (cut-off {t.cutoff_m:g} m)")
+    print(f"  {t.missed} missed, {t.false} false, accuracy {_number(t.accuracy_m)} m")
+    print(
+        f"  completeness {t.completeness:.3f}, ambiguity {t.ambiguity:.2f}, "
+        f"spuriousness {t.spuriousness:.3f}"
     )
+
+
+def _print_heading(h: HeadingScore) -> None:
+    print(
+        f"heading: RMSE {_number(h.rmse_deg)} deg, bias {_number(h.bias_deg)} deg, "
+        f"at {h.n} of {h.truth} times"
+    )
+
+
+def _print_disturbance(d: DisturbanceScore) -> None:
+    print(
+        f"disturbance: F1 {d.f1:.3f}, precision {d.precision:.3f}, recall {d.recall:.3f} "
+        f"({d.found_s:.2f} s found, {d.truth_s:.2f} s true)"
+    )
+
+
+def _print_consistency(c: ConsistencyScore) -> None:
+    print("consistency:")
+    named = (("NEES of fixes", c.nees_fixes), ("NEES of tracks", c.nees_tracks), ("NIS", c.nis))
+    for name, x in named:
+        if x is not None:
+            verdict = "inside" if x.consistent else "outside"
+            print(f"  {name} {x.mean:.2f}, {verdict} [{x.lower:.2f}, {x.upper:.2f}], n {x.n}")

@@ -117,7 +117,7 @@ class NoiseRatio:
         with np.errstate(divide="ignore", invalid="ignore"):
             trust = known / (known + self.warm_up)
             ratio = level / line[:, :n] * trust
-        # silence before and now: no ratio
+        # over digital silence nothing has a ratio: a sensor coming alive is not an arrival
         return np.asarray(np.nan_to_num(ratio, nan=0.0, posinf=0.0))
 
 

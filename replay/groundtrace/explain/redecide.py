@@ -22,7 +22,7 @@ from ..score import match_steps
 from ..stage import AssociatorStage, accepted_events
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -90,7 +90,8 @@ class Redecider:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        self._stages = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
+        #: Configuration, plugin group and plugin of each stage.
+        self.stages = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
 
     def outcome(
         self, settings: Settings | None = None, span_ns: tuple[int, int] | None = None
@@ -99,7 +100,7 @@ class Redecider:
         blocks: list[CandidateBlock] = []
         events: list[Pick | StepEvent] = []
         picking = ""
-        for stage, group, kind in self._stages:
+        for stage, group, kind in self.stages:
             parameters = self.parameters(stage, kind, settings or {})
             if group == "detectors":
                 found = self._detector(stage.key, kind, parameters, span_ns)
@@ -107,7 +108,7 @@ class Redecider:
                 runner = AssociatorStage(
                     stage.key, stage.use, kind, parameters, stage.topics, picking
                 )
-                found = self._associator(runner, blocks, events)
+                found = associated(runner, _sources(runner.source, blocks, events))
             picking = stage.key if kind.emits == "pick" else picking
             for item in found:
                 if isinstance(item, CandidateBlock):
@@ -120,17 +121,20 @@ class Redecider:
         self,
         settings: Settings | None = None,
         tolerance_s: float = 0.12,
-        labels: Sequence[Label] | None = None,
+        span_ns: tuple[int, int] | None = None,
     ) -> StepMatch:
-        """Decide, and match the steps to the truth."""
+        """Decide, and match the steps to the truth; only inside ``span_ns`` where given."""
         e = self.evidence
-        times = self.outcome(settings).step_times()
-        truth = e.labels if labels is None else labels
+        times = self.outcome(settings, span_ns).step_times()
+        truth: Sequence[Label] = e.labels
+        if span_ns is not None:
+            low, high = span_ns
+            truth = [x for x in truth if x.kind != "step" or low <= x.time_ns <= high]
         return match_steps(truth, times, e.start_ns, e.end_ns, tolerance_s)
 
     def whole_numbers(self, stage: str) -> set[str]:
         """Return the parameters of a stage that are integers."""
-        kinds = [kind for config, _, kind in self._stages if config.key == stage]
+        kinds = [kind for config, _, kind in self.stages if config.key == stage]
         infos = [info for kind in kinds for info in describe(kind.Parameters)]
         return {info.name for info in infos if isinstance(info.default, int)}
 
@@ -181,34 +185,46 @@ class Redecider:
         yield block
         yield from accepted_events(block, kind.emits)
 
-    def _associator(
-        self,
-        runner: AssociatorStage,
-        blocks: Sequence[CandidateBlock],
-        events: Sequence[Pick | StepEvent],
-    ) -> Iterator[Event]:
-        """Feed the picks of the source stage to a fresh associator, topic by topic."""
-        gathered: dict[str, list[CandidateBlock]] = {}
-        singles: list[Event] = []
-        specs: dict[str, StageSpec] = {}
-        for block in blocks:
-            if block.spec.stage != runner.source:
-                continue
+
+def _sources(
+    stage: str, blocks: Sequence[CandidateBlock], events: Sequence[Pick | StepEvent]
+) -> Iterator[tuple[StageSpec, list[Pick]]]:
+    """Yield what a stage picked, topic by topic."""
+    for block in blocks:
+        if block.spec.stage == stage:
             topic = block.spec.topic
-            picks = [
-                e
-                for e in events
-                if isinstance(e, Pick) and e.stage == runner.source and e.topic == topic
-            ]
-            items: list[Event] = [block.spec, *picks]
-            for item in items:
-                for made in runner.process(item):
-                    _sort_in(made, gathered, singles, specs)
-        for made in runner.flush():
-            _sort_in(made, gathered, singles, specs)
-        for topic, spec in specs.items():
-            yield joined_block(spec, gathered.get(topic, []))
-        yield from singles
+            found = [e for e in events if isinstance(e, Pick) and e.stage == stage]
+            yield block.spec, [pick for pick in found if pick.topic == topic]
+
+
+def associated(
+    runner: AssociatorStage, sources: Iterable[tuple[StageSpec, Sequence[Pick]]]
+) -> Iterator[Event]:
+    """Feed the picks of a stage to a fresh associator, topic by topic.
+
+    Parameters
+    ----------
+    runner
+        The associator.
+    sources
+        What its source picked, and under which specification.
+
+    Returns
+    -------
+    Its decided candidates, one block for each topic, then their events.
+    """
+    gathered: dict[str, list[CandidateBlock]] = {}
+    singles: list[Event] = []
+    specs: dict[str, StageSpec] = {}
+    for spec, picks in sources:
+        for item in (spec, *picks):
+            for made in runner.process(item):
+                _sort_in(made, gathered, singles, specs)
+    for made in runner.flush():
+        _sort_in(made, gathered, singles, specs)
+    for topic, spec in specs.items():
+        yield joined_block(spec, gathered.get(topic, []))
+    yield from singles
 
 
 def _sort_in(

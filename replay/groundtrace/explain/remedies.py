@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 TRIES = 12
 #: Candidates this far from the step may have to do with it, through the refractory time [s].
 INFLUENCE_S = 1.0
+#: Time around a step in which a change is tried first [s].
+NEARBY_S = 4.0
 DIGITS = 4
 
 
@@ -104,12 +106,31 @@ class Healer:
                 size = abs(new - old) / max(abs(old), 1e-9)
                 if best is not None and size >= best.change:
                     break
+                if not self._works_nearby(stage, parameter, new, time_ns, works):
+                    continue
                 matching = self._matching(stage, parameter, new)
                 if matching is not None and works(matching):
                     after = Counts.of(matching)
                     best = Remedy(stage, parameter, old, new, self.before, after)
                     break
         return best
+
+    def _works_nearby(
+        self,
+        stage: str,
+        parameter: str,
+        value: float,
+        time_ns: int,
+        works: Callable[[StepMatch], bool],
+    ) -> bool:
+        """Try a change on the time around a step first: the whole takes much longer."""
+        reach = round(NEARBY_S * NS_PER_S)
+        span = (time_ns - reach, time_ns + reach)
+        settings: Settings = {(stage, parameter): value}
+        try:
+            return works(self.redecider.matching(settings, self.tolerance_s, span))
+        except PipelineError:
+            return False
 
     def _matching(self, stage: str, parameter: str, value: float) -> StepMatch | None:
         """Decide with one parameter changed; None where that needs a replay."""

@@ -9,11 +9,14 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..detectors.frames import FRAME_S
+
 if TYPE_CHECKING:
     from .evidence import StageEvidence
 
 #: From here on a recorded signal stands out of its noise [dB].
 CLEAR_DB = 12.0
+FRAME_NS = round(FRAME_S * NS_PER_S)
 #: A filter that takes more than this away from the signal-to-noise ratio hid the event [dB].
 TAKEN_DB = 6.0
 #: A signal that stands still for this part of a span is dead, for less it is clipped.
@@ -42,7 +45,7 @@ def silence(part: StageEvidence, channel: int, start_ns: int, end_ns: int) -> Si
     """
     frames = part.frames
     names = [q.name for q in part.spec.trace]
-    first = max(int(np.searchsorted(frames.time_ns, start_ns, side="right")) - 1, 0)
+    first = int(np.searchsorted(frames.time_ns, start_ns - FRAME_NS, side="right"))
     last = int(np.searchsorted(frames.time_ns, end_ns, side="right"))
     if last <= first or not len(frames.time_ns):
         return Silence("gap", "no signal was recorded")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .html_parts import STYLE, section, table
+from .html_parts import STYLE, folded, section, table
 from .html_sections import Scored, all_sections
 from .report import answers_of
 
@@ -68,8 +68,5 @@ def _origin(origin: Provenance) -> str:
         ("SHA-256", origin.sha256),
         ("versions", versions),
     ]
-    recipe = (
-        "<details><summary>Pipeline, with every parameter</summary>"
-        f"<pre>{escape(origin.pipeline)}</pre></details>"
-    )
+    recipe = folded("Pipeline, with every parameter", f"<pre>{escape(origin.pipeline)}</pre>")
     return section("Origin", table("", ("", ""), rows) + recipe)

@@ -32,14 +32,17 @@ h2{font-size:21px;margin:0 0 14px}
 .tiles dt{color:var(--soft);font-size:13px}
 .tiles dd{margin:0;font-size:25px;font-weight:600;font-variant-numeric:tabular-nums}
 .tiles dd small{display:block;font-size:12.5px;font-weight:400;color:var(--soft)}
-.pair{display:grid;grid-template-columns:repeat(auto-fit,minmax(420px,1fr));gap:20px}
+.pair{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(480px,100%),1fr));gap:0 28px}
+.row{display:flex;flex-wrap:wrap;gap:0 56px}
 figure{margin:20px 0 0}
 figcaption{color:var(--soft);font-size:13.5px;margin-top:4px}
 .figure-title,caption{font-weight:600;margin:0 0 6px;text-align:left}
+caption{white-space:nowrap}
 .key{display:inline-block;width:14px;height:10px;border-radius:2px;margin:0 6px 0 0}
-.keys span{margin-right:16px;white-space:nowrap}
+.keys{display:block}.keys span{margin-right:16px;white-space:nowrap}
 svg{display:block;width:100%;height:auto;font-family:inherit}
 svg text{fill:var(--soft);font-size:12px}
+svg text.note{fill:var(--ink);paint-order:stroke;stroke:var(--paper);stroke-width:4px}
 svg text.label{fill:var(--ink);font-size:13px}
 svg text.mid{text-anchor:middle}
 svg text.end{text-anchor:end}
@@ -50,14 +53,14 @@ svg text.end{text-anchor:end}
 .line.random{stroke:var(--random);stroke-dasharray:2 4;stroke-linecap:round}
 .line.truth{stroke:var(--hit);stroke-width:1.2}.line.outline{stroke:var(--soft);stroke-width:1.2}
 .line.median{stroke:var(--ink)}
-.dot.result,.dot.fix{fill:var(--result)}.dot.metronome{fill:var(--chance)}
+.dot.result{fill:var(--result)}.dot.fix{fill:var(--random)}.dot.metronome{fill:var(--chance)}
 .dot.random{fill:var(--random)}.dot.truth{fill:var(--hit)}.dot.missed{fill:var(--missed)}
 .dot.false{fill:var(--false)}.dot.bias{fill:none;stroke:var(--missed);stroke-width:2.5}
 .ring{fill:none;stroke:var(--soft);stroke-dasharray:4 3}.sensor{fill:var(--soft)}
 .stroke{stroke-width:1.6}.stroke.hit{stroke:var(--hit)}
 .stroke.missed{stroke:var(--missed);stroke-width:4}.stroke.false{stroke:var(--false);stroke-width:4}
-.key.result,.key.fix{background:var(--result)}.key.metronome{background:var(--chance)}
-.key.random{background:var(--random)}.key.hit,.key.truth{background:var(--hit)}
+.key.result{background:var(--result)}.key.metronome{background:var(--chance)}
+.key.random,.key.fix{background:var(--random)}.key.hit,.key.truth{background:var(--hit)}
 .key.missed,.key.bias{background:var(--missed)}.key.false{background:var(--false)}
 .key.median{background:var(--ink);height:3px;vertical-align:middle}.key.sensor{background:var(--soft)}
 .scroll{overflow-x:auto;margin-top:20px}
@@ -92,10 +95,8 @@ def figure(title: str, svg: str, caption: str = "", **keys: str) -> str:
         f'<span><i class="key {style}"></i>{escape(name)}</span>' for style, name in keys.items()
     )
     legend = f'<span class="keys">{named}</span>' if named else ""
-    return (
-        f'<figure><p class="figure-title">{escape(title)}</p>{svg}'
-        f"<figcaption>{legend}{escape(caption)}</figcaption></figure>"
-    )
+    heading = f'<p class="figure-title">{escape(title)}</p>' if title else ""
+    return f"<figure>{heading}{svg}<figcaption>{legend}{escape(caption)}</figcaption></figure>"
 
 
 def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -107,6 +108,11 @@ def table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> s
         f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
     )
     return f'<div class="scroll"><table>{caption}{named}<tbody>{body}</tbody></table></div>'
+
+
+def folded(title: str, content: str) -> str:
+    """Return HTML that shows when its title is clicked."""
+    return f"<details><summary>{escape(title)}</summary>{content}</details>"
 
 
 def confusion_table(title: str, c: Confusion) -> str:

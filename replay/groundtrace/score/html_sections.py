@@ -10,7 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from .headings import heading_errors
-from .html_parts import confusion_table, figure, section, shown, table, tiles
+from .html_parts import confusion_table, figure, folded, section, shown, table, tiles
 from .picks import pick_residuals
 from .place_figures import (
     distance_figure,
@@ -66,7 +66,6 @@ def all_sections(scored: Scored) -> str:
         _steps(scored, score.steps) if score.steps is not None else "",
         _positions(scored, score.positions) if score.positions is not None else "",
         _tracks(scored, score.track) if score.track is not None else "",
-        _map(scored) if score.positions is not None or score.track is not None else "",
         _picks(scored, score.picks) if score.picks is not None else "",
         _heading(scored, score.heading) if score.heading is not None else "",
         _disturbance(score.disturbance) if score.disturbance is not None else "",
@@ -86,7 +85,9 @@ def _steps(scored: Scored, s: StepScore) -> str:
         _step_tiles(s)
         + (_step_figures(scored, s, matching) if s.truth or s.detected else "")
         + _unmatched(matching, scored.start_ns)
-        + "".join(confusion_table(name, c) for name, c in words if c is not None),
+        + '<div class="row">'
+        + "".join(confusion_table(name, c) for name, c in words if c is not None)
+        + "</div>",
     )
 
 
@@ -150,13 +151,13 @@ def _unmatched(matching: StepMatch, start_ns: int) -> str:
 def _positions(scored: Scored, p: PositionScore) -> str:
     fixes = [fix for fix in scored.said.fixes if fix.stage == p.stage]
     _, errors = matched_fixes(true_places(scored.labels), fixes, scored.tolerance_s)
-    bias = f"{shown(p.bias_x_m, 'm', sign=True)} / {shown(p.bias_y_m, 'm', sign=True)}"
     numbers = tiles(
         [
             ("RMSE", shown(p.rmse_m, "m"), f"{p.n} fixes at {p.truth} true places"),
             ("CEP50", shown(p.cep50_m, "m"), "half of the fixes are nearer"),
             ("CEP95", shown(p.cep95_m, "m"), "95 % of the fixes are nearer"),
-            ("Bias x / y", bias, f"stage {p.stage}"),
+            ("Bias in x", shown(p.bias_x_m, "m", sign=True), f"stage {p.stage}"),
+            ("Bias in y", shown(p.bias_y_m, "m", sign=True), f"stage {p.stage}"),
         ]
     )
     plane = figure(
@@ -167,12 +168,11 @@ def _positions(scored: Scored, p: PositionScore) -> str:
         bias="mean error",
     )
     header = ("", "fixes", "RMSE", "CEP50", "CEP95", "bias x", "bias y")
-    picks = table("By number of picks", header, [_position_row(e) for e in p.by_picks])
-    stages = [_position_row(e) for e in p.by_stage]
-    compared = table("By stage", header, stages) if len(stages) > 1 else ""
-    return section(
-        "Positions", f'{numbers}<div class="pair">{plane}<div>{picks}{compared}</div></div>'
-    )
+    tables = table("By number of picks", header, [_position_row(e) for e in p.by_picks])
+    if len(p.by_stage) > 1:
+        tables += table("By stage", header, [_position_row(e) for e in p.by_stage])
+    pair = f'<div class="pair">{plane}{_map(scored)}</div>'
+    return section("Positions", f'{numbers}{pair}<div class="row">{tables}</div>')
 
 
 def _position_row(e: PositionErrors) -> tuple[str, ...]:
@@ -199,15 +199,18 @@ def _tracks(scored: Scored, t: TrackScore) -> str:
         result="OSPA",
         metronome="GOSPA",
     )
-    return section("Tracks", f'{numbers}<div class="pair">{over_time}</div>')
+    beside = "" if scored.said.fixes else _map(scored)
+    return section("Tracks", f'{numbers}<div class="pair">{over_time}{beside}</div>')
 
 
 def _map(scored: Scored) -> str:
     fixes = last_word(scored.said.fixes)
-    truth = true_places(scored.labels)
-    drawn = map_figure(truth, fixes, scored.said.points, scored.geometry)
-    keys = {"truth": "truth", "fix": "fixes and tracks", "sensor": "sensors"}
-    return section("Map", f'<div class="pair">{figure("", drawn, **keys)}</div>')
+    drawn = map_figure(true_places(scored.labels), fixes, scored.said.points, scored.geometry)
+    keys = {"truth": "truth"}
+    keys |= {"fix": "fixes"} if fixes else {}
+    keys |= {"result": "tracks"} if scored.said.points else {}
+    keys |= {"sensor": "sensors"} if scored.geometry is not None else {}
+    return figure("Map", drawn, **keys)
 
 
 def _picks(scored: Scored, p: PickScore) -> str:
@@ -233,7 +236,7 @@ def _picks(scored: Scored, p: PickScore) -> str:
     header = ("impact", "answered", "median |error|", "median", "earliest", "latest")
     rows = [_pick_row(i, e) for i, e in enumerate(p.impacts[:LISTED])]
     more = f", the first {LISTED} of {len(p.impacts)}" if len(p.impacts) > LISTED else ""
-    return section("Picks", numbers + errors + table(f"By impact{more}", header, rows))
+    return section("Picks", numbers + errors + folded(f"By impact{more}", table("", header, rows)))
 
 
 def _pick_row(index: int, e: PickErrors) -> tuple[str, ...]:

@@ -26,9 +26,10 @@ def match(
     Index pairs (truth, found), shape (n, 2).
     """
     pairs = []
+    steps, answers = truth.tolist(), found.tolist()  # Python's floats are the faster ones here
     i = j = 0
-    while i < len(truth) and j < len(found):
-        late = found[j] - truth[i]
+    while i < len(steps) and j < len(answers):
+        late = answers[j] - steps[i]
         if abs(late) <= tolerance_s:
             pairs.append((i, j))
             i += 1

@@ -34,7 +34,7 @@ def pick_figure(residuals: PickResiduals) -> str:
     reach = float(np.clip(1.3 * np.percentile(known, 98) if len(known) else 1, 0.5, ANSWER_S * 1e3))
     count = len(residuals.impacts)
     axis = Axis("Impact [number]", 0.4, count + 0.6)
-    plot = Plot(axis, Axis("Pick minus arrival [ms]", -reach, reach), WIDE, 300)
+    plot = Plot(axis, Axis("Pick minus arrival [ms]", -1.1 * reach, 1.1 * reach), WIDE, 300)
     plot.horizontal(0, "zero")
     for i, name in enumerate(residuals.impacts):
         of = np.flatnonzero(residuals.impact == i)
@@ -58,21 +58,22 @@ def pick_figure(residuals: PickResiduals) -> str:
 def error_figure(errors: NDArray[np.float64], score: PositionScore) -> str:
     """Return the errors of fixes in the plane, with the circles that hold 50 and 95 %."""
     reach = 1.15 * float(max(np.abs(errors).max(initial=0.0), score.cep95_m or 0.0, 0.01))
-    plot = Plot(
-        Axis("Error in x [m]", -reach, reach), Axis("Error in y [m]", -reach, reach), 420, 404
-    )
+    plot = _to_scale(Axis("Error in x [m]", -reach, reach), Axis("Error in y [m]", -reach, reach))
     plot.vertical(0, "zero")
     plot.horizontal(0, "zero")
+    names: list[tuple[float, float, str]] = []
     for name, radius in (("CEP50", score.cep50_m), ("CEP95", score.cep95_m)):
         if radius is not None:
             size = plot.px(radius) - plot.px(0)
             title = f"{name}: {radius:.2f} m"
             plot.add("circle", "ring", title, cx=plot.px(0), cy=plot.py(0), r=size)
-            plot.text(plot.px(0) + 4, plot.py(0) - size - 4, name)
+            names.append((plot.px(0) + 0.72 * size, plot.py(0) - 0.72 * size, name))
     for x, y in errors:
-        plot.dot(float(x), float(y), "dot result", f"{x:+.2f} m, {y:+.2f} m")
+        plot.dot(float(x), float(y), "dot fix", f"{x:+.2f} m, {y:+.2f} m")
     if score.bias_x_m is not None and score.bias_y_m is not None:
         plot.dot(score.bias_x_m, score.bias_y_m, "dot bias", "mean error", 5)
+    for across, down, name in names:
+        plot.text(across, down, name)
     return plot.svg("Errors of position fixes")
 
 
@@ -87,11 +88,13 @@ def map_figure(
     sensors = geometry.sensors if geometry is not None else ()
     everything = [
         *truth.xy.tolist(),
-        *((e.x_m, e.y_m) for e in (*fixes, *points)),
+        *((e.x_m, e.y_m) for e in fixes),
+        *((e.x_m, e.y_m) for e in points),
         *outline,
         *((s.x, s.y) for s in sensors),
     ]
-    plot = _to_scale(np.array(everything, np.float64))
+    xy = np.array(everything, np.float64)
+    plot = _to_scale(span_of(xy[:, 0], "x [m]", 1.0), span_of(xy[:, 1], "y [m]", 1.0))
     plot.line(outline, "outline")
     for s in sensors:
         plot.add(
@@ -107,9 +110,8 @@ def map_figure(
     return plot.svg("Map of truth, fixes and tracks")
 
 
-def _to_scale(xy: NDArray[np.float64]) -> Plot:
-    """Return a plot in which a metre is as long in x as in y."""
-    x, y = span_of(xy[:, 0], "x [m]", 1.0), span_of(xy[:, 1], "y [m]", 1.0)
+def _to_scale(x: Axis, y: Axis) -> Plot:
+    """Return a plot that holds both axes and in which a metre is as long in x as in y."""
     plot = Plot(x, y, 560, 404)
     across = plot.px(x.high) - plot.px(x.low)
     upward = plot.py(y.low) - plot.py(y.high)

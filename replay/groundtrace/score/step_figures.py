@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from .step_matching import StepMatch
     from .steps import StepScore
 
-#: Lengths that a row of the timeline may have [s].
-ROW_S = (10, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200)
+#: Lengths that a row of the timeline may have [s]; the first ones only as its sole row.
+ROW_S = (5, 10, 15, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200)
+SOLE_S = 30
 MOST_ROWS = 24
 WIDTH = 1160
 ROW_PX = 58
@@ -30,7 +31,7 @@ def tolerance_figure(score: StepScore, matching: StepMatch, start_ns: int) -> st
     """Return F1 over tolerance, with what random and metronome detections would reach."""
     truth = (matching.truth_ns - start_ns) / NS_PER_S
     tolerances = [t for t, _ in score.curve]
-    plot = Plot(Axis("Tolerance [ms]", 0, 1e3 * tolerances[-1]), Axis("F1 [1]", 0, 1))
+    plot = Plot(Axis("Tolerance [ms]", 0, 1e3 * tolerances[-1]), Axis("F1 (0 to 1)", 0, 1))
     for name, f1 in (("metronome", metronome_f1), ("random", random_f1)):
         values = [f1(truth, matching.spans, score.detected, t) for t in tolerances]
         _series(plot, tolerances, values, name, name)
@@ -51,7 +52,8 @@ def latency_figure(score: StepScore, matching: StepMatch) -> str:
     """Return the histogram of detection minus truth of the matched steps."""
     pairs = matching.pairs
     late = (matching.found_ns[pairs[:, 1]] - matching.truth_ns[pairs[:, 0]]) / 1e6
-    reach = 1e3 * score.tolerance_s
+    widest = 1.2 * float(np.abs(late).max(initial=0.0))
+    reach = min(1e3 * score.tolerance_s, max(10.0, widest))
     edges = np.linspace(-reach, reach, 25)
     counts, _ = np.histogram(late, edges)
     top = max(4.0, 1.15 * float(counts.max()))
@@ -62,8 +64,6 @@ def latency_figure(score: StepScore, matching: StepMatch) -> str:
     plot.vertical(0, "zero")
     if score.latency_ms is not None:
         plot.vertical(score.latency_ms.median, "mark", "median")
-        text = f"median {score.latency_ms.median:+.0f} ms, IQR {score.latency_ms.iqr:.0f} ms"
-        plot.text(68, 26, text)
     return plot.svg("Histogram of latency")
 
 
@@ -73,7 +73,9 @@ def timeline_figure(matching: StepMatch, start_ns: int, end_ns: int) -> str:
     Rows in which nothing happens are left out.
     """
     length = max((end_ns - start_ns) / NS_PER_S, 1.0)
-    row_s = next((r for r in ROW_S if length / r <= MOST_ROWS), length / MOST_ROWS)
+    rows = 1 if length <= SOLE_S else MOST_ROWS
+    fitting = (r for r in ROW_S if r * rows >= length and r >= min(length, SOLE_S))
+    row_s = next(fitting, length / MOST_ROWS)
     marks = [
         *_marks(matching.truth_ns, matching.missed, "missed", start_ns),
         *_marks(matching.found_ns, matching.false, "false", start_ns),

@@ -106,6 +106,69 @@ class StepMatch:
         return np.setdiff1d(np.arange(len(self.found_ns)), self.pairs[:, 1])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueSteps:
+    """The truth of a recording, made ready once to be matched with many sets of detections.
+
+    Attributes
+    ----------
+    truth_ns
+        True steps that are scored, sorted, shape (n,).
+    truth_s
+        The same [s since the first sample].
+    spans
+        Scored spans [s since the first sample], shape (s, 2).
+    start_ns
+        First sample of the recording [ns].
+    tolerance_s
+        Of the match [s].
+    """
+
+    truth_ns: NDArray[np.int64]
+    truth_s: NDArray[np.float64]
+    spans: NDArray[np.float64]
+    start_ns: int
+    tolerance_s: float
+
+    @classmethod
+    def of(
+        cls, labels: Sequence[Label], start_ns: int, end_ns: int, tolerance_s: float = 0.12
+    ) -> TrueSteps:
+        """Return the ``step`` labels inside the scored spans; as :func:`score_steps`."""
+        truth_ns = np.array(sorted(x.time_ns for x in labels if x.kind == "step"), np.int64)
+        spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
+        truth_s = (truth_ns - start_ns) / NS_PER_S
+        scored = inside(truth_s, spans)
+        return cls(truth_ns[scored], truth_s[scored], spans, start_ns, tolerance_s)
+
+    def match(self, detected_ns: NDArray[np.int64]) -> StepMatch:
+        """Match detected steps to the true ones inside the scored spans."""
+        found_ns = np.sort(detected_ns)
+        found_s = (found_ns - self.start_ns) / NS_PER_S
+        counted = self._counted(found_s)
+        pairs = match(self.truth_s, found_s[counted], self.tolerance_s)
+        return StepMatch(self.truth_ns, found_ns[counted], pairs, self.spans)
+
+    def _counted(self, found: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which detections are scored.
+
+        Those inside the spans, and of those outside the ones that answer a true step inside which
+        no other detection answers.
+        """
+        truth, tolerance_s = self.truth_s, self.tolerance_s
+        counted = inside(found, self.spans)
+        if counted.all():
+            return counted
+        matched = len(match(truth, found[counted], tolerance_s))
+        for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
+            counted[index] = True
+            if len(match(truth, found[counted], tolerance_s)) == matched:
+                counted[index] = False
+            else:
+                matched += 1
+        return counted
+
+
 def match_steps(
     labels: Sequence[Label],
     detected_ns: NDArray[np.int64],
@@ -117,36 +180,7 @@ def match_steps(
 
     The parameters are those of :func:`score_steps`.
     """
-    truth_ns = np.array(sorted(x.time_ns for x in labels if x.kind == "step"), np.int64)
-    found_ns = np.sort(detected_ns)
-    spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
-    truth, found = ((t - start_ns) / NS_PER_S for t in (truth_ns, found_ns))
-    scored = inside(truth, spans)
-    counted = _counted(truth[scored], found, spans, tolerance_s)
-    pairs = match(truth[scored], found[counted], tolerance_s)
-    return StepMatch(truth_ns[scored], found_ns[counted], pairs, spans)
-
-
-def _counted(
-    truth: NDArray[np.float64],
-    found: NDArray[np.float64],
-    spans: NDArray[np.float64],
-    tolerance_s: float,
-) -> NDArray[np.bool_]:
-    """Return which detections are scored.
-
-    Those inside the spans, and of those outside the ones that answer a true step inside which no
-    other detection answers.
-    """
-    counted = inside(found, spans)
-    matched = len(match(truth, found[counted], tolerance_s))
-    for index in np.flatnonzero(~counted & _near(truth, found, tolerance_s)):
-        counted[index] = True
-        if len(match(truth, found[counted], tolerance_s)) == matched:
-            counted[index] = False
-        else:
-            matched += 1
-    return counted
+    return TrueSteps.of(labels, start_ns, end_ns, tolerance_s).match(detected_ns)
 
 
 def _near(
