@@ -36,8 +36,10 @@ SURFACE = {
     "groundtrace.parameters": """
         ParameterInfo Part build describe gate measured parse_value""",
     "groundtrace.score": """
-        PickScore Score StepMatch StepScore match match_steps score_events score_picks score_steps
-        scored_spans""",
+        Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PickScore
+        PositionScore Score StepMatch StepScore TrackScore assign consistency gospa match
+        match_steps normalised_squares ospa score_disturbances score_events score_headings
+        score_picks score_positions score_steps score_tracks scored_spans""",
     "groundtrace.simulate": """
         RoomOptions Simulation WalkOptions simulate_room simulate_walk write""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",

@@ -59,9 +59,9 @@ class Provenance:
     end_ns: int
     pipeline: str
     arguments: tuple[str, ...] = ()
+    versions: dict[str, str] = field(default_factory=dict)
     from_ns: int | None = None
     to_ns: int | None = None
-    versions: dict[str, str] = field(default_factory=dict)
 
 
 def package_versions() -> dict[str, str]:

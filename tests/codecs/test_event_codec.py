@@ -80,7 +80,7 @@ def trace(count: int) -> TraceBlock:
 SINGLES: list[Event] = [
     Gap("/seismic", START_NS, START_NS + 10**9, "missing", 20000),
     Gap("/seismic", START_NS + 5, START_NS + 5, "clock step", 0, bridged=True),
-    Note(START_NS, "calibrated ü", "WARNING", "detect"),
+    Note(START_NS, "calibrated ü", "WARN", "detect"),
     Pick(START_NS + 1, "G1", "/seismic", "detect", float("inf"), 12.5),
     StepEvent(START_NS + 2, "step", "left", "/imu/waist", "zc", 3.5, 4),
     StepEvent(START_NS + 3, "impact", "", "/seismic", "zc", -0.5),

@@ -48,7 +48,13 @@ COMMANDS = {
         f"{HERE}.why:why",
         "Explain every missed and false step: the first gate that failed, by how much, and the "
         "smallest change of one parameter that mends it, with what else it changes.\n\n"
-        "Example: groundtrace why walk.results.mcap --step 30",
+        "Example: groundtrace why walk.results.mcap --step 30 --rrd step30.rrd",
+    ),
+    "compare": (
+        f"{HERE}.comparing:compare",
+        "Compare two results of one recording, decision by decision: the gate that set each "
+        "difference, the parameters that differ, and whether chance explains as much.\n\n"
+        "Example: groundtrace compare before.results.mcap after.results.mcap",
     ),
     "plugins": (
         f"{HERE}.listing:plugins",

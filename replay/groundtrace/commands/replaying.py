@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,6 +28,7 @@ from ..results import (
 from ..sinks import Session, Sink
 from ..source import BLOCK_S, Source
 from .output import existing, print_json, progress, say, writable
+from .showing import where_to_show
 
 if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
@@ -127,20 +127,9 @@ def _where_to_show(
     """Return whether to open the viewer, and which file to write."""
     if no_viewer:
         return False, None
-    if rrd is not None:
-        writable(rrd, force=force, sources=[path])
-    if spawn and not _has_display():
-        say("no display: the viewer's file is written instead")
-        spawn = False
-    elif spawn or web:
-        return spawn, rrd
-    return spawn, rrd if rrd is not None else Path(f"{path.stem}.rrd")
-
-
-def _has_display() -> bool:
-    if sys.platform in {"win32", "darwin"}:
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    name = Path(f"{path.stem}.rrd")
+    shown, rrd = where_to_show(rrd, name, spawn=spawn, force=force, sources=[path])
+    return shown, rrd if rrd is not None or spawn or web else name
 
 
 def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:

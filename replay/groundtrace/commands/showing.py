@@ -34,9 +34,9 @@ def where_to_show(
     sources
         What is read, and never overwritten.
     """
-    if spawn and not has_display():
-        say(f"no display: the viewer's file {rrd or fallback} is written instead")
-        spawn, rrd = False, rrd or fallback
     if rrd is not None:
         writable(rrd, force=force, sources=sources)
+    if spawn and not has_display():
+        say("no display: the viewer's file is written instead")
+        return False, rrd or fallback
     return spawn, rrd

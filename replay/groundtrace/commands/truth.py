@@ -8,21 +8,39 @@ from typing import TYPE_CHECKING
 from ..errors import RecordingError
 
 if TYPE_CHECKING:
+    from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.recording import Recording
 
     from ..results import Results
 
 
 def truth_of(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
     """Return the truth: a given file, the recording's own, or annotations beside the results."""
+    origin = result.provenance
+    name = path.with_name(origin.recording)
+    return _chosen(result.labels, result.geometry, origin.start_ns, name, truth)
+
+
+def truth_of_recording(recording: Recording, path: Path, truth: Path | None) -> tuple[Label, ...]:
+    """Return the same for a recording that was not replayed."""
+    return _chosen(recording.labels, recording.geometry, recording.start_ns, path, truth)
+
+
+def _chosen(
+    labels: tuple[Label, ...],
+    geometry: Geometry | None,
+    start_ns: int,
+    recording: Path,
+    truth: Path | None,
+) -> tuple[Label, ...]:
     from groundtrace_codecs.truth import read_truth
 
-    start_ns = result.provenance.start_ns
-    beside = path.with_name(f"{Path(result.provenance.recording).stem}.annotations.mcap")
-    if truth is None and not result.labels and beside.is_file():
+    beside = recording.with_name(f"{recording.stem}.annotations.mcap")
+    if truth is None and not labels and beside.is_file():
         truth = beside
     if truth is None:
-        return result.labels
+        return labels
     if not truth.is_file():
         raise RecordingError(f"{truth}: expected a truth file, found no such file")
-    return read_truth(truth, start_ns=start_ns, geometry=result.geometry, labels=result.labels)
+    return read_truth(truth, start_ns=start_ns, geometry=geometry, labels=labels)

@@ -10,10 +10,14 @@ from cyclopts import Parameter, validators
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..explain import evidence_of
+from ..explain import Healer, Redecider, evidence_of
 from ..explain.account import Account, False_, Missed, Moment, account, moment
+from ..explain.comparison import matched
+from ..plugins import load
 from ..results import read_results
-from .output import print_json, print_table
+from .output import print_json, print_table, say
+from .pages import account_page, moment_page
+from .showing import where_to_show
 from .truth import truth_of
 
 if TYPE_CHECKING:
@@ -28,6 +32,9 @@ def why(
     at: float | None = None,
     truth: Path | None = None,
     tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0))] = 0.12,
+    rrd: Path | None = None,
+    spawn: Annotated[bool, Parameter(negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Explain every missed and false step, and the smallest change that mends it.
@@ -37,39 +44,53 @@ def why(
     results
         Results MCAP that groundtrace replay wrote.
     step
-        Show everything about the true step of this number.
+        Show everything about the true step of this number, as the table of all counts them.
     at
         Show everything about this moment [s since the first sample]; needs no truth.
     truth
         Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
     tolerance
         Largest distance between a step and its detection [s].
+    rrd
+        Write a viewer's file of every gate's values and thresholds, around the moment.
+    spawn
+        Open the viewer with the same, its cursor at the moment.
+    force
+        Overwrite an existing output.
     json
         Print one JSON document.
     """
+    fallback = Path(f"{results.stem}.why.rrd")
+    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
     result = read_results(results)
     evidence = evidence_of(result, truth_of(result, results, truth))
     if step is None and at is None:
-        _explain_all(evidence, result.name, tolerance, json=json)
-        return
-    time_ns = _time_of(evidence, result.name, step, at)
-    found = moment(evidence, time_ns, tolerance)
-    if json:
-        print_json(found)
-        return
-    _print_moment(found)
+        time_ns, page = None, _explain_all(evidence, result.name, tolerance, json=json)
+    else:
+        time_ns = _time_of(evidence, result.name, step, at, tolerance)
+        page = _explain_moment(
+            evidence, time_ns, step if at is None else None, tolerance, json=json
+        )
+    if rrd is not None or spawn:
+        show = load("views", "why")
+        show(evidence, page, path=rrd, spawn=spawn, at_ns=time_ns, tolerance_s=tolerance)
+    if rrd is not None:
+        say(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
-def _time_of(evidence: Evidence, name: str, step: int | None, at: float | None) -> int:
+def _time_of(
+    evidence: Evidence, name: str, step: int | None, at: float | None, tolerance: float
+) -> int:
     if at is not None:
         return evidence.start_ns + round(at * NS_PER_S)
-    steps = sorted(label.time_ns for label in evidence.labels if label.kind == "step")
+    steps = matched(evidence, tolerance).truth_ns
     if step is None or step > len(steps):
         raise RecordingError(f"{name}: --step: expected 1 to {len(steps)}, found {step}")
-    return steps[step - 1]
+    return int(steps[step - 1])
 
 
-def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool) -> None:
+def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool) -> str:
+    """Print the account; return it as a page."""
     if not any(label.kind == "step" for label in evidence.labels):
         raise RecordingError(
             f"{name}: expected true steps (in the recording, or --truth FILE), found none; "
@@ -78,8 +99,25 @@ def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool)
     found = account(evidence, tolerance)
     if json:
         print_json(found)
-        return
-    _print_account(found)
+    else:
+        _print_account(found)
+    return account_page(found)
+
+
+def _explain_moment(
+    evidence: Evidence, time_ns: int, step: int | None, tolerance: float, *, json: bool
+) -> str:
+    """Print what there is at a moment; return it as a page."""
+    found = moment(evidence, time_ns, tolerance)
+    if json:
+        print_json(found)
+        return moment_page(found, "", None)
+    _print_moment(found)
+    remedy = None
+    if step is not None and found.reason is not None:
+        remedy = Healer(Redecider(evidence), tolerance).recover(time_ns)
+        print(f"\nsmallest change: {_remedy(remedy)}")
+    return moment_page(found, "" if step is None else f"step {step}", remedy)
 
 
 def _print_account(found: Account) -> None:

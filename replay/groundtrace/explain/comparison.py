@@ -239,7 +239,9 @@ def _against_truth(
 def _against_each_other(sides: tuple[Evidence, Evidence], tolerance_s: float) -> list[Decision]:
     times = step_times(sides[0]), step_times(sides[1])
     return [
-        _decision(sides, time_ns, None, _said(found, "both", "only A", "only B"), found, tolerance_s)
+        _decision(
+            sides, time_ns, None, _said(found, "both", "only A", "only B"), found, tolerance_s
+        )
         for time_ns, found in _paired(*times, sides[0].start_ns, tolerance_s)
     ]
 
@@ -281,6 +283,4 @@ def _obstacle(side: SideName, evidence: Evidence, time_ns: int, tolerance_s: flo
     place = (side, reason.cause, reason.text, reason.stage, reason.topic)
     if first is None:
         return Obstacle(*place)
-    return Obstacle(
-        *place, first.gate, first.parameter, first.value, first.threshold, first.margin
-    )
+    return Obstacle(*place, first.gate, first.parameter, first.value, first.threshold, first.margin)

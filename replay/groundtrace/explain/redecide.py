@@ -142,8 +142,10 @@ class Redecider:
         """Return a stage's parameters, checked to be decidable from the evidence."""
         changed = {name: value for (key, name), value in settings.items() if key == stage.key}
         parts = {info.name: info.part for info in describe(kind.Parameters)}
+        # what an associator measures are picks, and those are decided again too
+        signal = not hasattr(kind, "associate")
         for name in changed:
-            if parts.get(name) == "measure":
+            if signal and parts.get(name) == "measure":
                 raise PipelineError(
                     f"{stage.key}.{name}: expected a gate's parameter, found one of the signal "
                     f"path: it needs a replay"
@@ -217,7 +219,8 @@ def associated(
     singles: list[Event] = []
     specs: dict[str, StageSpec] = {}
     for spec, picks in sources:
-        for item in (spec, *picks):
+        items: list[Event] = [spec, *picks]
+        for item in items:
             for made in runner.process(item):
                 _sort_in(made, gathered, singles, specs)
     for made in runner.flush():

@@ -118,7 +118,15 @@ def pick_residuals(labels: Sequence[Label], picks: Sequence[Pick]) -> PickResidu
         for label, k in zip(truth, group, strict=True)
     ]
     present, impact = np.unique(group, return_inverse=True)
-    names = [impacts[k].label or f"impact {k + 1}" if k >= 0 else "before" for k in present]
+    labelled = [x.label for x in impacts]
+    names = [
+        "before"
+        if k < 0
+        else labelled[k]
+        if labelled.count(labelled[k]) == 1
+        else f"impact {k + 1}"
+        for k in present
+    ]
     return PickResiduals(names, impact, [x.channel for x in truth], np.array(errors, np.float64))
 
 

@@ -1,0 +1,210 @@
+"""``groundtrace sweep``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter, validators
+
+from ..explain.grid import Grid, make_grid, parse_axis
+from ..explain.measuring import with_values
+from ..explain.ranking import rank
+from ..explain.sweep import count, measurements
+from ..pipeline import build_pipeline
+from .output import print_json, print_table, progress, say, writable
+from .subjects import all_jobs, subjects_of
+
+if TYPE_CHECKING:
+    from ..explain.ranking import LeaveOneOut, Ranked, Ranking
+    from ..explain.sweep import Counted, Subject
+
+POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
+AT_LEAST_ONE = Parameter(validator=validators.Number(gte=1))
+
+
+def sweep(
+    *inputs: Path,
+    grid: Annotated[list[str] | None, Parameter(negative="")] = None,
+    random: Annotated[int | None, AT_LEAST_ONE] = None,
+    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    truth: Path | None = None,
+    tolerance: Annotated[float, POSITIVE] = 0.12,
+    pipeline: str | None = None,
+    recording: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    top: Annotated[int, AT_LEAST_ONE] = 10,
+    write: Path | None = None,
+    figure: Path | None = None,
+    jobs: Annotated[int | None, AT_LEAST_ONE] = None,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Try many settings and say which are best, and how sure that is.
+
+    Parameters
+    ----------
+    inputs
+        Results that groundtrace replay wrote, or recordings with --pipeline. Of several, each is
+        also left out in turn.
+    grid
+        What to sweep, as stage.param=FROM:TO:COUNT or stage.param=VALUE,VALUE; may be given
+        several times, and all combinations are tried.
+    random
+        Try so many random settings of those ranges instead of all combinations.
+    seed
+        Of the random settings.
+    truth
+        Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
+    tolerance
+        Largest distance between a step and its detection [s].
+    pipeline
+        Name or TOML file to measure recordings with.
+    recording
+        The recording of a result that is not beside it; needed where the signal path is swept.
+    top
+        How many of the highest F1 to list.
+    write
+        Write the pipeline with the best settings here, as TOML.
+    figure
+        Write the figure here, as SVG.
+    jobs
+        Processes for measuring; as many as there are processors without it.
+    force
+        Overwrite existing outputs.
+    json
+        Print one JSON document.
+    """
+    for path in (write, figure):
+        if path is not None:
+            writable(path, force=force, sources=[*inputs, *(recording or [])])
+    subjects = subjects_of(inputs, pipeline, truth, recording or [], all_jobs(jobs))
+    config = subjects[0].evidence.config
+    settings = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
+    counted, ranking = _swept(subjects, settings, tolerance, top, all_jobs(jobs))
+    if write is not None:
+        best = with_values(config, settings.axes, list(ranking.best.settings.values()))
+        write.write_text(build_pipeline(best).recipe(), encoding="utf-8")
+    if figure is not None:
+        from ..explain.sweep_figure import sweep_figure
+
+        figure.write_text(sweep_figure(counted, ranking), encoding="utf-8")
+    if json:
+        print_json(ranking)
+    else:
+        _print(ranking)
+    for name, path in (("pipeline", write), ("figure", figure)):
+        if path is not None:
+            say(f"{name}: {path}")
+
+
+def _swept(
+    subjects: list[Subject], settings: Grid, tolerance: float, top: int, jobs: int
+) -> tuple[Counted, Ranking]:
+    """Sweep, showing how far the measurements are."""
+    again = measurements(subjects, settings)
+    total_s = sum(subject.recorded_s for subject in again)
+    if again:
+        say(f"the signal path is swept: {len(again)} measurements ({total_s:.0f} s recorded)")
+    with progress(total_s, "measuring") as show:
+        counter = iter(range(1, len(again) + 1))
+        counted = count(
+            subjects,
+            settings,
+            tolerance,
+            jobs,
+            lambda: show(next(counter) * total_s / len(again)),
+        )
+    return counted, rank(counted, top, jobs)
+
+
+def _print(r: Ranking) -> None:
+    print(f"{', '.join(r.recordings)}: {r.truth} true steps, {r.rate.settings} settings")
+    _print_top(r)
+    best = r.best
+    if best.same > 1:
+        print(f"\nbest: the middle of the {best.same} settings that reach F1 {best.f1:.3f}")
+    if r.now.f1 >= best.f1:
+        print("no setting is better than the pipeline as it is")
+    sets = " ".join(f"--set {name}={_exact(value)}" for name, value in best.settings.items())
+    print(f"{'' if best.same > 1 else chr(10)}replay with {sets}")
+    _print_front(r)
+    if r.left_out is not None:
+        _print_left_out(r.left_out)
+    _print_rate(r)
+    for note in r.notes:
+        say(f"warning: {note}")
+
+
+def _print_top(r: Ranking) -> None:
+    names = [p.name for p in r.parameters]
+    header = ("", *names, "TP", "FP", "FN", "F1", "90 %", "settings", "against the best")
+    rows = [_row(f"{i}", x) for i, x in enumerate(r.top, 1)]
+    print_table(header, [*rows, _row("now", r.now)])
+
+
+def _row(name: str, x: Ranked) -> tuple[str, ...]:
+    behind = f"behind by {x.behind.low:.3f} to {x.behind.high:.3f}"
+    verdict = "best" if name == "1" else behind if x.worse else "not distinguishable"
+    return (
+        name,
+        *(_exact(value) for value in x.settings.values()),
+        str(x.tp),
+        str(x.fp),
+        str(x.fn),
+        f"{x.f1:.3f}",
+        f"{x.interval.low:.3f} to {x.interval.high:.3f}",
+        str(x.same),
+        verdict,
+    )
+
+
+def _print_front(r: Ranking) -> None:
+    print("\nmissed against false steps: what no setting beats")
+    names = [p.name for p in r.parameters]
+    rows = [
+        (
+            str(p.missed),
+            str(p.false),
+            f"{p.f1:.3f}",
+            str(p.same),
+            *(_exact(value) for value in p.settings.values()),
+        )
+        for p in r.front
+    ]
+    print_table(("missed", "false", "F1", "settings", *names), rows)
+
+
+def _print_left_out(found: LeaveOneOut) -> None:
+    print("\nleft out: each recording under what is best on the others")
+    rows = [
+        (
+            x.recording,
+            *(_exact(value) for value in x.settings.values()),
+            str(x.tp),
+            str(x.fp),
+            str(x.fn),
+            f"{x.f1:.3f}",
+            f"{x.in_sample_f1:.3f}",
+        )
+        for x in found.recordings
+    ]
+    names = list(found.recordings[0].settings)
+    mean = ("mean", *("" for _ in names), "", "", "", f"{found.mean_f1:.3f}")
+    rows.append((*mean, f"{found.mean_in_sample_f1:.3f}"))
+    print_table(("recording", *names, "TP", "FP", "FN", "F1", "F1 of its own best"), rows)
+
+
+def _print_rate(r: Ranking) -> None:
+    through = "gates of a detector" if r.rate.through == "gates" else "gates and an associator"
+    print(
+        f"\n{r.rate.settings} settings in {r.rate.decided_s:.2f} s through {through}: "
+        f"{r.rate.recorded_s_per_s:.0f} recorded seconds per second"
+    )
+    if r.rate.measurements:
+        print(f"{r.rate.measurements} measurements of the signal took {r.rate.measured_s:.1f} s")
+
+
+def _exact(value: Any) -> str:
+    """Return a value so that ``--set`` reads the same."""
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
