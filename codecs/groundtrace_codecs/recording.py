@@ -13,7 +13,7 @@ from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
-from .mcap import McapFile
+from .mcap import Damage, McapFile
 from .others import OtherTopic, is_ours, other_topic
 from .signals import NS_PER_S, SignalBlock, Stream
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from .labels import Label
-    from .mcap import ByteSource, Damage, Message
+    from .mcap import ByteSource, Message
 
 __all__ = ["SITE_NAME", "OtherTopic", "Recording", "Stamped"]
 
@@ -63,8 +63,10 @@ class Recording:
         Values of every Metadata record by its name.
     """
 
-    def __init__(self, file: McapFile) -> None:
+    def __init__(self, file: McapFile, *, strict: bool = False) -> None:
         self.file = file
+        self._strict = strict
+        self._left_out: dict[tuple[int, int, int], Damage] = {}
         self.name = Path(file.name).name
         self.geometry = _geometry(file)
         self.metadata: dict[str, dict[str, str]] = {}
@@ -103,7 +105,7 @@ class Recording:
         except OSError as error:
             raise CodecError(f"{source}: expected a recording, found: {error.strerror}") from error
         try:
-            return cls(file)
+            return cls(file, strict=strict)
         except BaseException:
             file.close()
             raise
@@ -126,7 +128,7 @@ class Recording:
     @property
     def damage(self) -> tuple[Damage, ...]:
         """What was left out so far; grows while blocks are read."""
-        return self.file.damage
+        return (*self.file.damage, *self._left_out.values())
 
     @property
     def topic_counts(self) -> dict[str, int]:
@@ -183,7 +185,8 @@ class Recording:
         Raises
         ------
         CodecError
-            Where a message is not what its schema says, or a topic is none of the streams.
+            Where a topic is none of the streams; strict, also where a message is not what its
+            schema says (otherwise it is left out and listed as damage).
         """
         wanted = self._wanted(topics)
         readers = {
@@ -213,19 +216,36 @@ class Recording:
         batch = None
         for message in self.file.messages(readers.keys(), low_ns, high_ns):
             if message.log_time // BATCH_NS != batch:
-                yield from _in_order(readers, pending)
+                yield from self._in_order(readers, pending)
                 pending = {}
                 batch = message.log_time // BATCH_NS
             pending.setdefault(message.channel_id, []).append(message)
-        yield from _in_order(readers, pending)
+        yield from self._in_order(readers, pending)
 
+    def _in_order(
+        self, readers: dict[int, ChannelReader], pending: dict[int, list[Message]]
+    ) -> list[Stamped]:
+        # The sort is stable: blocks of one log time stay in the order of their channels' ids.
+        blocks = [b for i in sorted(pending) for b in self._readable(readers[i], pending[i])]
+        return sorted(blocks, key=lambda stamped: stamped.log_ns)
 
-def _in_order(
-    readers: dict[int, ChannelReader], pending: dict[int, list[Message]]
-) -> list[Stamped]:
-    # The sort is stable: blocks of one log time stay in the order of their channels' ids.
-    blocks = [b for i in sorted(pending) for b in readers[i].blocks(pending[i])]
-    return sorted(blocks, key=lambda stamped: stamped.log_ns)
+    def _readable(self, reader: ChannelReader, messages: list[Message]) -> list[Stamped]:
+        """Decode messages; one that is not what its schema says is left out and said so."""
+        try:
+            return list(reader.blocks(messages))
+        except CodecError as error:
+            if self._strict:
+                raise
+            if len(messages) == 1:
+                self._leave_out(messages[0], error)
+                return []
+        middle = len(messages) // 2
+        return self._readable(reader, messages[:middle]) + self._readable(reader, messages[middle:])
+
+    def _leave_out(self, message: Message, error: CodecError) -> None:
+        at = message.log_time
+        key = (message.channel_id, message.sequence, at)
+        self._left_out[key] = Damage(0, len(message.data), at, at, 1, str(error))
 
 
 def _cut(block: SignalBlock, start_ns: int | None, stop_ns: int | None) -> SignalBlock:
@@ -270,12 +290,13 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
 
 
 def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> _Lag | None:
-    first = next(file.messages({channel_id}), None)
-    if first is None:
-        return None
-    times = [b.sample_times() for _, b in reader.blocks([first])]
-    if not times:
-        return None
-    early = min(int(t.min()) for t in times)
-    late = max(int(t.max()) for t in times)
-    return _Lag(first.log_time - late, first.log_time - early, early)
+    for message in file.messages({channel_id}):
+        try:
+            times = [b.sample_times() for _, b in reader.blocks([message])]
+        except CodecError:
+            continue  # reading says it; the lag is that of the first message that can be read
+        if times:
+            early = min(int(t.min()) for t in times)
+            late = max(int(t.max()) for t in times)
+            return _Lag(message.log_time - late, message.log_time - early, early)
+    return None

@@ -63,7 +63,7 @@ def verdicts_of(margin: NDArray[np.float32]) -> NDArray[np.str_]:
         ``fails behind another``.
     """
     failed = ~(margin >= 0)
-    before = np.cumsum(failed, axis=1) - failed
+    before: NDArray[np.intp] = np.cumsum(failed, axis=1) - failed
     return np.where(~failed, PASSED, np.where(before == 0, FIRST, BEHIND))
 
 
@@ -193,7 +193,7 @@ def why_view(
     with opened as recording:
         timeline = Timeline(recording, evidence.start_ns)
         lanes, colours = StageLanes(timeline), SensorColours(session_of(evidence))
-        tops = {}
+        tops: dict[str, float] = {}
         for part in evidence.stages:
             tops |= log_detector(timeline, part, evidence.gaps, colours, lanes, focus)
             log_gates(timeline, part, focus, about)
@@ -216,5 +216,5 @@ def layout(entities: Sequence[Entity], focus: Focus) -> rrb.Blueprint:
             origin="/state", name="Gates, score and truth", time_view=focus.axis()
         ),
     ]
-    shares = [1.5 if e.role == "detector" else 1.0 for e in plots] + [1.2 + 0.38 * lanes]
+    shares = [1.5 if e.role == "detector" else 1.0 for e in plots] + [1.0 + 0.36 * lanes]
     return arranged(page_view("Why"), stack, shares)

@@ -56,6 +56,14 @@ COMMANDS = {
         "difference, the parameters that differ, and whether chance explains as much.\n\n"
         "Example: groundtrace compare before.results.mcap after.results.mcap",
     ),
+    "sweep": (
+        f"{HERE}.sweep:sweep",
+        "Try many settings of the gates, without the signal, and say which are best, how sure that "
+        "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
+        "again. With several recordings each is left out in turn.\n\n"
+        "Example: groundtrace sweep walk.results.mcap --grid steps.height=0.2:1:17 "
+        "--grid steps.swing=0.4:1.6:13 --write best.toml --figure sweep.svg",
+    ),
     "plugins": (
         f"{HERE}.listing:plugins",
         "List what is installed: detectors, associators, importers, sinks.\n\n"

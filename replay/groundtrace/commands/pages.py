@@ -36,9 +36,9 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
     found
         What there is at the moment.
     title
-        What it is, e.g. ``step 8``.
+        Which true step it is, e.g. ``step 8``; empty for any other moment.
     remedy
-        The smallest change that finds a step there; None where there is none, or none is needed.
+        The smallest change that finds that step; None where there is none, or none is needed.
     """
     lines = [f"# {title or 'moment'} at {found.time_s:.3f} s", ""]
     if found.reason is None:
@@ -48,6 +48,8 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
     if remedy is not None:
         lines += ["", f"Smallest change: `--set {remedy.setting}`", ""]
         lines += _counts_table((("now", remedy.before), ("then", remedy.after)))
+    elif title and found.reason is not None:
+        lines += ["", "No change of a single parameter finds it."]
     for link in found.chain:
         lines += ["", *_chain(link)]
     return "\n".join(lines) + "\n" + READING_WHY

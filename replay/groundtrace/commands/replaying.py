@@ -27,10 +27,13 @@ from ..results import (
 )
 from ..sinks import Session, Sink
 from ..source import BLOCK_S, Source
+from .at_miss import Around, missed_step
 from .output import existing, print_json, progress, say, writable
 from .showing import where_to_show
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from groundtrace_codecs.signals import Stream
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
@@ -43,6 +46,7 @@ def replay(
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
     to: Annotated[float | None, NOT_NEGATIVE] = None,
+    at_miss: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
     rrd: Path | None = None,
     out: Path | None = None,
     spawn: Annotated[bool, Parameter(negative="")] = False,
@@ -66,6 +70,8 @@ def replay(
         Begin this many seconds after the first sample.
     to
         End this many seconds after the first sample.
+    at_miss
+        Replay everything, then show 5 s before and after the missed step of this number.
     rrd
         Write the viewer's file here.
     out
@@ -84,31 +90,28 @@ def replay(
         Print one JSON document.
     """
     path = existing(recording) if recording is not None else _bundled()
+    if at_miss is not None and (from_ is not None or to is not None or rate or no_viewer):
+        raise RecordingError("--at-miss: expected no --from, --to, --rate or --no-viewer with it")
     spawn, rrd = _where_to_show(path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force)
     results = _results_path(path, out, force=force)
+    shown: Any = None
     with Recording.open(path) as opened:
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)
-        start_ns, stop_ns = _span(session, from_, to)
-        origin = _provenance(session, path, chain, (start_ns, stop_ns))
-        stored = ResultsSink(results, origin, force=True)
+        span = _span(session, from_, to)
+        stored = ResultsSink(results, _provenance(session, path, chain, span), force=True)
         sinks: list[Sink] = [stored]
-        shown: Any = None
-        if rrd is not None or spawn or web:
+        if at_miss is None and (rrd is not None or spawn or web):
             shown = load("sinks", "rerun")(rrd, spawn=spawn, web=web)
             sinks.append(shown)
         block_s = BLOCK_S if rate == 0 else 0.0
-        source = Source(opened, start_ns=start_ns, stop_ns=stop_ns, block_s=block_s)
-        for sink in sinks:
-            sink.open(session)
-        try:
-            tally = _run(source, chain, sinks, session, rate)
-        except BaseException:
-            stored.abandon()
-            raise
-        finally:
-            for sink in sinks:
-                sink.close()
+        source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=block_s)
+        tally = _run(source, chain, sinks, session, rate)
+        if at_miss is not None:
+            at_ns = missed_step(results, at_miss)
+            shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
+            again = build_pipeline(chain.config)
+            _run(Source(opened), again, [Around(shown, at_ns)], session, rate)
         damage = len(opened.damage)
     _report(session, chain, tally, results, rrd, damage, json=json)
     _stay_with_the_page(shown, web=web)
@@ -204,17 +207,29 @@ def _span(session: Session, from_s: float | None, to_s: float | None) -> tuple[A
 
 
 def _run(
-    source: Source, chain: Pipeline, sinks: list[Sink], session: Session, rate: float
+    source: Source, chain: Pipeline, sinks: Sequence[Sink], session: Session, rate: float
 ) -> Tally:
+    """Replay into sinks, from opening to closing them."""
     total_s = (session.end_ns - session.start_ns) / NS_PER_S
-    with progress(total_s, "replaying") as show:
-        return run(
-            source,
-            chain,
-            sinks,
-            clock=Clock(rate) if rate else None,
-            progress=lambda t_ns: show((t_ns - session.start_ns) / NS_PER_S),
-        )
+    for sink in sinks:
+        sink.open(session)
+    try:
+        with progress(total_s, "replaying") as show:
+            return run(
+                source,
+                chain,
+                sinks,
+                clock=Clock(rate) if rate else None,
+                progress=lambda t_ns: show((t_ns - session.start_ns) / NS_PER_S),
+            )
+    except BaseException:
+        for sink in sinks:
+            if isinstance(sink, ResultsSink):
+                sink.abandon()
+        raise
+    finally:
+        for sink in sinks:
+            sink.close()
 
 
 def _report(

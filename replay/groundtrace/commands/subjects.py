@@ -16,18 +16,14 @@ from ..explain import evidence_of
 from ..explain.measuring import in_processes, measure_evidence, resolved
 from ..explain.sweep import Subject
 from ..pipeline import load_pipeline
-from ..results import RUN, file_sha256, read_results
+from ..results import RUN, read_results
 from .output import existing, progress, say
 from .truth import truth_of, truth_of_recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..explain import Evidence
-    from ..pipeline import PipelineConfig, StageConfig
-    from ..results import Provenance
-
-Stages = tuple["StageConfig", ...]
+    from ..pipeline import PipelineConfig
 
 
 def all_jobs(jobs: int | None) -> int:
@@ -53,7 +49,7 @@ def subjects_of(
     truth
         Truth instead of that of the one input.
     recordings
-        Where to look for the recordings of results, beside the results' own folders.
+        Where else to look for the recordings of results than beside them.
     jobs
         Processes for measuring.
 
@@ -111,38 +107,28 @@ def _measured(
             lambda: show(next(count) * total_s / len(paths)),
         )
     return {
-        path: Subject(replace(evidence, labels=labels[path]), path)
+        path: Subject(replace(evidence, labels=labels[path]), (path,))
         for path, evidence in zip(paths, found, strict=True)
     }
 
 
 def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject:
     result = read_results(path)
+    origin = result.provenance
     evidence = evidence_of(result, truth_of(result, path, truth))
-    return Subject(evidence, _recording_of(result.provenance, path, recordings))
-
-
-def _recording_of(
-    origin: Provenance, results: Path, recordings: Sequence[Path]
-) -> Path | None:
-    """Return the whole recording that was replayed, where it can be found."""
-    if any(argument.startswith(("--from", "--to")) for argument in origin.arguments):
-        return None
-    places = [results.with_name(origin.recording), *recordings]
-    return next((p for p in places if p.is_file() and file_sha256(p) == origin.sha256), None)
+    part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)
+    # what was replayed in part is not to be measured as a whole
+    places = () if part else (path.with_name(origin.recording), *recordings)
+    return Subject(evidence, places, origin.sha256)
 
 
 def _one_pipeline(subjects: Sequence[Subject], config: PipelineConfig | None) -> None:
     """Refuse to sweep over different pipelines."""
-    expected = _stages(subjects[0].evidence) if config is None else config.stage
+    expected = (config or subjects[0].evidence.config).stage
     for subject in subjects:
-        if _stages(subject.evidence) != expected:
+        if subject.evidence.config.stage != expected:
             first = "--pipeline" if config is not None else subjects[0].evidence.name
             raise RecordingError(
                 f"{subject.evidence.name}: pipeline: expected that of {first}, found other stages "
                 f"or parameters"
             )
-
-
-def _stages(evidence: Evidence) -> Stages:
-    return evidence.config.stage

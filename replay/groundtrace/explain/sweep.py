@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
+from ..results import file_sha256
 from .chain import StepChain
 from .measuring import Judged, Task, judge_all, with_values
 
@@ -32,12 +34,15 @@ class Subject:
     ----------
     evidence
         What was measured, with the pipeline as it stands and the truth.
-    path
-        The recording, needed where a parameter changes the signal path.
+    places
+        Where the recording may be, needed where the signal path is swept.
+    sha256
+        Of the recording; empty where the one place is known to be right.
     """
 
     evidence: Evidence
-    path: Path | None
+    places: tuple[Path, ...]
+    sha256: str = ""
 
     @property
     def recorded_s(self) -> float:
@@ -171,13 +176,16 @@ def measurements(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
     return [subjects[t.key[0]] for t in tasks if isinstance(t.source, Path)]
 
 
-def _path(subject: Subject) -> Path:
-    if subject.path is None:
-        raise RecordingError(
-            f"{subject.evidence.name}: expected the recording, since the signal path is swept, "
-            f"found only its results"
-        )
-    return subject.path
+@cache
+def _recording(name: str, places: tuple[Path, ...], sha256: str) -> Path:
+    """Return the place where the recording is that was measured."""
+    for path in places:
+        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
+            return path
+    raise RecordingError(
+        f"{name}: expected the recording beside its results, or --recording FILE, since the signal "
+        f"path is swept, found none with its SHA-256"
+    )
 
 
 def _tasks(
@@ -203,7 +211,9 @@ def _tasks(
             tasks.append(
                 Task(
                     (recording, group),
-                    evidence if measured else _path(subject),
+                    evidence
+                    if measured
+                    else _recording(evidence.name, subject.places, subject.sha256),
                     config,
                     evidence.labels,
                     tuple(grid.axes[i] for i in others),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..score.svg import Axis as PlotAxis
-from ..score.svg import Plot, number, text
-from .parameter_plots import bins_place, binned, colour, curve, heat_map, that_matter
+from ..score.svg import Plot, element, number, text
+from .parameter_plots import binned, bins_place, colour, curve, heat_map, that_matter
 from .sweep import f1_of
 
 if TYPE_CHECKING:
@@ -77,10 +78,12 @@ def _parameters(counted: Counted, ranking: Ranking) -> list[str]:
     axes = that_matter(counted.grid, f1)
     others = ", best of the others" if len(counted.grid.axes) > len(axes) else ""
     bins = [binned(counted.grid, i) for i in axes]
-    marks = [[bins_place(b, r) for b in bins] for r in (ranking.now, ranking.best)]
+    shown_at = (ranking.now, ranking.best)
     if len(axes) == 1:
-        plot = curve(bins[0], f1, [(*m, r.f1) for m, r in zip(marks, (ranking.now, ranking.best), strict=True)])
+        marks = [(bins_place(bins[0], r), r.f1) for r in shown_at]
+        plot = curve(bins[0], f1, marks)
         return _panel(plot, WIDTH + GAP, f"F1 over the parameter{others}")
+    marks = [(bins_place(bins[0], r), bins_place(bins[1], r)) for r in shown_at]
     plot, low, high = heat_map(bins[0], bins[1], f1, marks)
     bar = _colour_bar(WIDTH + GAP + plot.width + 2, low, high)
     return [*_panel(plot, WIDTH + GAP, f"F1 over two parameters{others}"), *bar]
@@ -101,7 +104,9 @@ def front_plot(counted: Counted, ranking: Ranking) -> Plot:
     """Draw around the front; what is far worse is left out."""
     total = counted.counts.sum(axis=0)
     front = ranking.front
-    marked = [(r.fp, r.fn) for r in (ranking.best, ranking.now)] + [(p.false, p.missed) for p in front]
+    marked = [(r.fp, r.fn) for r in (ranking.best, ranking.now)] + [
+        (p.false, p.missed) for p in front
+    ]
     reach_false = 1.25 * max(x for x, _ in marked) + 4
     reach_missed = 1.25 * max(y for _, y in marked) + 4
     plot = Plot(
@@ -115,7 +120,7 @@ def front_plot(counted: Counted, ranking: Ranking) -> Plot:
         if false <= reach_false and missed <= reach_missed:
             plot.dot(false, missed, "dot tried", f"{n} settings: {missed} missed, {false} false")
     corners = [(p.false, p.missed) for p in front]
-    steps = [corners[:1], *([(b[0], a[1]), b] for a, b in zip(corners, corners[1:], strict=False))]
+    steps = [corners[:1], *([(b[0], a[1]), b] for a, b in pairwise(corners))]
     plot.line([point for step in steps for point in step], "front")
     for point in front:
         words = f"{point.missed} missed, {point.false} false, F1 {point.f1:.3f}"
@@ -129,11 +134,8 @@ def _colour_bar(x: float, low: float, high: float) -> list[str]:
     """Return the scale of F1."""
     top, length, parts = HEAD + 14, HEIGHT - 58, []
     for k in range(50):
-        y = top + length * (49 - k) / 50
-        parts.append(
-            f'<rect x="{number(x)}" y="{number(y)}" width="14" height="{number(length / 50 + 0.5)}" '
-            f'fill="{colour(k / 49)}"/>'
-        )
+        y, tall = top + length * (49 - k) / 50, length / 50 + 0.5
+        parts.append(element("rect", "bar", x=x, y=y, width=14, height=tall, fill=colour(k / 49)))
     for part in (0.0, 0.5, 1.0):
         y = top + length * (1 - part) + 4
         parts.append(text(x + 19, y, f"{low + part * (high - low):.2f}", "tick"))

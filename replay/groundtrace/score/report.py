@@ -56,7 +56,7 @@ class Answers:
     Attributes
     ----------
     steps
-        Of all stages.
+        Of the last stage that finds steps.
     picks
         By topic, of the last stage that picks: it has the last word.
     fixes
@@ -77,6 +77,7 @@ def answers_of(events: Iterable[Event]) -> Answers:
     """Sort a result's events by the truth they answer."""
     found = Answers([], [], [], [], [], [])
     picking: dict[str, str] = {}
+    stepping = ""
     for event in events:
         match event:
             case StepEvent():
@@ -93,8 +94,11 @@ def answers_of(events: Iterable[Event]) -> Answers:
                 found.disturbances.append(event)
             case StageSpec(emits="pick"):
                 picking[event.topic] = event.stage
+            case StageSpec(emits="step"):
+                stepping = event.stage
     return replace(
         found,
+        steps=[step for step in found.steps if step.stage == (stepping or step.stage)],
         picks=[pick for pick in found.picks if picking.get(pick.topic) == pick.stage],
         points=last_word(found.points),
         headings=last_word(found.headings),

@@ -1,0 +1,107 @@
+"""``groundtrace replay --at-miss``: a replay shown around one missed step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..errors import RecordingError
+from ..explain import evidence_of
+from ..explain.comparison import matched
+from ..results import read_results
+from .truth import truth_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+
+    from ..sinks import Session, Sink
+
+#: What is shown before and after the step [s].
+AROUND_S = 5.0
+
+
+def missed_step(results: Path, number: int) -> int:
+    """Return the time of a missed step of a result [ns]; the first has the number 1.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no truth, or there are not so many.
+    """
+    result = read_results(results)
+    labels = truth_of(result, results, None)
+    name = result.provenance.recording
+    if not any(label.kind == "step" for label in labels):
+        raise RecordingError(f"{name}: --at-miss: expected true steps in the recording, found none")
+    found = matched(evidence_of(result, labels), tolerance_s=0.12)
+    if not 1 <= number <= len(found.missed):
+        raise RecordingError(
+            f"{name}: --at-miss: expected one of the {len(found.missed)} missed steps, "
+            f"found {number}"
+        )
+    return int(found.truth_ns[found.missed[number - 1]])
+
+
+class Around:
+    """Passes on what lies around a moment; it is decided by a replay of the whole recording.
+
+    Parameters
+    ----------
+    sink
+        Where to.
+    at_ns
+        The moment [ns].
+    """
+
+    def __init__(self, sink: Sink, at_ns: int) -> None:
+        self._sink = sink
+        reach = round(AROUND_S * NS_PER_S)
+        self._start_ns, self._end_ns = at_ns - reach, at_ns + reach
+
+    def open(self, session: Session) -> None:
+        """Begin, with the labels that reach into the window."""
+        labels = tuple(
+            x
+            for x in session.labels
+            if x.time_ns < self._end_ns and (x.end_ns or x.time_ns) >= self._start_ns
+        )
+        self._sink.open(replace(session, labels=labels))
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Pass on the part of an item that lies in the window."""
+        part = self._part(item)
+        if part is not None:
+            self._sink.write(part)
+
+    def close(self) -> None:
+        """End the replay."""
+        self._sink.close()
+
+    def _part(self, item: SignalBlock | Event) -> SignalBlock | Event | None:
+        if isinstance(item, StageSpec):
+            return item
+        if isinstance(item, SignalBlock):
+            times = item.sample_times()
+            first, last = np.searchsorted(times, (self._start_ns, self._end_ns))
+            return item.slice(int(first), int(last)) if last > first else None
+        if isinstance(item, CandidateBlock | TraceBlock):
+            return _rows(item, (item.time_ns >= self._start_ns) & (item.time_ns < self._end_ns))
+        first_ns = item.start_ns if isinstance(item, Gap) else item.time_ns
+        return item if self._start_ns <= first_ns < self._end_ns else None
+
+
+def _rows(block: Any, rows: NDArray[np.bool_]) -> Any:
+    """Return some rows of a block of columns; None of none."""
+    if not rows.any():
+        return None
+    names = [f for f in type(block).__dataclass_fields__ if f != "spec"]
+    return replace(block, **{name: getattr(block, name)[rows] for name in names})

@@ -1,0 +1,78 @@
+"""A message that is not what its schema says costs itself, not the recording."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from groundtrace_codecs import Channel, CodecError, SignalBlock, Stream
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.writer import write_recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STREAM = Stream("/seismic", (Channel("G1", "seismic", "count"),), 1000.0)
+
+
+def broken_copy(source: Path, target: Path, which: int) -> None:
+    """Copy a recording, replacing the payload of one waveform message by junk."""
+    with source.open("rb") as read, target.open("wb") as written:
+        writer = Writer(written)
+        writer.start()
+        ids: dict[int, int] = {}
+        count = 0
+        for schema, channel, message in make_reader(read).iter_messages():
+            assert schema is not None
+            if channel.id not in ids:
+                made = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, made, channel.metadata
+                )
+            data = message.data
+            if schema.name == "groundtrace.WaveformBlock":
+                data = b"junk" if count == which else data
+                count += 1
+            writer.add_message(
+                ids[channel.id],
+                message.log_time,
+                data,
+                message.publish_time,
+                message.sequence,
+            )
+        writer.finish()
+
+
+@pytest.mark.parametrize("which", [0, 7])
+def test_one_unreadable_message_is_left_out_and_said(which: int, tmp_path: Path) -> None:
+    samples = np.arange(1000, dtype=np.int16)[:, None]
+    block = SignalBlock(STREAM, 0, 0, samples)
+    write_recording(tmp_path / "whole.mcap", [(STREAM, "i16le", [block])])
+    broken_copy(tmp_path / "whole.mcap", tmp_path / "broken.mcap", which)
+
+    with Recording.open(tmp_path / "broken.mcap") as recording:
+        found = np.concatenate([b.samples for _, b in recording.blocks()])[:, 0]
+        damage = recording.damage
+
+    expected = np.delete(np.arange(1000), np.arange(which * 50, which * 50 + 50))
+    assert np.array_equal(found, expected)
+    assert [d.messages for d in damage] == [1]
+    assert "/seismic" in damage[0].reason
+
+
+def test_a_strict_reader_stops_at_an_unreadable_message(tmp_path: Path) -> None:
+    samples = np.arange(1000, dtype=np.int16)[:, None]
+    write_recording(
+        tmp_path / "whole.mcap", [(STREAM, "i16le", [SignalBlock(STREAM, 0, 0, samples)])]
+    )
+    broken_copy(tmp_path / "whole.mcap", tmp_path / "broken.mcap", 3)
+
+    with (
+        Recording.open(tmp_path / "broken.mcap", strict=True) as recording,
+        pytest.raises(CodecError, match="/seismic"),
+    ):
+        list(recording.blocks())
