@@ -7,15 +7,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-import numpy as np
-
 from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
 from .mcap import Damage, McapFile
 from .others import OtherTopic, is_ours, other_topic
-from .signals import NS_PER_S, SignalBlock, Stream
+from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -198,7 +196,7 @@ class Recording:
         low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - _SLACK_NS
         high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + _SLACK_NS
         for log_ns, block in self._decoded(readers, low, high):
-            if block.topic in wanted and len(part := _cut(block, start_ns, stop_ns)):
+            if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
                 yield Stamped(log_ns, part)
 
     def _wanted(self, topics: Collection[str] | None) -> set[str]:
@@ -246,24 +244,6 @@ class Recording:
         at = message.log_time
         key = (message.channel_id, message.sequence, at)
         self._left_out[key] = Damage(0, len(message.data), at, at, 1, str(error))
-
-
-def _cut(block: SignalBlock, start_ns: int | None, stop_ns: int | None) -> SignalBlock:
-    """Return the samples of a block in ``[start_ns, stop_ns)``."""
-    if start_ns is None and stop_ns is None:
-        return block
-    times = block.sample_times()
-    inside = np.ones(len(block), np.bool_)
-    if start_ns is not None:
-        inside &= times >= start_ns
-    if stop_ns is not None:
-        inside &= times < stop_ns
-    if inside.all():
-        return block
-    if block.times_ns is not None:
-        return replace(block, samples=block.samples[inside], times_ns=times[inside])
-    kept = np.flatnonzero(inside)
-    return block.slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else block.slice(0, 0)
 
 
 def _geometry(file: McapFile) -> Geometry | None:

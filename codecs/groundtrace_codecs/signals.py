@@ -176,6 +176,21 @@ class SignalBlock:
             self, first=self.first + start, samples=self.samples[start:stop], times_ns=times
         )
 
+    def between(self, start_ns: int | None, stop_ns: int | None) -> SignalBlock:
+        """Return the samples with times in ``[start_ns, stop_ns)``; None is no bound."""
+        if start_ns is None and stop_ns is None:
+            return self
+        times = self.sample_times()
+        inside = np.ones(len(self), np.bool_)
+        if start_ns is not None:
+            inside &= times >= start_ns
+        if stop_ns is not None:
+            inside &= times < stop_ns
+        if self.times_ns is not None:
+            return replace(self, samples=self.samples[inside], times_ns=times[inside])
+        kept = np.flatnonzero(inside)
+        return self.slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else self.slice(0, 0)
+
     def select(self, columns: Sequence[int]) -> SignalBlock:
         """Return the block of some of the columns."""
         if list(columns) == list(range(len(self.stream.channels))):

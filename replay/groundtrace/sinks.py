@@ -32,6 +32,8 @@ class Session:
         Truth and annotations.
     pipeline
         The pipeline's recipe, for people.
+    shown_ns
+        The part of the recording that is shown, first and last time [ns]; None for all of it.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Session:
     geometry: Geometry | None
     labels: tuple[Label, ...]
     pipeline: str
+    shown_ns: tuple[int, int] | None = None
 
 
 class Sink(Protocol):

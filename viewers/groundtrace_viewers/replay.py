@@ -151,7 +151,8 @@ class Replay:
     def _detector(self, spec: StageSpec) -> DetectorLog:
         key = (spec.stage, spec.topic)
         if key not in self._detectors:
-            span_ns = (self._session.start_ns, self._session.end_ns)
+            session = self._session
+            span_ns = session.shown_ns or (session.start_ns, session.end_ns)
             self._detectors[key] = DetectorLog(
                 self.timeline, spec, self._colours, self._lanes, span_ns
             )

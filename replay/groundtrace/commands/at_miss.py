@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..errors import RecordingError
 from ..explain import evidence_of
 from ..explain.comparison import matched
-from ..results import read_results
+from ..results import read_results, replayed_labels
 from .truth import truth_of
 
 if TYPE_CHECKING:
@@ -68,13 +68,10 @@ class Around:
         self._start_ns, self._end_ns = at_ns - reach, at_ns + reach
 
     def open(self, session: Session) -> None:
-        """Begin, with the labels that reach into the window."""
-        labels = tuple(
-            x
-            for x in session.labels
-            if x.time_ns < self._end_ns and (x.end_ns or x.time_ns) >= self._start_ns
-        )
-        self._sink.open(replace(session, labels=labels))
+        """Begin, with the labels of the window."""
+        shown_ns = (max(self._start_ns, session.start_ns), min(self._end_ns, session.end_ns))
+        labels = replayed_labels(session.labels, *shown_ns)
+        self._sink.open(replace(session, labels=labels, shown_ns=shown_ns))
 
     def write(self, item: SignalBlock | Event) -> None:
         """Pass on the part of an item that lies in the window."""
@@ -99,9 +96,12 @@ class Around:
         return item if self._start_ns <= first_ns < self._end_ns else None
 
 
-def _rows(block: Any, rows: NDArray[np.bool_]) -> Any:
+def _rows(block: Any, rows: NDArray[np.bool_]) -> CandidateBlock | TraceBlock | None:
     """Return some rows of a block of columns; None of none."""
     if not rows.any():
         return None
     names = [f for f in type(block).__dataclass_fields__ if f != "spec"]
-    return replace(block, **{name: getattr(block, name)[rows] for name in names})
+    part: CandidateBlock | TraceBlock = replace(
+        block, **{name: getattr(block, name)[rows] for name in names}
+    )
+    return part

@@ -157,14 +157,9 @@ def compare(
     Raises
     ------
     RecordingError
-        Where they are not of the same recording.
+        Where they are not of the same recording, or of different parts of it.
     """
-    one, other = a.provenance, b.provenance
-    if one.sha256 != other.sha256:
-        raise RecordingError(
-            f"{a.name} and {b.name}: expected results of one recording, found "
-            f"{one.recording} ({one.sha256[:12]}) and {other.recording} ({other.sha256[:12]})"
-        )
+    _check_alike(a, b)
     sides = evidence_of(a, labels), evidence_of(b, labels)
     matches = None
     if any(label.kind == "step" for label in labels):
@@ -174,7 +169,7 @@ def compare(
         decisions = _against_each_other(sides, tolerance_s)
     verdicts = Counter(decision.verdict for decision in decisions)
     return Comparison(
-        one.recording,
+        a.provenance.recording,
         tolerance_s,
         _side(a.name, sides[0], matches and matches[0]),
         _side(b.name, sides[1], matches and matches[1]),
@@ -184,6 +179,20 @@ def compare(
         tuple(sorted(decisions, key=lambda d: d.time_s)),
         compare_places(a.events, b.events, labels, sides[0].start_ns, tolerance_s),
     )
+
+
+def _check_alike(a: Results, b: Results) -> None:
+    one, other = a.provenance, b.provenance
+    if one.sha256 != other.sha256:
+        raise RecordingError(
+            f"{a.name} and {b.name}: expected results of one recording, found "
+            f"{one.recording} ({one.sha256[:12]}) and {other.recording} ({other.sha256[:12]})"
+        )
+    if (one.from_ns, one.to_ns) != (other.from_ns, other.to_ns):
+        raise RecordingError(
+            f"{a.name} and {b.name}: expected results of the same part of {one.recording}, "
+            f"found different --from or --to"
+        )
 
 
 def _side(name: str, evidence: Evidence, matching: StepMatch | None) -> Side:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 #: A sweep of more settings than this is refused.
 MOST = 1_000_000
-#: Significant digits of swept values: what is printed is what was tried.
-DIGITS = 12
+#: Significant digits of values between the ends of a range: what is printed is what was tried.
+DIGITS = 8
 RANDOM_DIGITS = 6
 
 
@@ -127,7 +127,7 @@ def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
     values = np.linspace(low, high, int(count)).tolist()
     if info is not None and type(info.default) is int:
         return [round(v) for v in values]
-    return [_rounded(v, DIGITS) for v in values]
+    return [low, *(_rounded(v, DIGITS) for v in values[1:-1]), high]
 
 
 def _checked(stage: StageConfig, kind: Any, parameter: str, value: Any) -> Any:

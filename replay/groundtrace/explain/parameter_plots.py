@@ -25,6 +25,8 @@ SCALE = ("#f2f5f8", "#d3e2ee", "#a6c8e0", "#6ba6cd", "#3381b5", "#14588f", "#083
 MOST_VALUES, BINS = 60, 12
 #: Ranges shorter than this are drawn in thousandths.
 SHORT = 0.1
+#: Of the dots for what stands and for the best: one is seen around the other [px].
+RADII = {"now": 8.0, "best": 5.5}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +130,7 @@ def curve(bins: Bins, f1: NDArray[np.float64], marks: Sequence[tuple[float, floa
             plot.dot(x, y, "dot along", f"{bins.axis.name} {x:.4g}: F1 {y:.3f}", 3)
     for (x, y), style in zip(marks, ("now", "best"), strict=True):
         if np.isfinite(x) and plot.y.low <= y <= plot.y.high:
-            plot.dot(x, y, f"dot {style}", radius=5.5)
+            plot.dot(x, y, f"dot {style}", radius=RADII[style])
     return plot
 
 
@@ -153,5 +155,5 @@ def heat_map(
             )  # fmt: skip
     for (a, b), style in zip(marks, ("now", "best"), strict=True):
         if np.isfinite(a) and np.isfinite(b):
-            plot.dot(a, b, f"dot {style}", radius=6)
+            plot.dot(a, b, f"dot {style}", radius=RADII[style])
     return plot, low, high

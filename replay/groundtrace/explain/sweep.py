@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from .bootstrap import Verdicts
     from .evidence import Evidence
     from .grid import Grid
+
+#: Up to so many settings times recordings, what was measured for is kept step by step.
+KEPT = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +94,8 @@ class Counted:
         Shape (n_recordings, n_settings, 3), int64: steps right, false and missed.
     now
         Shape (n_recordings, 3): the same with the pipeline as it stands.
+    kept
+        Step by step, by (setting, recording), where the signal had to be measured for it.
     rate
         How fast.
     """
@@ -100,6 +105,7 @@ class Counted:
     tolerance_s: float
     counts: NDArray[np.int64]
     now: NDArray[np.int64]
+    kept: dict[tuple[int, int], Verdicts]
     rate: Rate
 
 
@@ -142,6 +148,8 @@ def count(
     """
     rows = range(len(grid))
     tasks, places = _tasks(subjects, grid, rows, tolerance_s, detailed=False)
+    keep = len(grid) * len(subjects) <= KEPT
+    tasks = [replace(t, detailed=keep and isinstance(t.source, Path)) for t in tasks]
     counts = np.zeros((len(subjects), len(grid), 3), np.int64)
     judged = judge_all(tasks, jobs, done)
     for one in judged:
@@ -149,7 +157,18 @@ def count(
         counts[recording, places[group]] = one.counts
     now = np.array([j.counts[0] for j in _as_it_stands(subjects, tolerance_s)])
     rate = _rate(judged, len(grid), sum(s.recorded_s for s in subjects))
-    return Counted(tuple(subjects), grid, tolerance_s, counts, now, rate)
+    kept = _by_place(judged, places)
+    return Counted(tuple(subjects), grid, tolerance_s, counts, now, kept, rate)
+
+
+def _by_place(judged: Sequence[Judged], places: list[list[int]]) -> dict[tuple[int, int], Verdicts]:
+    """Return verdicts by (setting, recording)."""
+    return {
+        (row, one.key[0]): verdict
+        for one in judged
+        if one.verdicts
+        for row, verdict in zip(places[one.key[1]], one.verdicts, strict=True)
+    }
 
 
 def verdicts(
@@ -160,14 +179,12 @@ def verdicts(
     One list for each setting, in it one entry for each recording.
     """
     subjects, tolerance_s = counted.subjects, counted.tolerance_s
-    tasks, places = _tasks(subjects, counted.grid, rows, tolerance_s, detailed=True)
-    found: dict[tuple[int, int], Verdicts] = {}
-    for one in judge_all(tasks, jobs, done):
-        recording, group = one.key
-        for row, verdict in zip(places[group], one.verdicts, strict=True):
-            found[row, recording] = verdict
+    several = range(len(subjects))
+    more = [row for row in rows if any((row, r) not in counted.kept for r in several)]
+    tasks, places = _tasks(subjects, counted.grid, more, tolerance_s, detailed=True)
+    found = counted.kept | _by_place(judge_all(tasks, jobs, done), places)
     now = [j.verdicts[0] for j in _as_it_stands(subjects, tolerance_s)]
-    return [*([found[row, r] for r in range(len(subjects))] for row in rows), now]
+    return [*([found[row, r] for r in several] for row in rows), now]
 
 
 def measurements(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:

@@ -125,7 +125,7 @@ def front_plot(counted: Counted, ranking: Ranking) -> Plot:
     for point in front:
         words = f"{point.missed} missed, {point.false} false, F1 {point.f1:.3f}"
         plot.dot(point.false, point.missed, "dot front", words, 4.5)
-    plot.dot(ranking.now.fp, ranking.now.fn, "dot now", "the pipeline as it is", 5.5)
+    plot.dot(ranking.now.fp, ranking.now.fn, "dot now", "the pipeline as it is", 8)
     plot.dot(ranking.best.fp, ranking.best.fn, "dot best", "the best", 6)
     return plot
 
