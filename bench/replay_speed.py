@@ -90,6 +90,7 @@ def interleaved(cases: dict[str, Callable[[], None]], runs: int) -> dict[str, li
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--runs", type=int, default=5)

@@ -6,6 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
 from groundtrace.commands import main
 
 if TYPE_CHECKING:

@@ -157,19 +157,21 @@ def test_any_bytes_decode_or_raise_a_format_error(data: bytes, kind: str, little
     decoder = CdrDecoder(parse_ros2msg(kind, ros2msg(kind)))
     for payload in (data, bytes([0, little, 0, 0]) + data):
         try:
-            decoder.decode(payload)
+            decoded = decoder.decode(payload)
             list(decoder.tables([payload, payload]))
         except FormatError:
             continue
+        assert decoded is not None
 
 
 @settings(max_examples=300, deadline=None)
 @given(text=st.text(st.sampled_from(list("ab/[]<=1 \n#\"'MSG:=int32stringx")), max_size=120))
 def test_any_schema_text_parses_or_raises_a_schema_error(text: str) -> None:
     try:
-        parse_ros2msg("a/B", text)
+        parsed = parse_ros2msg("a/B", text)
     except SchemaError:
         return
+    assert all(field.name for field in parsed.fields)
 
 
 @pytest.mark.parametrize("kind", WRITTEN)

@@ -83,7 +83,7 @@ def test_every_associator_documents_its_parameters_and_gates(name: str) -> None:
 def test_every_pipeline_gives_the_same_events_whatever_the_blocks(
     pipeline: str, recording: str
 ) -> None:
-    items = signal(recording, 5.0 if recording == "room" else None)
+    items = signal(recording)
 
     def run(given: list[SignalBlock | Gap]) -> Any:
         chain = build_pipeline(load_pipeline(pipeline))

@@ -54,7 +54,7 @@ class Focus:
         if self.at_ns is None:
             return self.start_ns, self.end_ns
         reach = round(AROUND_S * NS_PER_S)
-        return self.at_ns - reach, self.at_ns + reach
+        return max(self.at_ns - reach, self.start_ns), min(self.at_ns + reach, self.end_ns)
 
     @property
     def at_s(self) -> float | None:

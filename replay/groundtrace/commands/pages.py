@@ -50,7 +50,8 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
         lines += _counts_table((("now", remedy.before), ("then", remedy.after)))
     elif title and found.reason is not None:
         lines += ["", "No change of a single parameter finds it."]
-    for link in found.chain:
+    stages = list(dict.fromkeys(link.stage for link in found.chain))
+    for link in sorted(found.chain, key=lambda link: -stages.index(link.stage)):
         lines += ["", *_chain(link)]
     return "\n".join(lines) + "\n" + READING_WHY
 

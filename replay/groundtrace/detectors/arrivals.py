@@ -9,7 +9,7 @@ as recorded.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
@@ -61,6 +61,33 @@ class ArrivalSettings:
     back_s: float
     windows_s: tuple[tuple[float, float], ...]
     correlation_s: float
+
+    @classmethod
+    def of(
+        cls,
+        parameters: ArrivalParameters,
+        anchor: Literal["rise", "peak"],
+        back_s: float,
+        windows_s: tuple[tuple[float, float], ...],
+        correlation_s: float,
+    ) -> ArrivalSettings:
+        """Return the settings of a picker: its parameters, and how it refines onsets."""
+        p = parameters
+        shared = (p.gap_s, p.warm_up_s, p.floor, p.separation_s)
+        return cls(*shared, anchor, back_s, windows_s, correlation_s)
+
+
+class ArrivalParameters(Protocol):
+    """What the parameters of every arrival picker have in common."""
+
+    @property
+    def gap_s(self) -> float: ...
+    @property
+    def warm_up_s(self) -> float: ...
+    @property
+    def floor(self) -> float: ...
+    @property
+    def separation_s(self) -> float: ...
 
 
 class _History:

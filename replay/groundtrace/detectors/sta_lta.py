@@ -69,16 +69,8 @@ class StaLtaPicker:
     def start(self, stream: Stream) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
-        settings = ArrivalSettings(
-            gap_s=p.gap_s,
-            warm_up_s=p.warm_up_s,
-            floor=p.floor,
-            separation_s=p.separation_s,
-            anchor="peak",
-            back_s=2 * p.sta_s,
-            windows_s=((0.010, 0.0), (0.017, 0.002)),
-            correlation_s=0.0025,
-        )
+        windows = ((0.010, 0.0), (0.017, 0.002))
+        settings = ArrivalSettings.of(p, "peak", 2 * p.sta_s, windows, correlation_s=0.0025)
         self.state = _State(
             SmoothedSlope(rate, p.smooth_s, p.slope_s),
             UnbiasedMean(p.sta_s * rate),

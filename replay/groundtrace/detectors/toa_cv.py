@@ -98,16 +98,8 @@ class VarianceChangePicker:
     def start(self, stream: Stream) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
-        settings = ArrivalSettings(
-            gap_s=p.gap_s,
-            warm_up_s=p.warm_up_s,
-            floor=p.floor,
-            separation_s=p.separation_s,
-            anchor="rise",
-            back_s=p.gap_s,
-            windows_s=((0.010, 0.005),),
-            correlation_s=0.0,
-        )
+        windows = ((0.010, 0.005),)
+        settings = ArrivalSettings.of(p, "rise", p.gap_s, windows, correlation_s=0.0)
         alpha = -np.expm1(-np.log(10) / (p.memory_s * rate))
         self.state = _State(
             StreamingFilter(bandpass(p.low_hz, p.high_hz, rate)),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .evidence import Evidence, StageEvidence, evidence_of
-from .reasons import CAUSES, GateReading, Reason, reason_at
+from .readings import GateReading
+from .reasons import CAUSES, Reason, reason_at
 from .redecide import Counts, Outcome, Redecider
 from .remedies import Healer, Remedy
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .reasons import GateReading, Reason, readings, reason_at
+from .readings import GateReading, readings
+from .reasons import Reason, reason_at
 from .redecide import Counts, Redecider
 from .remedies import Healer, Remedy
 

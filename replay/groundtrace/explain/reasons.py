@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from groundtrace_codecs.signals import NS_PER_S
 
+from .readings import GateReading, below, closeness, readings
 from .silence import silence
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from .evidence import Evidence, StageEvidence
@@ -29,19 +29,6 @@ CAUSES = (
     "gap",
     "taken",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class GateReading:
-    """What one gate said of one candidate."""
-
-    gate: str
-    unit: str
-    parameter: str
-    value: float
-    threshold: float
-    margin: float
-    passed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,22 +64,6 @@ class Reason:
     channels: tuple[str, ...] = field(default=())
 
 
-def readings(part: StageEvidence, row: int) -> tuple[GateReading, ...]:
-    """Return what every gate said of a candidate."""
-    return tuple(
-        GateReading(
-            gate.name,
-            gate.unit,
-            gate.parameter,
-            float(part.gate_value[row, i]),
-            gate.threshold,
-            float(part.margin[row, i]),
-            bool(part.margin[row, i] >= 0),
-        )
-        for i, gate in enumerate(part.spec.gates)
-    )
-
-
 def reason_at(evidence: Evidence, time_ns: int, tolerance_s: float) -> Reason:
     """Say why there is no step at a time.
 
@@ -114,22 +85,13 @@ def reason_at(evidence: Evidence, time_ns: int, tolerance_s: float) -> Reason:
     ]
     if not found:
         return _nothing(evidence, final, time_ns, reach)
-    part, row = min(found, key=lambda item: _distance(item[0], int(item[1]), time_ns))
+    part, row = min(found, key=lambda item: closeness(item[0], int(item[1]), time_ns))
     return _failed(evidence, part, int(row), time_ns, reach)
 
 
 def _last_stage(evidence: Evidence, emits: str) -> str:
     stages = [part.spec.stage for part in evidence.stages if part.spec.emits == emits]
     return stages[-1] if stages else ""
-
-
-def _distance(part: StageEvidence, row: int, time_ns: int) -> tuple[int, float, int]:
-    """Order candidates: most gates passed first, then least shortfall, then nearest."""
-    margin = part.margin[row]
-    scale = [max(abs(g.threshold), 1e-9) for g in part.spec.gates]
-    short = np.where(margin < 0, -margin / scale, 0.0)
-    failed = int((~(margin >= 0)).sum())
-    return failed, float(np.nansum(short)), abs(int(part.candidates.time_ns[row]) - time_ns)
 
 
 def _failed(evidence: Evidence, part: StageEvidence, row: int, time_ns: int, reach: int) -> Reason:
@@ -165,12 +127,12 @@ def _verdict(
     if not part.spec.trace:  # a group of picks: say what its channels lack
         return _lacking(evidence, part, row, first, time_ns, reach)
     if first.gate == "activity":
-        return "walking", f"nobody seems to walk: {_below(first)}", ()
+        return "walking", f"nobody seems to walk: {below(first)}", ()
     channel = 0
     hint = silence(part, channel, time_ns - reach, time_ns + reach)
     if hint.cause in {"clipped", "dead"} and len(part.spec.channels) == 1:
-        return hint.cause, f"{_below(first)}; {hint.text}", ()
-    return "threshold", _below(first), ()
+        return hint.cause, f"{below(first)}; {hint.text}", ()
+    return "threshold", below(first), ()
 
 
 def _lacking(
@@ -185,7 +147,7 @@ def _lacking(
     missing = missing_channels(evidence, part, time_ns, reach, _span_of_group(part, row))
     names = tuple(f"{m.channel} {m.text}" for m in missing)
     if first.gate != "channels":
-        return "coincidence", _below(first), names
+        return "coincidence", below(first), names
     text = f"picked on {first.value:g} of {first.threshold:g} channels needed"
     cause = "coincidence"
     for broken in ("dead", "clipped"):
@@ -206,15 +168,6 @@ def _merged(reading: GateReading) -> str:
     return (
         f"merged with the step {reading.value * 1e3:.0f} ms earlier by the refractory gate "
         f"({reading.threshold * 1e3:.0f} ms)"
-    )
-
-
-def _below(reading: GateReading) -> str:
-    unit = "" if reading.unit == "1" else f" {reading.unit}"
-    sign = "<" if reading.value < reading.threshold else ">"
-    return (
-        f"{reading.gate} {reading.value:.4g}{unit} {sign} {reading.threshold:.4g}{unit} "
-        f"(margin {reading.margin:.3g})"
     )
 
 
@@ -292,9 +245,9 @@ def _channel_verdict(
     own = rows[source.candidates.channel[rows] == channel]
     if quiet.cause in {"dead", "clipped", "filter"} or not len(own):
         return quiet.cause, quiet.text
-    row = int(min(own, key=lambda r: _distance(source, int(r), time_ns)))
+    row = int(min(own, key=lambda r: closeness(source, int(r), time_ns)))
     first = next((r for r in readings(source, row) if not r.passed), None)
     if first is None:
         later_ms = (int(source.candidates.time_ns[row]) - time_ns) / 1e6
         return "taken", f"was picked {later_ms:+.0f} ms from it, in another group"
-    return ("refractory" if first.gate == "refractory" else "threshold"), _below(first)
+    return ("refractory" if first.gate == "refractory" else "threshold"), below(first)

@@ -1,0 +1,51 @@
+"""What a localizer gives: a place, how sure it is, and what it leaves unexplained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+#: A place in the plane has two coordinates, and the moment of the impact is unknown too.
+LEAST_PICKS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Location:
+    """A place found.
+
+    Attributes
+    ----------
+    x, y
+        Where [m]; NaN where there are too few arrivals.
+    covariance
+        Shape (2, 2) [m^2]; NaN likewise.
+    residual
+        What the method leaves unexplained, in its own unit; NaN likewise.
+    picks
+        From how many arrivals.
+    ties
+        How many regions or nodes explain the arrivals equally well.
+    """
+
+    x: float
+    y: float
+    covariance: NDArray[np.float64]
+    residual: float
+    picks: int
+    ties: int = 1
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a place."""
+        return bool(np.isfinite(self.x))
+
+
+def nowhere(picks: int) -> Location:
+    """Return the answer to fewer arrivals than :data:`LEAST_PICKS`."""
+    nan = float("nan")
+    return Location(nan, nan, np.full((2, 2), nan), nan, picks, 0)

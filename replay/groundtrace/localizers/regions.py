@@ -1,0 +1,193 @@
+"""Regions of a room whose points all have the same order of distances to the sensors.
+
+Source: the thesis on footstep localisation, section 5.1. It finds the regions by sampling the room
+and grouping the samples; here the lines halfway between the sensors of each pair are arranged
+exactly, so that no region is missed and centres and areas have no lattice in them. Of the thesis's
+remarks, the bound on the number of regions is corrected: the three lines of any three sensors meet
+in one point, so there are at most 1 + C(N, 2) + (3N - 1) C(N, 3) / 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import shapely
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Points nearer to a line than this part of the room's extent lie on it.
+TOLERANCE = 1e-9
+#: Rows compared at once where regions are compared with each other.
+ROWS = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regions:
+    """The regions of a room.
+
+    Attributes
+    ----------
+    sensors
+        Shape (n, 2) [m].
+    first, second
+        Shape (n_pairs,), intp: sensors i < j of each pair, in the order of equation (5.4),
+        l = (j - 2)(j - 1) / 2 + i counted from one.
+    signs
+        Shape (q, n_pairs), int8: sign of d_i - d_j in each region, equation (5.4); 0 for sensors at
+        one place, which no source tells apart.
+    centres
+        Shape (q, 2): barycentres [m].
+    areas
+        Shape (q,) [m^2].
+    neighbours
+        Shape (m, 2), intp: regions with a common edge.
+    """
+
+    sensors: Array
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    signs: NDArray[np.int8]
+    centres: Array
+    areas: Array
+    neighbours: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.areas)
+
+
+def pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the sensors i < j of all pairs in the order of equation (5.4), counted from zero."""
+    second, first = np.tril_indices(count, -1)
+    return first, second
+
+
+def most_regions(count: int) -> int:
+    """Return how many regions ``count`` sensors make at most in an unbounded plane."""
+    twos = count * (count - 1) // 2
+    threes = twos * (count - 2) // 3
+    return 1 + twos + (3 * count - 1) * threes // 4
+
+
+def find_regions(sensors: Array, room: shapely.Polygon) -> Regions:
+    """Arrange the lines halfway between all sensors inside a room.
+
+    Parameters
+    ----------
+    sensors
+        Shape (n, 2) [m], in any layout: sensors on one line make strips, and two at one place no
+        line between them.
+    room
+        Convex or not; a region that the room's walls cut in two stays one, as in the thesis.
+    """
+    sensors = np.asarray(sensors, np.float64).reshape(-1, 2)
+    first, second = pairs(len(sensors))
+    low, high = np.array(room.bounds).reshape(2, 2)
+    origin, extent = (low + high) / 2, float(np.max(high - low))
+    lines, owner = _lines((sensors - origin) / extent, first, second)
+    hull = (shapely.get_coordinates(room.convex_hull)[:-1] - origin) / extent
+    shapes = _polygons([part * extent + origin for part in _arranged(hull, lines)])
+    if room.area < room.convex_hull.area * (1 - TOLERANCE):
+        shapes = shapely.intersection(shapes, room)
+        shapes = shapes[shapely.area(shapes) > TOLERANCE * extent**2]
+    inside = shapely.get_coordinates(shapely.point_on_surface(shapes))
+    apart = np.linalg.norm(inside[:, None] - sensors, axis=2)
+    signs = np.sign(apart[:, first] - apart[:, second]).astype(np.int8)
+    signs[:, owner < 0] = 0
+    return Regions(
+        sensors,
+        first,
+        second,
+        signs,
+        shapely.get_coordinates(shapely.centroid(shapes)),
+        shapely.area(shapes),
+        _neighbours(signs, owner, shapes, room, extent),
+    )
+
+
+def _lines(
+    sensors: Array, first: NDArray[np.intp], second: NDArray[np.intp]
+) -> tuple[Array, NDArray[np.intp]]:
+    """Return the distinct lines (a, b, c) with ax + by = c, and the line of each pair or -1."""
+    across = sensors[second] - sensors[first]
+    length = np.hypot(*across.T)
+    apart = length > TOLERANCE
+    normal = across / np.where(apart, length, 1.0)[:, None]
+    # one of the two directions: that of larger x, then of larger y
+    turned = (normal[:, 0] < -TOLERANCE) | ((abs(normal[:, 0]) <= TOLERANCE) & (normal[:, 1] < 0))
+    normal = np.where(turned[:, None], -normal, normal)
+    offset = np.sum(normal * (sensors[first] + sensors[second]) / 2, axis=1)
+    every = np.column_stack([normal, offset])
+    alike = (np.abs(every[:, None] - every).max(axis=2, initial=0.0) <= TOLERANCE) & apart
+    leader = np.where(apart, alike.argmax(axis=1), -1) if len(every) else np.empty(0, np.intp)
+    kept = np.unique(leader[leader >= 0])
+    return every[kept], np.where(leader >= 0, np.searchsorted(kept, leader), -1)
+
+
+def _arranged(hull: Array, lines: Array) -> list[Array]:
+    """Return the convex parts that lines cut a convex polygon into."""
+    parts = [hull]
+    for a, b, c in lines:
+        counts = np.array([len(part) for part in parts])
+        height = np.concatenate(parts) @ np.array([a, b]) - c
+        # what lies on the line up to rounding lies on it, or three lines through one point
+        # would leave splinters
+        height[np.abs(height) <= TOLERANCE] = 0.0
+        starts = np.cumsum(counts) - counts
+        below = np.minimum.reduceat(height, starts) < 0
+        above = np.maximum.reduceat(height, starts) > 0
+        whole = [parts[i] for i in np.flatnonzero(~(below & above))]
+        for i in np.flatnonzero(below & above):
+            whole += _halves(parts[i], height[starts[i] : starts[i] + counts[i]])
+        parts = whole
+    return parts
+
+
+def _halves(part: Array, height: Array) -> tuple[Array, Array]:
+    """Cut a convex polygon where its corners' height changes its sign."""
+    after = np.roll(height, -1)
+    cut = np.flatnonzero(height * after < 0)
+    share = height[cut] / (height[cut] - after[cut])
+    between = part[cut] + share[:, None] * (np.roll(part, -1, axis=0)[cut] - part[cut])
+    corners = np.insert(part, cut + 1, between, axis=0)
+    heights = np.insert(height, cut + 1, 0.0)
+    return corners[heights >= 0], corners[heights <= 0]
+
+
+def _polygons(parts: list[Array]) -> NDArray[np.object_]:
+    """Return corners as polygons."""
+    closed = [np.vstack([part, part[:1]]) for part in parts]
+    ring = np.repeat(np.arange(len(closed)), [len(part) for part in closed])
+    return np.asarray(shapely.polygons(shapely.linearrings(np.concatenate(closed), indices=ring)))
+
+
+def _neighbours(
+    signs: NDArray[np.int8],
+    owner: NDArray[np.intp],
+    shapes: NDArray[np.object_],
+    room: shapely.Polygon,
+    extent: float,
+) -> NDArray[np.intp]:
+    """Return which regions have a common edge.
+
+    Two parts of an arrangement of lines have one just where they lie on the same side of all lines
+    but one; inside a room that is not convex a wall may still part them.
+    """
+    sides = signs[:, np.unique(owner, return_index=True)[1]][:, np.unique(owner) >= 0]
+    value = sides.astype(np.float32)
+    met = [
+        np.argwhere(value[i : i + ROWS] @ value.T == sides.shape[1] - 2) + (i, 0)
+        for i in range(0, len(value), ROWS)
+    ]
+    found = np.concatenate([np.empty((0, 2), np.intp), *met])
+    found = found[found[:, 0] < found[:, 1]]
+    if not sides.shape[1] or room.area >= room.convex_hull.area * (1 - TOLERANCE):
+        return found if sides.shape[1] else np.empty((0, 2), np.intp)
+    reach = 1e-6 * extent
+    common = shapely.intersection(shapely.buffer(shapes[found[:, 0]], reach), shapes[found[:, 1]])
+    # an edge leaves its length times the reach, a corner only a square of the reach
+    return found[shapely.area(common) > 10 * reach**2]
