@@ -90,7 +90,7 @@ def assert_every_setting_decides_as_a_replay(walk: Walk, texts: tuple[str, ...],
         expected = walk.replayed(grid.axes, grid.rows[row])
         assert np.array_equal(swept, expected), grid.setting(row)
         found.add(len(swept))
-    assert len(found) > 5
+    assert len(found) > 3
 
 
 def test_two_hundred_random_settings_decide_as_fresh_replays_do(waist: Walk) -> None:

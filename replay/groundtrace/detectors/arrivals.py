@@ -81,13 +81,20 @@ class ArrivalParameters(Protocol):
     """What the parameters of every arrival picker have in common."""
 
     @property
-    def gap_s(self) -> float: ...
+    def gap_s(self) -> float:
+        """Time between noise and signal [s]."""
+
     @property
-    def warm_up_s(self) -> float: ...
+    def warm_up_s(self) -> float:
+        """Noise needed to trust its level [s]."""
+
     @property
-    def floor(self) -> float: ...
+    def floor(self) -> float:
+        """Lowest ratio kept as a candidate."""
+
     @property
-    def separation_s(self) -> float: ...
+    def separation_s(self) -> float:
+        """Least time between candidates [s]."""
 
 
 class _History:

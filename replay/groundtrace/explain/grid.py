@@ -103,12 +103,16 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
     group, kind = find(STAGE_GROUPS, stages[key].use)
     info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
     span = ":" in right
-    given = (
-        _range(right, text, info) if span else [parse_value(v.strip()) for v in right.split(",")]
-    )
-    values = dict.fromkeys(_checked(stages[key], kind, parameter, v) for v in given)
+    if span:
+        given = _range(right, text, info)
+        for end in (given[0], given[-1]):
+            _checked(stages[key], kind, parameter, end)
+    else:
+        parsed = [parse_value(value.strip()) for value in right.split(",")]
+        given = [_checked(stages[key], kind, parameter, value) for value in parsed]
+    values = tuple(dict.fromkeys(given))
     remeasure = group == "detectors" and info is not None and info.part == "measure"
-    return Axis(key, parameter, info.unit if info else "", tuple(values), span, remeasure)
+    return Axis(key, parameter, info.unit if info else "", values, span, remeasure)
 
 
 def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
