@@ -2,7 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-export CI ?= 1 # the viewer's analytics stay off
+# the viewer's analytics stay off
+export CI ?= 1
 
 .PHONY: demo dev fmt check test build wheel bench proto screenshot clean
 

@@ -1,0 +1,108 @@
+"""RMSE of the localisers on simulated arrivals: nine sensors, law (4.24), as the thesis's 5.2."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+import numpy as np
+from groundtrace.localizers import hyperbolic, power_law, sign_model, so_tdoa
+from groundtrace.localizers.location import Location
+
+SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
+ROOM = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
+SOURCE = np.array([[1.0, 3.0]])
+THETAS = (5e-6, 1e-5, 5e-5)
+SIGMAS = (2e-4, 5e-4, 1e-3)
+
+
+def arrivals(sources: np.ndarray, theta_s: float) -> np.ndarray:
+    """Shape (m, 9): law (4.24) as printed."""
+    return sign_model.arrivals(np.linalg.norm(sources[:, None] - SENSORS, axis=2), theta_s)
+
+
+def noisy(times: np.ndarray, sigma: float, rng: np.random.Generator, late: float = 0.0):
+    """Gaussian errors, and a part of the arrivals up to 20 ms late."""
+    times = times + rng.normal(0, sigma, times.shape)
+    return times + rng.uniform(2e-3, 2e-2, times.shape) * (rng.random(times.shape) < late)
+
+
+def on_lattice(times: np.ndarray) -> np.ndarray:
+    """SO-TDOA on 25 x 25 samples, ties averaged, (5.13)."""
+    axis = np.linspace(0, 10, 25)
+    nodes = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    apart = np.linalg.norm(nodes[:, None] - SENSORS, axis=2)
+    signs = np.where(apart[:, regions.first] > apart[:, regions.second], 1, -1)
+    measured = np.sign(times[:, regions.first] - times[:, regions.second])
+    agree = measured @ signs.T
+    best = agree == agree.max(axis=1, keepdims=True)
+    return best @ nodes / best.sum(axis=1, keepdims=True)
+
+
+def methods(velocity: float, theta_s: float, sigma: float) -> dict[str, Callable[..., Location]]:
+    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    return {
+        "SO-TDOA": lambda t: so_tdoa.locate(SENSORS, t, ROOM),
+        "Bernoulli": lambda t: sign_model.likeliest(regions, t, theta_s, sigma),
+        "hyperbolic": lambda t: hyperbolic.locate(SENSORS, t, velocity, ROOM),
+        "power law": lambda t: power_law.locate(SENSORS, t, ROOM, huber=np.inf),
+        "Huber": lambda t: power_law.locate(SENSORS, t, ROOM),
+    }
+
+
+def errors(method: Callable[..., Location], times: np.ndarray, sources: np.ndarray) -> np.ndarray:
+    found = [method(row) for row in times]
+    return np.hypot(*(np.array([(p.x, p.y) for p in found]) - sources).T)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def one_source(runs: int, rng: np.random.Generator) -> None:
+    """Table of the thesis's figure 5.7: source at [1, 3]."""
+    print(f"source [1, 3], {runs} runs, RMSE [m]")
+    print("theta   sigma    SO-TDOA  lattice  Bernoulli  hyperbolic  power law  Huber   us/fix")
+    for theta in THETAS:
+        velocity = hyperbolic.calibrated_velocity(SOURCE, SENSORS, arrivals(SOURCE, theta))
+        for sigma in SIGMAS:
+            times = noisy(np.tile(arrivals(SOURCE, theta), (runs, 1)), sigma, rng)
+            lattice = rms(np.hypot(*(on_lattice(times) - SOURCE).T))
+            cells, taken = [], []
+            for method in methods(velocity, theta, sigma).values():
+                began = time.perf_counter()
+                cells.append(rms(errors(method, times, SOURCE)))
+                taken.append((time.perf_counter() - began) / runs * 1e6)
+            cells.insert(1, lattice)
+            figures = "  ".join(f"{c:7.2f}" for c in cells)
+            print(f"{theta:.0e}  {sigma * 1e3:.1f} ms {figures}   {[round(t) for t in taken]}")
+
+
+def everywhere(runs: int, rng: np.random.Generator) -> None:
+    """Uniform sources, with and without late arrivals."""
+    print(f"uniform sources, theta 1e-5, {runs} runs, RMSE/CEP50 [m]")
+    for sigma, late in ((2e-4, 0.0), (5e-4, 0.0), (1e-3, 0.0), (5e-4, 0.15)):
+        sources = rng.uniform(0, 10, (runs, 2))
+        clean = arrivals(sources, 1e-5)
+        velocity = hyperbolic.calibrated_velocity(sources, SENSORS, clean)
+        times = noisy(clean, sigma, rng, late)
+        cells = []
+        for name, method in methods(velocity, 1e-5, sigma).items():
+            off = errors(method, times, sources)
+            cells.append(f"{name} {rms(off):.2f}/{np.median(off):.2f}")
+        print(f"{sigma * 1e3:.1f} ms, {late:.0%} late: {'  '.join(cells)}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=5000)
+    options = parser.parse_args()
+    rng = np.random.default_rng(0)
+    one_source(options.runs, rng)
+    everywhere(min(options.runs, 3000), rng)
+
+
+if __name__ == "__main__":
+    main()

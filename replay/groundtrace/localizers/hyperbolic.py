@@ -1,0 +1,84 @@
+"""Hyperbolic localisation: differences of arrivals times one velocity are those of distances.
+
+Source: the thesis on footstep localisation, equation (5.14). The sum over all pairs of squares is
+n times the sum of squares about the mean, so arrivals are fitted directly, with the moment of the
+impact free.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import PipelineError
+from .arrival_fit import Model, distances, lattice, moments, search
+from .location import LEAST_PICKS, Location, nowhere
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+def locate(
+    positions: Array,
+    times_s: Array,
+    velocity_mps: float,
+    outline: Array | None = None,
+    sigma_s: float = 5e-4,
+) -> Location:
+    """Return the place whose distances fit the arrivals best at a velocity.
+
+    Parameters
+    ----------
+    positions
+        Shape (n, 2): sensors [m].
+    times_s
+        Shape (n,): arrivals [s], from any origin; NaN where a sensor has none.
+    velocity_mps
+        Calibrated velocity [m/s].
+    outline
+        Shape (k, 2): corners of the room [m]; None stands for the sensors' rectangle, widened.
+    sigma_s
+        Standard deviation of an arrival that the covariance reckons with at least [s].
+
+    Returns
+    -------
+    The place; its residual is the root mean square of what the arrivals are off [s].
+    """
+    picks = int(np.isfinite(times_s).sum())
+    if picks < LEAST_PICKS:
+        return nowhere(picks)
+    area = lattice(positions, outline)
+    best = search(area, positions, times_s, Model(1.0, 1.0 / velocity_mps))
+    residual = float(np.sqrt(best.loss))
+    _, covariance = moments(area, best.losses * picks, max(sigma_s, residual))
+    return Location(float(best.place[0]), float(best.place[1]), covariance, residual, picks)
+
+
+def calibrated_velocity(sources: Array, positions: Array, times_s: Array) -> float:
+    """Return the velocity that best turns time differences into those of distances [m/s].
+
+    Parameters
+    ----------
+    sources
+        Shape (m, 2): places of controlled impacts [m].
+    positions
+        Shape (n, 2): sensors [m].
+    times_s
+        Shape (m, n): arrivals [s]; NaN where there is none.
+
+    Raises
+    ------
+    PipelineError
+        Where the arrivals do not grow with distance.
+    """
+    with np.errstate(invalid="ignore"):
+        apart = np.where(np.isfinite(times_s), distances(sources, positions), np.nan)
+    tau = times_s - np.nanmean(times_s, axis=1, keepdims=True)
+    further = apart - np.nanmean(apart, axis=1, keepdims=True)
+    along = float(np.nansum(tau * further))
+    if not along > 0:
+        raise PipelineError("calibration: expected arrivals that grow with distance, found others")
+    return along / float(np.nansum(tau**2))

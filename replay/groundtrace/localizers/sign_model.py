@@ -1,0 +1,77 @@
+"""The Bernoulli model of sign errors: how likely each region makes the measured signs.
+
+Source: the thesis on footstep localisation, section 5.3.2, with two corrections. The chance of a
+wrong sign is (1 + erf(-|tau| / (sqrt 2 sigma))) / 2: (5.26) lacks the absolute value. And arrivals
+err, not differences: sigma of a difference is sqrt 2 times that of an arrival, and as the
+differences then hang together, the likelihood of N(N - 1)/2 signs is raised to the power 2 / N.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .location import LEAST_PICKS, Location, nowhere
+from .so_tdoa import distances, measured_signs, spread
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .regions import Regions
+
+    Array = NDArray[np.float64]
+
+#: Twice the squared stiffness constant of the thesis's plate, 8 a^2 with a = 183 m^2/s, (4.24).
+PLATE = 8 * 183.0**2
+
+
+def arrivals(distance_m: Array, theta_s: float) -> Array:
+    """Return when a wave arrives [s], equation (4.24): t^3 = theta d^4 / (8 a^2)."""
+    times: Array = np.cbrt(theta_s / PLATE * distance_m**4)
+    return times
+
+
+def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) -> Location:
+    """Return the mean of all regions, weighted by area and likelihood of the signs.
+
+    Parameters
+    ----------
+    regions
+        Of the room.
+    times_s
+        Shape (n,): arrivals [s]; NaN where a sensor has none.
+    theta_s
+        Time scale of the velocity law (4.25) [s].
+    sigma_s
+        Standard deviation of an arrival [s].
+
+    Returns
+    -------
+    The place; its residual is the part of the signs that the likeliest region contradicts.
+    """
+    picks = int(np.isfinite(times_s).sum())
+    if picks < LEAST_PICKS:
+        return nowhere(picks)
+    signs, compared = measured_signs(regions, times_s)
+    right = _chance_right(regions, theta_s, sigma_s)
+    agree = regions.signs * signs
+    logs = np.where(agree > 0, np.log(right), np.log1p(-right)) * np.abs(agree)
+    level = logs.sum(axis=1) * 2 / picks
+    weight = regions.areas * np.exp(level - level.max())
+    x, y = weight @ regions.centres / weight.sum()
+    wrong = distances(regions, signs, compared)[int(np.argmax(level))]
+    residual = float(wrong) / max(int(compared.sum()), 1)
+    about = np.array([x, y])
+    return Location(float(x), float(y), spread(regions, weight, about), residual, picks)
+
+
+def _chance_right(regions: Regions, theta_s: float, sigma_s: float) -> Array:
+    """Return the chance of each sign to be measured right, shape (q, n_pairs); at most 1 - 1e-3."""
+    from scipy.special import ndtr
+
+    apart = np.linalg.norm(regions.centres[:, None] - regions.sensors, axis=2)
+    times = arrivals(apart, theta_s)
+    tau = np.abs(times[:, regions.first] - times[:, regions.second])
+    right: Array = np.clip(ndtr(tau / (np.sqrt(2) * sigma_s)), 0.5, 1 - 1e-3)
+    return right
