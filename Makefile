@@ -49,6 +49,7 @@ wheel: build ## the wheel works alone: in a fresh environment, away from the sou
 
 bench: dev
 	$(BIN)/python bench/replay_speed.py
+	$(BIN)/python bench/sweep_speed.py
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \

@@ -10,10 +10,12 @@ import argparse
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import signal
+
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
 from groundtrace.results import Provenance, ResultsSink
@@ -21,7 +23,9 @@ from groundtrace.simulate import RoomOptions, simulate_room, write
 from groundtrace.sinks import Session, Sink
 from groundtrace.source import Source
 from groundtrace_codecs.recording import Recording
-from scipy import signal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 CHANNELS = 16
 RATE_HZ = 20_000.0
@@ -54,7 +58,7 @@ def decompress_only(path: Path) -> None:
 def whole_replay(path: Path, results: Path | None = None) -> None:
     """From the compressed file to decisions with evidence."""
     with Recording.open(path) as recording:
-        chain = build_pipeline(load_pipeline("room-footsteps"))
+        chain = build_pipeline(load_pipeline("room-footsteps"), recording.geometry)
         sinks: list[Sink] = []
         if results is not None:
             origin = Provenance(path.name, "", recording.start_ns, recording.end_ns, "")

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from jsonschema import Draft202012Validator
 
 from groundtrace.commands import main
 from groundtrace.conformance import Outcome, assert_same, outcome
 from groundtrace.results import read_results
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pytest
+
+SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
 
 
 class Ran(NamedTuple):
@@ -54,6 +57,12 @@ def done(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
     ran = run(capsys, *arguments)
     assert ran.code == 0, ran.err
     return ran
+
+
+def check_schema(command: str, document: Any) -> None:
+    """Raise where a command's document is not as its schema in docs/json says."""
+    schema = json.loads((SCHEMAS / f"{command}.schema.json").read_text("utf-8"))
+    Draft202012Validator(schema).validate(document)
 
 
 def decisions(results: Path) -> dict[str, Outcome]:

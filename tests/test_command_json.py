@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
-COMMANDS = ("compare", "import", "info", "replay", "score", "why")
+COMMANDS = ("compare", "import", "info", "replay", "score", "sweep", "why")
 CSV_MAP = """
 format = "csv"
 time = {column = "t", unit = "s"}

@@ -14,7 +14,7 @@ from command_runs import done, run
 
 from groundtrace.commands import COMMANDS, SIMULATIONS
 from groundtrace.parameters import describe
-from groundtrace.pipeline import load_pipeline, named_pipelines
+from groundtrace.pipeline import STAGE_GROUPS, load_pipeline, named_pipelines
 from groundtrace.plugins import GROUPS, load, plugins
 from groundtrace.results import read_results
 from groundtrace_codecs import Channel, SignalBlock, Stream, write_recording
@@ -238,7 +238,7 @@ def test_plugins_lists_every_registered_plugin_of_every_group(capsys: Capture) -
 
 def test_plugins_lists_every_parameter_with_its_unit(capsys: Capture) -> None:
     text = done(capsys, "plugins", "--parameters").out
-    for group in ("detectors", "associators"):
+    for group in STAGE_GROUPS:
         for plugin in plugins(group):
             for info in describe(load(group, plugin.name).Parameters):
                 assert any(

@@ -152,7 +152,7 @@ class StageSpec:
     columns, gates, trace
         The columns of candidates, the gates that decide them, the quantities of the trace.
     emits
-        What an accepted candidate becomes: ``pick``, ``step`` or ``impact``.
+        What an accepted candidate becomes: ``pick``, ``step``, ``impact``, ``fix`` or ``track``.
     """
 
     stage: str

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StepEvent, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Pick, StepEvent, TraceBlock
 from groundtrace_codecs.signals import SignalBlock
 
 from .parameters import describe
@@ -42,7 +42,7 @@ class Outcome:
     accepted: NDArray[np.bool_]
     trace_times: NDArray[np.int64]
     trace: NDArray[np.float32]
-    events: tuple[Pick | StepEvent, ...]
+    events: tuple[Pick | StepEvent | Fix, ...]
 
 
 def rechunked(items: Iterable[SignalBlock | Gap], samples: int) -> Iterator[SignalBlock | Gap]:
@@ -72,7 +72,7 @@ def outcome(events: Iterable[Event]) -> Outcome:
         column([b.accepted for b in blocks], np.bool_),
         column([t.time_ns for t in traces], np.int64),
         column([t.value for t in traces], np.float32),
-        tuple(e for e in found if isinstance(e, Pick | StepEvent)),
+        tuple(e for e in found if isinstance(e, Pick | StepEvent | Fix)),
     )
 
 
@@ -95,8 +95,13 @@ def assert_same(one: Outcome, other: Outcome, what: str) -> None:
         assert same, f"{what}: expected the same {field.name}, found others"
 
 
-def _events_key(events: tuple[Pick | StepEvent, ...]) -> list[tuple[Any, ...]]:
-    return [(type(e).__name__, e.time_ns, e.topic, e.stage, round(e.value, 9)) for e in events]
+def _events_key(events: tuple[Pick | StepEvent | Fix, ...]) -> list[tuple[Any, ...]]:
+    return [
+        (type(e).__name__, e.time_ns, e.stage, round(e.x_m, 9), round(e.y_m, 9), e.picks)
+        if isinstance(e, Fix)
+        else (type(e).__name__, e.time_ns, e.topic, e.stage, round(e.value, 9))
+        for e in events
+    ]
 
 
 def check_detector(

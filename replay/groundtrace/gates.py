@@ -147,19 +147,19 @@ class Refractory:
         """Return the time since the last one that passed [s]; inf where there was none."""
         last = carry.last_ns.setdefault(self.name, {})
         out = np.full(len(candidates), np.inf)
-        for channel in np.unique(candidates.channel):
+        for channel in set(candidates.channel.tolist()):
             rows = np.flatnonzero(candidates.channel == channel)
             times = candidates.time_ns[rows]
             came = np.flatnonzero(alive[rows])
-            passed = came[_spaced(times[came], threshold, last.get(int(channel)))]
+            passed = came[_spaced(times[came], threshold, last.get(channel))]
             # by row, not by time: of two candidates at one time the first is before the second
             before = np.searchsorted(passed, np.arange(len(rows)), side="left") - 1
             seen = before >= 0
             out[rows[seen]] = (times[seen] - times[passed[before[seen]]]) / NS_PER_S
-            if int(channel) in last:
-                out[rows[~seen]] = (times[~seen] - last[int(channel)]) / NS_PER_S
+            if channel in last:
+                out[rows[~seen]] = (times[~seen] - last[channel]) / NS_PER_S
             if len(passed):
-                last[int(channel)] = int(times[passed[-1]])
+                last[channel] = int(times[passed[-1]])
         return out
 
 
@@ -167,16 +167,16 @@ def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> lis
     """Return which times a first-come refractory rule lets pass after ``last``, by index."""
     passed: list[int] = []
     spacing_ns = int(min(spacing_s, 1e9) * NS_PER_S)  # a time that int64 can hold
-    due = times.tolist()  # a list is searched in a tenth of the time of a short array
-    index = 0
-    while index < len(due):
-        if last is not None and (due[index] - last) / NS_PER_S < spacing_s:
-            # rounding is settled by the test above
-            index = bisect_left(due, last + spacing_ns - 1, index + 1)
-            continue
-        passed.append(index)
-        last = due[index]
-        index += 1
+    came = times.tolist()  # short lists are searched far faster than short arrays
+    index, count = 0, len(came)
+    while index < count:
+        time_ns = came[index]
+        if last is None or (time_ns - last) / NS_PER_S >= spacing_s:
+            passed.append(index)
+            last = time_ns
+            index += 1
+        else:  # rounding is settled by the test above
+            index = bisect_left(came, last + spacing_ns - 1, index + 1)
     return passed
 
 

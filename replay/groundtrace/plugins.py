@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 #: Entry-point groups a distribution may add plugins to.
-GROUPS = ("detectors", "associators", "importers", "sinks", "views")
+GROUPS = ("detectors", "associators", "localizers", "trackers", "importers", "sinks", "views")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,10 +17,12 @@ from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import Gap
+    from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import SignalBlock
 
 RECORDINGS = {"room": "room-walk.mcap", "walker": "waist-walk.mcap"}
 DETECTORS = [plugin.name for plugin in plugins("detectors")]
+LOCALIZERS = [plugin.name for plugin in plugins("localizers")]
 ASSOCIATORS = [plugin.name for plugin in plugins("associators")]
 
 
@@ -28,6 +30,11 @@ def signal(name: str, seconds: float | None = None) -> list[SignalBlock | Gap]:
     with Recording.open(path_of(RECORDINGS[name])) as recording:
         stop = None if seconds is None else recording.start_ns + round(seconds * NS_PER_S)
         return list(Source(recording, stop_ns=stop))
+
+
+def site(name: str) -> Geometry | None:
+    with Recording.open(path_of(RECORDINGS[name])) as recording:
+        return recording.geometry
 
 
 def fitting(kind: Any) -> str:
@@ -71,9 +78,14 @@ def _events(stage: Any, items: list[Any]) -> list[Any]:
     return [event for item in items for event in stage.process(item)] + list(stage.flush())
 
 
-@pytest.mark.parametrize("name", ASSOCIATORS)
-def test_every_associator_documents_its_parameters_and_gates(name: str) -> None:
-    kind = load("associators", name)
+@pytest.mark.parametrize(
+    ("group", "name"),
+    [*(("associators", n) for n in ASSOCIATORS), *(("localizers", n) for n in LOCALIZERS)],
+)
+def test_every_associator_and_localizer_documents_its_parameters_and_gates(
+    group: str, name: str
+) -> None:
+    kind = load(group, name)
     named = {info.name for info in describe(kind.Parameters)}
     assert {gate.parameter for gate in kind.gates} <= named
 
@@ -86,7 +98,7 @@ def test_every_pipeline_gives_the_same_events_whatever_the_blocks(
     items = signal(recording)
 
     def run(given: list[SignalBlock | Gap]) -> Any:
-        chain = build_pipeline(load_pipeline(pipeline))
+        chain = build_pipeline(load_pipeline(pipeline), site(recording))
         events = [event for item in given for event in chain.process(item)] + list(chain.flush())
         by_stage = {getattr(e, "stage", None) or e.spec.stage for e in events}
         return {
@@ -106,11 +118,12 @@ def test_every_pipeline_gives_the_same_events_whatever_the_blocks(
 
 def test_a_stage_saved_and_restored_in_a_pipeline_goes_on() -> None:
     items = signal("room", 4.0)
-    one, other = (build_pipeline(load_pipeline("room-footsteps")) for _ in range(2))
+    config, geometry = load_pipeline("room-footsteps"), site("room")
+    one, other = (build_pipeline(config, geometry) for _ in range(2))
     events = [e for item in items[:4] for e in one.process(item)]
     for stage, fresh in zip(one.stages, other.stages, strict=True):
         fresh.restore(stage.save())
     events += [e for item in items[4:] for e in other.process(item)] + list(other.flush())
-    third = build_pipeline(load_pipeline("room-footsteps"))
+    third = build_pipeline(config, geometry)
     straight = [e for item in items for e in third.process(item)] + list(third.flush())
     assert_same(outcome(straight), outcome(events), "restored pipeline")

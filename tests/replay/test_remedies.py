@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
-from replayed_results import waist_walk
+from replayed_results import Walk, waist_walk
 
 from groundtrace.errors import PipelineError
 from groundtrace.explain import Redecider
 from groundtrace.explain.account import Account, account
 
-ONE_GATE = ("steps.height=2.0", "steps.swing=4.0", "steps.activity=1.3", "steps.refractory_s=0.6")
+ONE_GATE = ("steps.height=2.0", "steps.swing=4.0", "steps.refractory_s=0.6")
 TWO_GATES = (
     ("steps.height=2.0", "steps.swing=4.0"),
     ("steps.height=2.0", "steps.refractory_s=0.7"),
-    ("steps.swing=4.5", "steps.activity=1.4"),
 )
+ALL_OPEN = ("steps.height=0.05", "steps.swing=0", "steps.activity=0", "steps.refractory_s=0")
 PARAMETERS = ("height", "swing", "activity", "refractory_s")
 
 
+@cache
 def explained(settings: tuple[str, ...]) -> Account:
     return account(waist_walk().evidence(*settings))
 
 
-def start_ns() -> int:
-    return waist_walk().start_ns
+def seconds(times_ns: np.ndarray) -> np.ndarray:
+    return (times_ns - waist_walk().start_ns) / 1e9
 
 
 @pytest.mark.parametrize("settings", [*((s,) for s in ONE_GATE), *TWO_GATES], ids=" ".join)
@@ -38,7 +42,7 @@ def test_a_fresh_replay_with_the_remedy_recovers_the_step_with_the_printed_figur
     assert remedies
     for missed, remedy in remedies:
         again = walk.matching(*settings, remedy.setting)
-        hits = (again.truth_ns[again.pairs[:, 0]] - start_ns()) / 1e9
+        hits = seconds(again.truth_ns[again.pairs[:, 0]])
         assert np.isclose(hits, missed.time_s, atol=1e-6).any(), (missed.step, remedy.setting)
         assert remedy.before == found.counts
         assert remedy.after == walk.counts(*settings, remedy.setting), remedy.setting
@@ -55,8 +59,9 @@ def test_where_no_remedy_is_printed_no_value_of_any_gate_recovers_the_step(
 ) -> None:
     evidence = waist_walk().evidence(*settings)
     redecider = Redecider(evidence)
-    hopeless = [m for m in account(evidence).missed if m.remedy is None]
-    assert hopeless
+    hopeless = {m.step for m in explained(settings).missed if m.remedy is None}
+    if settings == TWO_GATES[0]:
+        assert hopeless
     recovered: set[int] = set()
     for name in PARAMETERS:
         for value in np.concatenate([np.linspace(0.05, 1, 60), np.linspace(1, 6, 40)]):
@@ -65,15 +70,21 @@ def test_where_no_remedy_is_printed_no_value_of_any_gate_recovers_the_step(
             except PipelineError:  # under the floor, where nothing was stored
                 continue
             recovered |= set((found.pairs[:, 0] + 1).tolist())
-    assert not recovered & {m.step for m in hopeless}
+    assert not recovered & hopeless
 
 
-@pytest.mark.parametrize("settings", [("steps.height=0.05", "steps.swing=0.1")], ids=" ".join)
-def test_a_fresh_replay_with_the_remedy_of_a_false_step_loses_it(settings: tuple[str, ...]) -> None:
-    walk, found = waist_walk(), explained((*settings, "steps.activity=0.01"))
+def test_a_fresh_replay_with_the_remedy_of_a_false_step_loses_it() -> None:
+    walk, found = standing(), account(standing().evidence(*ALL_OPEN))
     remedies = [(f, f.remedy) for f in found.false if f.remedy is not None]
+    assert remedies
     for false, remedy in remedies:
-        again = walk.matching(*settings, "steps.activity=0.01", remedy.setting)
-        times = (again.found_ns[again.false] - start_ns()) / 1e9
-        assert not np.isclose(times, false.time_s, atol=1e-6).any()
-        assert remedy.after == walk.counts(*settings, "steps.activity=0.01", remedy.setting)
+        again = walk.matching(*ALL_OPEN, remedy.setting)
+        assert not np.isclose(seconds(again.found_ns[again.false]), false.time_s, atol=1e-6).any()
+        assert remedy.after == walk.counts(*ALL_OPEN, remedy.setting)
+
+
+def standing() -> Walk:
+    """The walk, every third of its true steps said to be none."""
+    walk = waist_walk()
+    steps = [x for x in walk.labels if x.kind == "step"]
+    return replace(walk, labels=tuple(x for x in walk.labels if x not in steps[::3]))

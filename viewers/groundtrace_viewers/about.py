@@ -18,6 +18,10 @@ zoom, double-click to see everything. Click in a plot or on a line of the log to
 the waveform at the cursor follows it.
 * One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
 a wave arrives. Triangles on the map are shot points.
+* Places found are points on the map, of the last three seconds, a colour for each stage; the key \
+is above the site. The line about the newest is its one-sigma ellipse.
+* Tracks are lines that grow: filtered as the fixes came (light green, with the walker now and its \
+one-sigma ellipse), and smoothed by what came later (orange).
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge.
@@ -25,7 +29,8 @@ since its peaks reach thousands; candidates beyond lie at its upper edge.
 number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
 The next tab has true amplitudes.
 * Picks come from the last stage that picks; those of stages before it are its candidates.
-* Lanes: what each stage decided, and for a rejected candidate the first gate that failed. \
+* Lanes: what each stage decided, and for a rejected candidate the first gate that failed; of \
+stages that find places only what they rejected. \
 `truth` lanes come from the recording's labels. `score`: a step that was hit, missed or false, \
 within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
 * A curve that ends abruptly ends at a gap.

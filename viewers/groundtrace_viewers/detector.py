@@ -197,6 +197,6 @@ class DetectorLog:
         for i in coincident(times[:ready], accepted, MARK_NS):
             if not accepted[i]:
                 self._lane.add(int(times[i]), f"rejected: {decided[i][2]}")
-            elif not step_like(self._spec):
+            elif not step_like(self._spec) and self._spec.emits != "fix":  # places are on the map
                 self._lane.add(int(times[i]), "accepted")
         self._undecided = decided[ready:]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from groundtrace.explain import Evidence, StageEvidence
     from groundtrace_codecs.events import Gap
+    from groundtrace_codecs.labels import Label
 
     from .lanes import StageLanes
     from .palette import SensorColours
@@ -120,6 +121,11 @@ def session_of(evidence: Evidence) -> Session:
     return Session(
         e.name, config.application, e.start_ns, e.end_ns, (), None, e.labels, config.name
     )
+
+
+def about_steps(labels: Iterable[Label]) -> tuple[Label, ...]:
+    """Return the labels that say when there were steps, and when that is known."""
+    return tuple(x for x in labels if x.kind in ("step", "walking", "ignore"))
 
 
 def log_page(timeline: Timeline, text: str) -> None:

@@ -13,6 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from .events import log_truth
 from .evidence import (
     Focus,
+    about_steps,
     arranged,
     log_detector,
     log_moment,
@@ -130,7 +131,7 @@ def _panel(timeline: Timeline, path: str, stage: str, gate: GateSpec, top: float
     unit = f" {gate.unit.replace('s2', 's²')}" if gate.unit not in ("", "1") else ""
     sign = "≥" if gate.at_least else "≤"
     name = f"{stage}.{gate.parameter}"
-    title = f"{stage}: {gate.name} {sign} {gate.threshold:g}{unit} ({name}; cut at {top:.3g})"
+    title = f"{stage}: {gate.name} {sign} {gate.threshold:g}{unit} ({name}; cut at {top:.6g})"
     timeline.declare(Entity(path, "gate", title, top=top))
     red = np.array([THRESHOLD], np.uint32)
     line = rr.SeriesLines(names=f"threshold {gate.threshold:g}", colors=red, widths=1.5)
@@ -197,7 +198,7 @@ def why_view(
         for part in evidence.stages:
             tops |= log_detector(timeline, part, evidence.gaps, colours, lanes, focus)
             log_gates(timeline, part, focus, about)
-        log_truth(timeline, evidence.labels)
+        log_truth(timeline, about_steps(evidence.labels))
         log_score(timeline, evidence, "/state/score", tolerance_s)
         log_page(timeline, page)
         entities = [replace(e, top=tops.get(e.path, e.top)) for e in timeline.entities]

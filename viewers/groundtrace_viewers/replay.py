@@ -6,18 +6,21 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import (
     CandidateBlock,
+    Fix,
     Gap,
     Note,
     Pick,
     StageSpec,
     StepEvent,
     TraceBlock,
+    TrackPoint,
 )
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .about import PAGE, about
 from .detector import DetectorLog, step_like
 from .events import LogLines, LossLog, PickLog, StepLog, log_note, log_truth
+from .fixes import FixLog
 from .lanes import StageLanes
 from .palette import SensorColours
 from .section import Section
@@ -26,6 +29,7 @@ from .signals import SignalLog
 from .spectrogram import Spectrogram
 from .timeline import Timeline
 from .traces import Traces
+from .tracks import TrackLog
 from .verdict import log_verdicts, verdicts
 
 if TYPE_CHECKING:
@@ -83,8 +87,10 @@ class Replay:
         self._picks = PickLog(self.timeline, self._colours, lines)
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
-        mapped = bounds(session) is not None
-        self._map = SensorMap(self.timeline, session, self._colours) if mapped else None
+        shown = bounds(session)
+        self._map = SensorMap(self.timeline, session, self._colours) if shown else None
+        self._fixes = FixLog(self.timeline, shown) if shown else None
+        self._tracks = TrackLog(self.timeline, shown) if shown else None
         log_truth(self.timeline, session.labels)
         self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
 
@@ -118,6 +124,12 @@ class Replay:
                 self._pick(item)
             case StepEvent():
                 self._step(item)
+            case Fix():
+                if self._fixes is not None:
+                    self._fixes.add(item)
+            case TrackPoint():
+                if self._tracks is not None:
+                    self._tracks.add(item)
             case Gap():
                 self._gap(item)
             case Note():
@@ -146,6 +158,8 @@ class Replay:
             self._picking[spec.topic] = spec.stage
         elif step_like(spec):
             self._stepping[spec.topic] = spec.stage
+        elif spec.emits == "fix" and self._fixes is not None:
+            self._fixes.begin(spec.stage)
         self._detector(spec)
 
     def _detector(self, spec: StageSpec) -> DetectorLog:
@@ -199,6 +213,10 @@ class Replay:
             section.flush()
         if self._map is not None:
             self._map.flush()
+        if self._fixes is not None:
+            self._fixes.flush()
+        if self._tracks is not None:
+            self._tracks.flush()
 
     def close(self) -> None:
         """Log everything pending."""
@@ -213,3 +231,5 @@ class Replay:
             found = verdicts(self._session, self._steps_ns, self._replayed_ns)
             log_verdicts(self.timeline, self._lines, found)
         self._flush(None)
+        if self._tracks is not None:
+            self._tracks.close()

@@ -11,6 +11,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from .events import log_truth
 from .evidence import (
     Focus,
+    about_steps,
     arranged,
     log_detector,
     log_page,
@@ -80,7 +81,7 @@ def compare_view(
         tops = _log_side(timeline, a, "A", focus, found.tolerance_s)
         tops |= _log_side(timeline, b, "B", focus, found.tolerance_s)
         _log_differences(timeline, found, a.start_ns)
-        log_truth(timeline, a.labels)
+        log_truth(timeline, about_steps(a.labels))
         log_page(timeline, page)
         entities = [replace(e, top=tops.get(e.path, e.top)) for e in timeline.entities]
         recording.send_blueprint(layout(entities, focus))

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .about import PAGE
+from .fixes import ELLIPSES, POINTS
 from .sensor_map import ARRIVALS, FOOTFALLS, PATH
 from .timeline import TIMELINE
+from .tracks import LINES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,8 +20,15 @@ if TYPE_CHECKING:
 
 #: More curves than this would hide the plot behind its own legend.
 LEGEND_CURVES = 4
-#: Parts of the true path and of arrivals that the map shows: all, or since so many seconds.
-VISIBLE_S = {PATH: None, FOOTFALLS: -3.0, ARRIVALS: -0.25}
+#: Parts of what is below these on the map that it shows: all, or since so many seconds.
+VISIBLE_S = {
+    PATH: None,
+    FOOTFALLS: -3.0,
+    ARRIVALS: -0.25,
+    POINTS: -3.0,
+    ELLIPSES: -0.5,
+    LINES: None,
+}
 
 
 def linked() -> rrb.TimeAxis:
@@ -139,13 +148,18 @@ def site(bounds: Bounds, entities: Sequence[Entity]) -> rrb.View:
     """Return the map."""
     import rerun.blueprint as rrb
 
-    logged = {e.path for e in entities}
+    logged = [e.path for e in entities]
     return rrb.Spatial2DView(
         origin="/map",
         name="Site [m]",
         # The view's y points down.
         visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0])),
-        overrides={path: _before(s) for path, s in VISIBLE_S.items() if path in logged},
+        overrides={
+            path: _before(seconds)
+            for path in logged
+            for part, seconds in VISIBLE_S.items()
+            if path == part or path.startswith(part + "/")
+        },
     )
 
 

@@ -8,26 +8,27 @@ from cyclopts import Parameter
 
 from ..errors import PluginError
 from ..parameters import describe
-from ..pipeline import build_pipeline, load_pipeline, named_pipelines
+from ..pipeline import STAGE_GROUPS, build_pipeline, load_pipeline, named_pipelines
 from ..plugins import GROUPS, load
 from ..plugins import plugins as found
 from .output import print_table, say
 
 
 def plugins(*, parameters: Annotated[bool, Parameter(negative="")] = False) -> None:
-    """List what is installed: detectors, associators, importers, sinks.
+    """List what is installed: detectors, associators, localizers, importers, sinks, views.
 
     Parameters
     ----------
     parameters
-        Also list the parameters of detectors and associators, with unit, default and bounds.
+        Also list the parameters of detectors, associators and localizers, with unit, default and
+        bounds.
     """
     everything = [plugin for group in GROUPS for plugin in found(group)]
     header = ("group", "name", "from", "version")
     print_table(header, [(p.group, p.name, p.distribution, p.version) for p in everything])
     if parameters:
         for plugin in everything:
-            if plugin.group in {"detectors", "associators"}:
+            if plugin.group in STAGE_GROUPS:
                 _print_parameters(plugin.group, plugin.name)
 
 
@@ -40,10 +41,17 @@ def _print_parameters(group: str, name: str) -> None:
     print(f"\n{name}: {(kind.__doc__ or '').splitlines()[0]}")
     header = ("parameter", "default", "unit", "allowed", "part", "")
     rows = [
-        (i.name, f"{i.default:g}", i.unit, i.allowed, i.part, i.doc)
+        (i.name, _shown(i.default), i.unit, i.allowed, i.part, i.doc)
         for i in describe(kind.Parameters)
     ]
     print_table(header, rows)
+
+
+def _shown(value: bool | float | str) -> str:
+    """Return a default as one would write it in a pipeline."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return value if isinstance(value, str) else f"{value:g}"
 
 
 def pipelines(name: str | None = None) -> None:

@@ -143,7 +143,7 @@ def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
 
 def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
     config = load_pipeline(name or _default_pipeline(recording))
-    return build_pipeline(with_settings(config, settings))
+    return build_pipeline(with_settings(config, settings), recording.geometry)
 
 
 def _default_pipeline(recording: Recording) -> str:
@@ -248,6 +248,7 @@ def _report(
             ("candidates", "CandidateBlock"),
             ("picks", "Pick"),
             ("steps", "StepEvent"),
+            ("fixes", "Fix"),
             ("gaps", "Gap"),
             ("notes", "Note"),
         )

@@ -118,7 +118,7 @@ def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject
     evidence = evidence_of(result, truth_of(result, path, truth))
     part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)
     # what was replayed in part is not to be measured as a whole
-    places = () if part else (path.with_name(origin.recording), *recordings)
+    places = () if part else (path.parent / Path(origin.recording).name, *recordings)
     return Subject(evidence, places, origin.sha256)
 
 

@@ -11,7 +11,7 @@ from cyclopts import Parameter, validators
 from ..explain.grid import Grid, make_grid, parse_axis
 from ..explain.measuring import with_values
 from ..explain.ranking import rank
-from ..explain.sweep import count, measurements
+from ..explain.sweep import count, located, measurements
 from ..pipeline import build_pipeline
 from .output import print_json, print_table, progress, say, writable
 from .subjects import all_jobs, subjects_of
@@ -81,7 +81,7 @@ def sweep(
     subjects = subjects_of(inputs, pipeline, truth, recording or [], all_jobs(jobs))
     config = subjects[0].evidence.config
     settings = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
-    counted, ranking = _swept(subjects, settings, tolerance, top, all_jobs(jobs))
+    counted, ranking = _swept(located(subjects, settings), settings, tolerance, top, all_jobs(jobs))
     if write is not None:
         best = with_values(config, settings.axes, list(ranking.best.settings.values()))
         write.write_text(build_pipeline(best).recipe(), encoding="utf-8")

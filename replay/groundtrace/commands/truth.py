@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def truth_of(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
     """Return the truth: a given file, the recording's own, or annotations beside the results."""
     origin = result.provenance
-    name = path.with_name(origin.recording)
+    name = path.parent / Path(origin.recording).name
     return _chosen(result.labels, result.geometry, origin.start_ns, name, truth)
 
 

@@ -109,14 +109,15 @@ def _explain_moment(
 ) -> str:
     """Print what there is at a moment; return it as a page."""
     found = moment(evidence, time_ns, tolerance)
+    remedy, sought = None, step is not None and found.reason is not None
+    if sought:
+        remedy = Healer(Redecider(evidence), tolerance).recover(time_ns)
     if json:
         print_json(found)
-        return moment_page(found, "", None)
-    _print_moment(found)
-    remedy = None
-    if step is not None and found.reason is not None:
-        remedy = Healer(Redecider(evidence), tolerance).recover(time_ns)
-        print(f"\nsmallest change: {_remedy(remedy)}")
+    else:
+        _print_moment(found)
+        if sought:
+            print(f"\nsmallest change: {_remedy(remedy)}")
     return moment_page(found, "" if step is None else f"step {step}", remedy)
 
 

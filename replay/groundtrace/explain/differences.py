@@ -136,10 +136,8 @@ def compare_places(
     known = dict(match_places(truth, here, tolerance_s)[:, ::-1].tolist()) if len(truth) else {}
     rows = []
     for (i, j), distance in zip(pairs.tolist(), apart.tolist(), strict=True):
-        errors: list[float | None] = [None, None]
-        if i in known:
-            at = truth.xy[known[i]]
-            errors = [float(np.hypot(*(xy - at))) for xy in (here.xy[i], there.xy[j])]
+        at = truth.xy[known[i]] if i in known else None
+        errors = (_error(here.xy[i], at), _error(there.xy[j], at))
         rows.append(PlacePair((one[i].time_ns - start_ns) / NS_PER_S, distance, *errors))
     return PlaceComparison(
         len(one),
@@ -150,6 +148,10 @@ def compare_places(
         _rms([row.error_b_m for row in rows]),
         tuple(rows),
     )
+
+
+def _error(xy: NDArray[np.float64], at: NDArray[np.float64] | None) -> float | None:
+    return None if at is None else float(np.hypot(*(xy - at)))
 
 
 def _fixes(events: Iterable[Event]) -> list[Fix]:

@@ -90,8 +90,9 @@ class Redecider:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        #: Configuration, plugin group and plugin of each stage.
-        self.stages = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
+        found = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
+        #: Configuration, plugin group and plugin of each stage that decides about steps.
+        self.stages = [each for each in found if each[1] in ("detectors", "associators")]
 
     def outcome(
         self, settings: Settings | None = None, span_ns: tuple[int, int] | None = None

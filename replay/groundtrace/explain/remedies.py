@@ -27,6 +27,10 @@ if TYPE_CHECKING:
 TRIES = 12
 #: Candidates this far from the step may have to do with it, through the refractory time [s].
 INFLUENCE_S = 1.0
+#: Where none of those helps, so many values from the whole recording are tried.
+FAR_TRIES = 100
+#: A refractory time may fall between a candidate and so many after it.
+NEIGHBOURS = 6
 #: Time around a step in which a change is tried first [s].
 NEARBY_S = 4.0
 DIGITS = 4
@@ -100,15 +104,43 @@ class Healer:
         return self._smallest(found_ns, gone)
 
     def _smallest(self, time_ns: int, works: Callable[[StepMatch], bool]) -> Remedy | None:
+        """Return the smallest change that works by what is near, else through a long chain."""
+        near = self._best(self._proposals(time_ns), works, time_ns)
+        if near is None and self._may_be_held_off(time_ns):
+            return self._best(self._far_proposals(), works, None)
+        return near
+
+    def _may_be_held_off(self, time_ns: int) -> bool:
+        """Whether one change may leave a refractory time alone in the way of a candidate there.
+
+        What began that time may be far away: each accepted candidate holds off the next.
+        """
+        reach = round(self.tolerance_s * NS_PER_S)
+        for part in self.redecider.evidence.stages:
+            names = [gate.name for gate in part.spec.gates]
+            others = [i for i, name in enumerate(names) if name != "refractory"]
+            rows = part.between(time_ns - reach, time_ns + reach)
+            failed = (~(part.margin[rows][:, others] >= 0)).sum(axis=1)
+            if "refractory" in names and (failed <= 1).any():
+                return True
+        return False
+
+    def _best(
+        self,
+        proposals: Iterator[tuple[str, str, float, list[float]]],
+        works: Callable[[StepMatch], bool],
+        near_ns: int | None,
+    ) -> Remedy | None:
         best: Remedy | None = None
-        for stage, parameter, old, values in self._proposals(time_ns):
+        for stage, parameter, old, values in proposals:
             for new in values:
                 size = abs(new - old) / max(abs(old), 1e-9)
                 if best is not None and size >= best.change:
                     break
-                if not self._works_nearby(stage, parameter, new, time_ns, works):
+                change = (stage, parameter, new)
+                if near_ns is not None and not self._works_nearby(*change, near_ns, works):
                     continue
-                matching = self._matching(stage, parameter, new)
+                matching = self._matching(*change)
                 if matching is not None and works(matching):
                     after = Counts.of(matching)
                     best = Remedy(stage, parameter, old, new, self.before, after)
@@ -154,6 +186,27 @@ class Healer:
                 values = _thresholds(gate, found, whole=gate.parameter in whole)
                 if values:
                     yield part.spec.stage, gate.parameter, gate.threshold, values[:TRIES]
+
+    def _far_proposals(self) -> Iterator[tuple[str, str, float, list[float]]]:
+        """Yield the same from all candidates: a chain of refractory times reaches far."""
+        for part in self.redecider.evidence.stages:
+            whole = self.redecider.whole_numbers(part.spec.stage)
+            for index, gate in enumerate(part.spec.gates):
+                found = part.gate_value[:, index].astype(np.float64)
+                if gate.name == "refractory":
+                    found = np.concatenate([found, _spacings(part.candidates.time_ns)])
+                values = _thresholds(gate, np.unique(found), whole=gate.parameter in whole)
+                if values:
+                    kept = values[:: math.ceil(len(values) / FAR_TRIES)]
+                    yield part.spec.stage, gate.parameter, gate.threshold, kept
+
+
+def _spacings(time_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the times between candidates and those that follow them [s]."""
+    times = np.sort(time_ns)
+    apart = [times[k:] - times[:-k] for k in range(1, NEIGHBOURS + 1)]
+    spacings: NDArray[np.float64] = np.concatenate(apart) / NS_PER_S
+    return spacings
 
 
 def _thresholds(gate: GateSpec, found: NDArray[np.float64], *, whole: bool) -> list[float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,13 +186,27 @@ def verdicts(
     return [*([found[row, r] for r in several] for row in rows), now]
 
 
+def located(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
+    """Return the subjects with their recordings found, where the signal path is swept.
+
+    Raises
+    ------
+    RecordingError
+        Where one is not to be found.
+    """
+    if not any(axis.remeasure for axis in grid.axes):
+        return list(subjects)
+    return [
+        Subject(s.evidence, (_recording(s.evidence.name, s.places, s.sha256),)) for s in subjects
+    ]
+
+
 def measurements(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
     """Return the subject of each measurement that a sweep needs."""
     tasks, _ = _tasks(subjects, grid, range(len(grid)), 0.12, detailed=False)
     return [subjects[t.key[0]] for t in tasks if isinstance(t.source, Path)]
 
 
-@cache
 def _recording(name: str, places: tuple[Path, ...], sha256: str) -> Path:
     """Return the place where the recording is that was measured."""
     for path in places:

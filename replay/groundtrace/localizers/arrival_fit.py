@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 #: Nodes along the longer side of the room, and along both sides of a refinement.
 NODES, FINER = 55, 9
 #: Passes of reweighting, and refinements about the best node, each four times as fine.
-PASSES, REFINEMENTS = 3, 2
+PASSES, REFINEMENTS = 2, 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +57,14 @@ class Lattice:
         Shape (q, 2) [m].
     spacing
         Between neighbours [m].
-    apart
-        Shape (q, n): distances to the sensors [m].
+    u
+        Shape (n, q): distances to the sensors to the power of the exponent.
     """
 
     room: shapely.Polygon
     nodes: Array
     spacing: float
-    apart: Array
+    u: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,29 +76,32 @@ class Best:
     losses: Array
 
 
-def lattice(positions: Array, outline: Array | None = None) -> Lattice:
+def lattice(positions: Array, outline: Array | None = None, exponent: float = 1.0) -> Lattice:
     """Return the lattice of a layout; the layouts used last are remembered."""
     positions = np.ascontiguousarray(positions, np.float64)
     corners = None if outline is None else np.ascontiguousarray(outline, np.float64).tobytes()
-    return _lattice(positions.tobytes(), corners)
+    return _lattice(positions.tobytes(), corners, exponent)
 
 
 @lru_cache(maxsize=8)
-def _lattice(positions: bytes, outline: bytes | None) -> Lattice:
+def _lattice(positions: bytes, outline: bytes | None, exponent: float) -> Lattice:
     sensors = np.frombuffer(positions).reshape(-1, 2)
     corners = None if outline is None else np.frombuffer(outline).reshape(-1, 2)
     room = outline_of(sensors, corners)
     low, high = np.array(room.bounds).reshape(2, 2)
     spacing = float(np.max(high - low)) / (NODES - 1)
-    x, y = (a + spacing * np.arange(round((b - a) / spacing) + 1) for a, b in zip(low, high))
+    counts = np.rint((high - low) / spacing).astype(int) + 1
+    x, y = (a + spacing * np.arange(count) for a, count in zip(low, counts, strict=True))
     nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    shapely.prepare(room)
     nodes = nodes[shapely.intersects_xy(room, *nodes.T)]
-    return Lattice(room, nodes, spacing, distances(nodes, sensors))
+    return Lattice(room, nodes, spacing, distances(sensors, nodes) ** exponent)
 
 
-def distances(nodes: Array, sensors: Array) -> Array:
-    """Return the distances of nodes, shape (q, 2), to sensors, shape (n, 2); shape (q, n) [m]."""
-    return np.hypot(*(nodes[:, None] - sensors).transpose(2, 0, 1))
+def distances(one: Array, other: Array) -> Array:
+    """Return the distances of places, shape (m, 2), to others, shape (q, 2); shape (m, q) [m]."""
+    apart: Array = np.hypot(*(one[:, None] - other).transpose(2, 0, 1))
+    return apart
 
 
 def losses(u: Array, times_s: Array, model: Model) -> Array:
@@ -107,7 +110,7 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     Parameters
     ----------
     u
-        Shape (q, n): d^p.
+        Shape (n, q): d^p.
     times_s
         Shape (n,), finite.
     model
@@ -115,34 +118,43 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
 
     Returns
     -------
-    Shape (q,) [s^2]: half of it is Huber's loss; the mean square of the residuals where none is
+    Shape (q,) [s^2]: twice Huber's loss, which is the mean square of the residuals where none is
     beyond the threshold. A slope that is fitted is at least 0: waves do not arrive before they
     leave.
     """
-    weight = np.ones_like(u)
-    left = _residuals(u, times_s, weight, model.slope)
+    t = times_s[:, None]
+    left = _residuals(u, t, np.ones_like(t), model.slope)
     threshold = model.threshold_s
-    if np.isfinite(threshold):
-        for _ in range(PASSES):
-            weight = threshold / np.maximum(np.abs(left), threshold)
-            left = _residuals(u, times_s, weight, model.slope)
+    if not np.isfinite(threshold):
+        plain: Array = np.einsum("nq,nq->q", left, left) / len(t)
+        return plain
+    for _ in range(PASSES):
+        size = np.abs(left)
+        left = _residuals(u, t, threshold / np.maximum(size, threshold), model.slope)
     size = np.abs(left)
     inner = np.minimum(size, threshold)
-    loss: Array = (inner * (2 * size - inner)).mean(axis=1)
+    size *= 2
+    size -= inner
+    loss: Array = np.einsum("nq,nq->q", inner, size) / len(t)
     return loss
 
 
-def _residuals(u: Array, times_s: Array, weight: Array, slope: float | None) -> Array:
-    """Return t - t0 - k u with the best t0 and k under weights, shape (q, n)."""
-    share = weight / weight.sum(axis=1, keepdims=True)
-    du = u - (share * u).sum(axis=1, keepdims=True)
-    dt = times_s - share @ times_s[:, None]
-    if slope is not None:
-        return dt - slope * du
-    turned = share * du
-    square = np.maximum((turned * du).sum(axis=1), np.finfo(np.float64).tiny)
-    k = np.maximum((turned * dt).sum(axis=1) / square, 0.0)
-    return dt - k[:, None] * du
+def _residuals(u: Array, t: Array, weight: Array, slope: float | None) -> Array:
+    """Return t - t0 - k u with the best t0 and k under weights, shape (n, q)."""
+    whole = weight.sum(axis=0)
+    weighted = weight * u
+    u_mean = weighted.sum(axis=0) / whole
+    t_mean = (weight * t).sum(axis=0) / whole
+    if slope is None:
+        square = np.einsum("nq,nq->q", weighted, u) - whole * u_mean**2
+        along = (t[:, 0] @ weighted) - whole * u_mean * t_mean
+        square = np.maximum(square, np.finfo(np.float64).tiny)
+        k = np.maximum(along / square, 0.0)
+    else:
+        k = np.full_like(u_mean, slope)
+    left: Array = t - k * u
+    left -= t_mean - k * u_mean
+    return left
 
 
 def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
@@ -161,7 +173,7 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
     """
     heard = np.isfinite(times_s)
     times, here = times_s[heard] - times_s[heard].min(), sensors[heard]
-    every = losses(area.apart[:, heard] ** model.exponent, times, model)
+    every = losses(area.u if heard.all() else area.u[heard], times, model)
     place, loss = area.nodes[int(np.argmin(every))], float(every.min())
     step, ticks = area.spacing, np.linspace(-1, 1, FINER)
     cross = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
@@ -169,11 +181,26 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
         nodes = place + step * cross
         nodes = nodes[shapely.intersects_xy(area.room, *nodes.T)]
         if len(nodes):
-            finer = losses(distances(nodes, here) ** model.exponent, times, model)
+            finer = losses(distances(here, nodes) ** model.exponent, times, model)
             if float(finer.min()) < loss:
                 place, loss = nodes[int(np.argmin(finer))], float(finer.min())
         step *= 2 / (FINER - 1)
     return Best(place, loss, every)
+
+
+def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> float:
+    """Return the standard deviation of an arrival that the residuals tell of [s].
+
+    Parameters
+    ----------
+    best
+        The fit.
+    picks, unknowns
+        Arrivals, and how much of their scatter the fit took away.
+    least_s
+        The least to answer [s].
+    """
+    return max(least_s, float(np.sqrt(best.loss * picks / max(picks - unknowns, 1))))
 
 
 def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:

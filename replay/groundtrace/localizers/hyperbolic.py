@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import PipelineError
-from .arrival_fit import Model, distances, lattice, moments, search
+from .arrival_fit import Model, distances, lattice, moments, noise_s, search
 from .location import LEAST_PICKS, Location, nowhere
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+
+#: Place and moment.
+UNKNOWNS = 3
 
 
 def locate(
@@ -52,9 +55,10 @@ def locate(
         return nowhere(picks)
     area = lattice(positions, outline)
     best = search(area, positions, times_s, Model(1.0, 1.0 / velocity_mps))
-    residual = float(np.sqrt(best.loss))
-    _, covariance = moments(area, best.losses * picks, max(sigma_s, residual))
-    return Location(float(best.place[0]), float(best.place[1]), covariance, residual, picks)
+    noise = noise_s(best, picks, UNKNOWNS, sigma_s)
+    _, covariance = moments(area, best.losses * picks, noise)
+    x, y = best.place
+    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss)), picks)
 
 
 def calibrated_velocity(sources: Array, positions: Array, times_s: Array) -> float:

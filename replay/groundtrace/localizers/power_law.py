@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrival_fit import Model, lattice, moments, search
+from .arrival_fit import Model, lattice, moments, noise_s, search
 from .location import LEAST_PICKS, Location, nowhere
 
 if TYPE_CHECKING:
@@ -59,9 +59,9 @@ def locate(
     picks = int(np.isfinite(times_s).sum())
     if picks < LEAST_PICKS:
         return nowhere(picks)
-    area = lattice(positions, outline)
+    area = lattice(positions, outline, exponent)
     best = search(area, positions, times_s, Model(exponent, None, huber * sigma_s))
-    residual = float(np.sqrt(best.loss))
-    mean, covariance = moments(area, best.losses * picks, max(sigma_s, residual))
+    noise = noise_s(best, picks, UNKNOWNS, sigma_s)
+    mean, covariance = moments(area, best.losses * picks, noise)
     x, y = best.place if picks > UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, residual, picks)
+    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss)), picks)

@@ -180,7 +180,7 @@ def _neighbours(
     sides = signs[:, np.unique(owner, return_index=True)[1]][:, np.unique(owner) >= 0]
     value = sides.astype(np.float32)
     met = [
-        np.argwhere(value[i : i + ROWS] @ value.T == sides.shape[1] - 2) + (i, 0)
+        np.argwhere(value[i : i + ROWS] @ value.T == sides.shape[1] - 2) + np.array([i, 0])
         for i in range(0, len(value), ROWS)
     ]
     found = np.concatenate([np.empty((0, 2), np.intp), *met])
@@ -190,4 +190,5 @@ def _neighbours(
     reach = 1e-6 * extent
     common = shapely.intersection(shapely.buffer(shapes[found[:, 0]], reach), shapes[found[:, 1]])
     # an edge leaves its length times the reach, a corner only a square of the reach
-    return found[shapely.area(common) > 10 * reach**2]
+    edged: NDArray[np.intp] = found[shapely.area(common) > 10 * reach**2]
+    return edged

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Regions count less by this factor for every sign more that contradicts them; for the covariance.
+#: The more signs contradict even the best region, the less one more sign says.
 NEAR = 0.25
 
 
@@ -67,8 +68,7 @@ def among(regions: Regions, times_s: Array) -> Location:
     wrong = distances(regions, signs, compared)
     best = wrong == wrong.min()
     x, y = regions.centres[best].mean(axis=0)
-    # a tie of arrivals contradicts every region by half a sign
-    weight = regions.areas * NEAR ** (wrong - wrong.min())
+    weight = regions.areas * NEAR ** ((wrong - wrong.min()) / (1 + wrong.min() / 2))
     covariance = spread(regions, weight, np.array([x, y]))
     residual = float(wrong.min()) / max(int(compared.sum()), 1)
     return Location(float(x), float(y), covariance, residual, picks, int(best.sum()))

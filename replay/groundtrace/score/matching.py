@@ -25,20 +25,22 @@ def match(
     -------
     Index pairs (truth, found), shape (n, 2).
     """
-    pairs = []
+    pairs: tuple[list[int], list[int]] = ([], [])
     steps, answers = truth.tolist(), found.tolist()  # Python's floats are the faster ones here
+    n, m = len(steps), len(answers)
     i = j = 0
-    while i < len(steps) and j < len(answers):
+    while i < n and j < m:
         late = answers[j] - steps[i]
-        if abs(late) <= tolerance_s:
-            pairs.append((i, j))
+        if -tolerance_s <= late <= tolerance_s:
+            pairs[0].append(i)
+            pairs[1].append(j)
             i += 1
             j += 1
         elif late < 0:
             j += 1
         else:
             i += 1
-    return np.array(pairs, np.intp).reshape(-1, 2)
+    return np.array(pairs, np.intp).T
 
 
 def f1_score(truth: int, found: int, matched: int) -> float:

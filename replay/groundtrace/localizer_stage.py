@@ -1,0 +1,200 @@
+"""The stage that runs a localizer: the arrivals of each step become a place."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.signals import NS_PER_S
+
+from .gates import Candidates, Carry, decide, gate_specs
+from .localizers.api import Site
+from .localizers.location import LEAST_PICKS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .localizers.api import Localizer
+    from .localizers.location import Location
+
+#: Arrivals older than this before the newest are forgotten: a step is announced well before [ns].
+KEEP_NS = 10 * NS_PER_S
+
+
+@dataclass(slots=True)
+class _Run:
+    """A localizer at work on the arrivals of one topic.
+
+    ``lacking`` says why it cannot work there; it is said once, with the first step.
+    """
+
+    worker: Localizer
+    spec: StageSpec
+    channels: dict[str, int]
+    lacking: str
+    told: bool = False
+    carry: Carry = field(default_factory=Carry)
+    picks: deque[Pick] = field(default_factory=deque)
+
+    def arrivals(self, step_ns: int, window_s: float) -> NDArray[np.float64]:
+        """Return the first arrival at each sensor within the window of a step [s], else NaN."""
+        times = np.full(len(self.channels), np.nan)
+        for pick in self.picks:
+            since = (pick.time_ns - step_ns) / NS_PER_S
+            index = self.channels[pick.channel]
+            if 0 <= since <= window_s and not times[index] <= since:
+                times[index] = since
+        return times
+
+
+class LocalizerStage:
+    """Runs one localizer on every step, with the arrivals of the last picking stage before it.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+    picking, stepping
+        The stages whose picks and steps it takes.
+    geometry
+        Where the sensors are; None where unknown.
+
+    Notes
+    -----
+    A step is announced once its arrivals are complete, so it is located at once. Where a site
+    lacks what the localizer needs, a note says so and no places come of it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[Localizer],
+        parameters: Any,
+        topics: Sequence[str] = (),
+        *,
+        picking: str,
+        stepping: str,
+        geometry: Geometry | None = None,
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self.picking = picking
+        self.stepping = stepping
+        self.geometry = geometry or Geometry()
+        self._runs: dict[str, _Run] = {}
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Begin at the stage that picks, gather its picks, and locate steps."""
+        match item:
+            case StageSpec(stage=stage) if stage == self.picking:
+                yield from self._begin(item)
+            case Pick(stage=stage, topic=topic) if stage == self.picking and topic in self._runs:
+                self._remember(self._runs[topic], item)
+            case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
+                if topic in self._runs:
+                    yield from self._locate(self._runs[topic], item.time_ns)
+            case Gap(reason="clock step", bridged=False, topic=topic) if topic in self._runs:
+                self._runs[topic].picks.clear()
+                self._runs[topic].carry = Carry()
+
+    def flush(self) -> Iterator[Event]:
+        """Yield nothing: no step is held back."""
+        yield from ()
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+        return copy.deepcopy(self._runs)
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._runs = copy.deepcopy(saved)
+
+    def _begin(self, source: StageSpec) -> Iterator[Event]:
+        if self.topics and not any(fnmatch(source.topic, p) for p in self.topics):
+            return
+        worker = self.kind(self.parameters)
+        known = {s.channel: (s.x, s.y) for s in self.geometry.sensors}
+        channels = [name for name in dict.fromkeys(source.channels) if name in known]
+        gates = gate_specs(worker.gates, self.parameters)
+        spec = StageSpec(
+            self.name, self.plugin, source.topic, ("all",), worker.columns, gates, (), worker.emits
+        )
+        lacking = "places of three or more sensors"
+        if len({known[name] for name in channels}) >= LEAST_PICKS:
+            positions = np.array([known[name] for name in channels], np.float64)
+            outline = np.array(self.geometry.outline, np.float64)
+            medium = self.geometry.medium
+            lacking = worker.start(Site(positions, outline if len(outline) else None, medium))
+        places = {name: index for index, name in enumerate(channels)}
+        self._runs[source.topic] = _Run(worker, spec, places, lacking)
+        if not lacking:
+            yield spec
+
+    def _remember(self, run: _Run, pick: Pick) -> None:
+        if pick.channel in run.channels and not run.lacking:
+            run.picks.append(pick)
+            while run.picks[0].time_ns < pick.time_ns - KEEP_NS:
+                run.picks.popleft()
+
+    def _locate(self, run: _Run, time_ns: int) -> Iterator[Event]:
+        if run.lacking:
+            if not run.told:
+                run.told = True
+                text = f"{run.spec.topic}: no places: expected a geometry with {run.lacking}"
+                yield Note(time_ns, f"{text}, found none", "WARN", self.name)
+            return
+        while run.picks and run.picks[0].time_ns < time_ns:
+            run.picks.popleft()
+        location = run.worker.locate(run.arrivals(time_ns, self.parameters.window_s))
+        block = self._decided(run, time_ns, location)
+        yield block
+        if block.accepted[0]:
+            yield self._fix(time_ns, location)
+
+    def _decided(self, run: _Run, time_ns: int, location: Location) -> CandidateBlock:
+        sigma = float(np.sqrt(np.trace(location.covariance) / 2))
+        value = [location.picks, location.residual, location.x, location.y, sigma]
+        found = Candidates(
+            np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
+        )
+        decisions, run.carry = decide(
+            found, run.worker.columns, run.worker.gates, self.parameters, run.carry
+        )
+        return CandidateBlock(
+            run.spec,
+            found.time_ns,
+            found.channel,
+            found.value,
+            decisions.gate_value,
+            decisions.margin,
+            decisions.accepted,
+        )
+
+    def _fix(self, time_ns: int, location: Location) -> Fix:
+        (xx, xy), (_, yy) = location.covariance.tolist()
+        return Fix(
+            time_ns,
+            location.x,
+            location.y,
+            (xx, xy, yy),
+            location.residual,
+            self.plugin,
+            location.picks,
+            self.name,
+        )

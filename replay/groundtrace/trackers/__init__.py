@@ -1,0 +1,1 @@
+"""Trackers: fixes of walkers, one a step, become tracks."""

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from localizer_cases import ROOM, SENSORS, THETA_S, times_of
+
+from groundtrace.conformance import assert_same, outcome
+from groundtrace.errors import PipelineError
+from groundtrace.explain.evidence import Evidence, stage_evidence
+from groundtrace.explain.grid import parse_axis
+from groundtrace.explain.redecide import Redecider
+from groundtrace.localizer_stage import LocalizerStage
+from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline, load_pipeline
+from groundtrace.plugins import load, plugins
+from groundtrace.source import Source
+from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
+from groundtrace_codecs.geometry import Geometry, Medium, Sensor
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Event
+
+METHODS = [plugin.name for plugin in plugins("localizers")]
+START_NS = 1_700_000_000_000_000_000
+NAMES = tuple(f"G{i + 1}" for i in range(9))
+SITE = Geometry(
+    tuple(Sensor(n, n, float(x), float(y)) for n, (x, y) in zip(NAMES, SENSORS, strict=True)),
+    tuple((float(x), float(y)) for x, y in ROOM),
+    medium=Medium(velocity_mps=1225.0, theta_s=THETA_S),
+)
+PICKED = StageSpec("picks", "toa-cv", "/s", NAMES, (), (), (), "pick")
+
+
+def stage(method: str = "power-law", geometry: Geometry | None = SITE, **given: Any) -> Any:
+    kind = load("localizers", method)
+    return LocalizerStage(
+        method,
+        method,
+        kind,
+        kind.Parameters(**given),
+        picking="picks",
+        stepping="steps",
+        geometry=geometry,
+    )
+
+
+def pick(channel: str, since_s: float) -> Pick:
+    return Pick(START_NS + round(since_s * NS_PER_S), channel, "/s", "picks", 1e-4, 9.0)
+
+
+def step_at(since_s: float, topic: str = "/s") -> StepEvent:
+    return StepEvent(START_NS + round(since_s * NS_PER_S), "step", "", topic, "steps", 9.0, 9)
+
+
+def impact(x: float, y: float, at_s: float = 1.0) -> list[Event]:
+    """Arrivals of an impact in order of time, then its step."""
+    since = times_of(np.array([[x, y]]))[0]
+    since += at_s - since.min()
+    picks = sorted(zip(since.tolist(), NAMES, strict=True))
+    return [*(pick(n, s) for s, n in picks), step_at(picks[0][0])]
+
+
+def said(runner: Any, items: list[Event]) -> list[Event]:
+    return [e for item in items for e in runner.process(item)] + list(runner.flush())
+
+
+def fixes(events: list[Event]) -> list[Fix]:
+    return [e for e in events if isinstance(e, Fix)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_localizer_turns_a_step_and_its_arrivals_into_a_place(method: str) -> None:
+    events = said(stage(method), [PICKED, *impact(2.0, 7.0)])
+    spec, block, fix = events
+    assert isinstance(spec, StageSpec)
+    assert (spec.emits, spec.topic) == ("fix", "/s")
+    assert isinstance(block, CandidateBlock)
+    assert [q.name for q in spec.columns] == ["picks", "residual", "x", "y", "sigma"]
+    assert [g.name for g in spec.gates] == ["picks", "residual"]
+    assert isinstance(fix, Fix)
+    assert (fix.x_m, fix.y_m) == pytest.approx((2.0, 7.0), abs=0.6)
+    assert (fix.method, fix.stage, fix.picks) == (method, method, 9)
+    assert fix.time_ns == block.time_ns[0]
+    assert fix.covariance[0] > 0
+
+
+def test_of_several_picks_of_a_channel_the_first_after_the_step_counts() -> None:
+    items = [PICKED, *impact(2.0, 7.0)]
+    late = [pick(n, 1.045) for n in NAMES]
+    straight = fixes(said(stage(), items))
+    echoed = fixes(said(stage(), [*items[:-1], *late, items[-1]]))
+    before = fixes(said(stage(), [PICKED, pick("G1", 0.9), *items[1:]]))
+    assert straight == echoed == before
+
+
+def test_arrivals_after_the_window_are_not_of_the_step() -> None:
+    (fix,) = fixes(said(stage(window_s=0.006), [PICKED, *impact(0.5, 0.5)]))
+    assert fix.picks < 9
+
+
+def test_too_few_arrivals_are_a_rejected_candidate() -> None:
+    items = [PICKED, pick("G1", 1.0), pick("G2", 1.001), step_at(1.0)]
+    _, block = said(stage(), items)
+    assert isinstance(block, CandidateBlock)
+    assert not block.accepted[0]
+    assert block.margin[0, 0] == -1
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_arrivals_without_a_source_are_rejected_by_their_residual(method: str) -> None:
+    since = np.random.default_rng(3).uniform(0, 0.04, 9)
+    items = [pick(n, 1.0 + s) for s, n in sorted(zip(since.tolist(), NAMES, strict=True))]
+    parameter = "max_residual" if method == "so-tdoa" else "max_residual_s"
+    runner = stage(method, **{parameter: 1e-3})
+    _, block = said(runner, [PICKED, *items, step_at(1.0)])
+    assert isinstance(block, CandidateBlock)
+    assert block.margin[0, 0] >= 0
+    assert block.margin[0, 1] < 0
+    assert not block.accepted[0]
+
+
+@pytest.mark.parametrize(
+    ("method", "geometry", "lacking"),
+    [
+        ("power-law", None, "places of three or more sensors"),
+        ("so-tdoa", replace(SITE, sensors=SITE.sensors[:2]), "places of three or more sensors"),
+        ("hyperbolic", replace(SITE, medium=Medium()), "a velocity"),
+    ],
+)
+def test_a_site_that_lacks_what_is_needed_is_said_once(
+    method: str, geometry: Geometry | None, lacking: str
+) -> None:
+    events = said(stage(method, geometry), [PICKED, *impact(2, 7), *impact(3, 7, 2.0)])
+    (note,) = events
+    assert isinstance(note, Note)
+    assert (note.level, note.source) == ("WARN", method)
+    assert lacking in note.text
+
+
+def test_channels_without_a_place_are_left_out() -> None:
+    site = replace(SITE, sensors=SITE.sensors[:6])
+    (fix,) = fixes(said(stage(geometry=site), [PICKED, *impact(2.0, 7.0)]))
+    assert fix.picks == 6
+
+
+def test_a_velocity_may_be_given_and_signs_may_be_modelled() -> None:
+    bare = replace(SITE, medium=Medium())
+    for runner in (
+        stage("hyperbolic", bare, velocity_mps=1225.0),
+        stage("so-tdoa", bare, sign_sigma_s=5e-4),
+    ):
+        (fix,) = fixes(said(runner, [PICKED, *impact(2.0, 7.0)]))
+        assert (fix.x_m, fix.y_m) == pytest.approx((2.0, 7.0), abs=0.6)
+
+
+def test_steps_and_picks_of_other_stages_and_topics_are_none_of_its_business() -> None:
+    other = replace(step_at(1.0), stage="others")
+    assert said(stage(), [PICKED, *impact(2, 7)[:-1], other, step_at(1.0, "/t")])[1:] == []
+
+
+def test_after_a_clock_step_old_arrivals_are_forgotten() -> None:
+    *picks, step = impact(2.0, 7.0)
+    gap = Gap("/s", START_NS, START_NS, "clock step", 0)
+    assert fixes(said(stage(), [PICKED, *picks, gap, step])) == []
+
+
+def test_a_stage_restored_elsewhere_goes_on() -> None:
+    items = [PICKED, *impact(2.0, 7.0), *impact(3.0, 6.0, 1.6)]
+    whole = said(stage(), items)
+    one, other = stage(), stage()
+    events = [e for item in items[:5] for e in one.process(item)]
+    other.restore(one.save())
+    assert_same(outcome(whole), outcome([*events, *said(other, items[5:])]), "restored")
+
+
+def test_a_localizer_without_steps_before_it_is_refused() -> None:
+    picks, power = StageConfig("toa-cv"), StageConfig("power-law")
+    with pytest.raises(PipelineError, match="power-law: expected a stage that gives steps before"):
+        build_pipeline(PipelineConfig("p", stage=(picks, power)))
+    with pytest.raises(PipelineError, match="gives picks and one that gives steps"):
+        build_pipeline(PipelineConfig("p", stage=(power,)))
+
+
+def test_steps_are_decided_again_as_if_there_were_no_localizers() -> None:
+    config = load_pipeline("room-footsteps")
+    with Recording.open(path_of("room-walk.mcap")) as opened:
+        chain = build_pipeline(config, opened.geometry)
+        stop_ns = opened.start_ns + 4 * NS_PER_S
+        found = [e for item in Source(opened, stop_ns=stop_ns) for e in chain.process(item)]
+        found += chain.flush()
+        start_ns, end_ns = opened.start_ns, opened.end_ns
+    assert {f.stage for f in fixes(found)} == {"so-tdoa", "hyperbolic", "power-law"}
+    stages = stage_evidence(found, [s.key for s in config.stage])
+    evidence = Evidence("w", config, stages, (), (), start_ns, end_ns)
+    steps = [e.time_ns for e in found if isinstance(e, StepEvent)]
+    assert Redecider(evidence).outcome().step_times().tolist() == steps
+    with pytest.raises(PipelineError, match="expected a stage that decides about steps"):
+        parse_axis("power-law.max_residual_s=0.001,0.002", config)
