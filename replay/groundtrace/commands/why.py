@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from ..explain.account import Chain
 
 
+#: From here on a part of the steps lost to a constant latency is worth a line.
+LATENCY_PART = 0.1
+
+
 def why(
     results: Path,
     *,
@@ -127,6 +131,11 @@ def _print_account(found: Account) -> None:
     if found.causes:
         causes = sorted(found.causes.items(), key=lambda item: -item[1])
         print("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+    if found.found_without_latency - counts.tp > LATENCY_PART * (counts.tp + counts.fn):
+        print(
+            f"detections come {found.latency_ms:+.0f} ms from the truth: without that "
+            f"{found.found_without_latency} would be right; see also --tolerance"
+        )
     if found.missed:
         print("\nmissed")
         header = ("step", "time [s]", "candidate", "cause", "why", "smallest change")

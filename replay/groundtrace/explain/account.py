@@ -10,12 +10,15 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..score import match
+from ..score.steps import usual_latency_s
 from .readings import GateReading, readings
 from .reasons import Reason, reason_at
 from .redecide import Counts, Redecider
 from .remedies import Healer, Remedy
 
 if TYPE_CHECKING:
+    from ..score import StepMatch
     from .evidence import Evidence, StageEvidence
 
 
@@ -74,6 +77,10 @@ class Account:
         Steps right, false and missed.
     causes
         How many misses have each cause.
+    latency_ms
+        By how much detections usually come after the truth [ms].
+    found_without_latency
+        How many steps would be right if that were taken out of their times.
     missed, false
         In the order of time.
     """
@@ -82,6 +89,8 @@ class Account:
     tolerance_s: float
     counts: Counts
     causes: dict[str, int]
+    latency_ms: float
+    found_without_latency: int
     missed: tuple[Missed, ...]
     false: tuple[False_, ...]
 
@@ -108,7 +117,17 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
         for index in matching.false
     )
     causes = dict(Counter(m.reason.cause for m in missed))
-    return Account(evidence.name, tolerance_s, healer.before, causes, missed, false)
+    latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)
+    return Account(
+        evidence.name, tolerance_s, healer.before, causes, latency_s * 1e3, right, missed, false
+    )
+
+
+def _without_latency(matching: StepMatch, start_ns: int, tolerance_s: float) -> tuple[float, int]:
+    """Return the usual latency [s], and how many steps match without it."""
+    truth, found = ((t - start_ns) / NS_PER_S for t in (matching.truth_ns, matching.found_ns))
+    latency_s = usual_latency_s(truth, found)
+    return latency_s, len(match(truth, found - latency_s, tolerance_s))
 
 
 def _seconds(evidence: Evidence, time_ns: int) -> float:

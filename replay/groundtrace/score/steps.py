@@ -150,12 +150,19 @@ def spread_ms(values_s: NDArray[np.float64]) -> Spread | None:
 def _debiased_f1(
     truth: NDArray[np.float64], found: NDArray[np.float64], tolerance_s: float
 ) -> float:
+    return f1_of(truth, found - usual_latency_s(truth, found), tolerance_s)
+
+
+def usual_latency_s(truth: NDArray[np.float64], found: NDArray[np.float64]) -> float:
+    """Return the median of what the nearest detection comes after each true step [s].
+
+    Both are sorted; detections further than 0.5 s away do not count; 0 where none is left.
+    """
     if not len(truth) or not len(found):
         return 0.0
     late = found[nearest(found, truth)] - truth
     late = late[np.abs(late) <= LATENCY_REACH_S]
-    bias = float(np.median(late)) if len(late) else 0.0
-    return f1_of(truth, found - bias, tolerance_s)
+    return float(np.median(late)) if len(late) else 0.0
 
 
 def _count_error(

@@ -1,0 +1,107 @@
+"""The step-clocked filter against golden numbers and the published experiment."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from walked_paths import PATHS, located, rms, tracked
+
+from groundtrace.trackers.kalman import PACE_M, F, H, StepFilter, WalkModel, first_spread
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+PLACES = np.array([(0, 0), (0.4, 0.1), (0.6, 0.1), (1.1, 0), (1.3, 0.2)])
+
+
+def test_the_model_goes_on_as_the_last_step_went() -> None:
+    assert F @ (1.0, 2.0, 1.3, 2.1) == pytest.approx((1.3, 2.1, 1.6, 2.2))
+    assert H @ (1.0, 2.0, 1.3, 2.1) == pytest.approx((1.3, 2.1))
+    assert np.diag(WalkModel(0.1, 0.5).q) == pytest.approx((0, 0, 0.01, 0.01))
+
+
+def test_five_fixes_give_the_golden_places() -> None:
+    model = WalkModel(0.1, 0.5)
+    walker = StepFilter(model, PLACES[0], np.eye(4))
+    found = []
+    for place in PLACES[1:]:
+        walker.step(place, model.r)
+        found.append(walker.state[2:])
+    expected = [(0.380989, 0.095247), (0.602306, 0.112239), (1.011827, 0.047791)]
+    assert np.array(found) == pytest.approx(
+        np.array([*expected, (1.306878, 0.136948)]), abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("sigma_q", "sigma_r", "before", "present"),
+    [
+        (0.1, 0.5, 0.326039, 0.471443),
+        (0.5, 0.5, 0.288553, 0.769087),
+        (0.1, 1.0, 0.281880, 0.361769),
+    ],
+)
+def test_the_gains_settle_at_the_golden_ones(
+    sigma_q: float, sigma_r: float, before: float, present: float
+) -> None:
+    model = WalkModel(sigma_q, sigma_r)
+    walker = StepFilter(model, np.zeros(2), first_spread(model.r))
+    for _ in range(200):
+        walker.step(np.zeros(2), model.r)
+    expected = np.kron([[before], [present]], np.eye(2))
+    assert walker.gain == pytest.approx(expected, abs=1e-6)
+
+
+def test_at_first_both_places_err_alike_and_the_one_before_by_a_pace_more() -> None:
+    noise = np.array([[0.2, 0.05], [0.05, 0.1]])
+    spread = first_spread(noise)
+    assert spread[2:, 2:] == pytest.approx(noise)
+    assert spread[:2, 2:] == pytest.approx(noise)
+    assert spread[:2, :2] == pytest.approx(noise + PACE_M**2 * np.eye(2))
+
+
+def test_distance_is_that_of_the_update_and_changes_nothing() -> None:
+    model = WalkModel()
+    walker = StepFilter(model, np.zeros(2), first_spread(model.r))
+    other = copy.deepcopy(walker)
+    place, noise = np.array([0.9, -0.4]), np.array([[0.3, 0.1], [0.1, 0.2]])
+    distance = walker.distance(place, noise)
+    assert walker.state.tolist() == other.state.tolist()
+    assert walker.step(place, noise) == pytest.approx(distance**2)
+    assert other.state.tolist() == [0, 0, 0, 0]
+
+
+def test_innovations_of_the_model_itself_are_as_large_as_it_says() -> None:
+    model = WalkModel(0.1, 0.5)
+    rng = np.random.default_rng(5)
+    squares = []
+    for _ in range(60):
+        truth = np.array([(0.0, 0.0), rng.normal(0, PACE_M, 2)])
+        walker = StepFilter(model, truth[1] + rng.normal(0, 0.5, 2), first_spread(model.r))
+        for _ in range(15):
+            ahead = 2 * truth[1] - truth[0] + rng.normal(0, 0.1, 2)
+            truth = np.array([truth[1], ahead])
+            squares.append(walker.step(ahead + rng.normal(0, 0.5, 2), model.r))
+    assert np.mean(squares) == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "static", "thesis", "loose", "slow"),
+    [("bent", 0.748, 0.516, 0.623, 0.527), ("circle", 0.824, 0.632, 0.691, 0.713)],
+)
+def test_filtering_places_by_so_tdoa_gains_what_it_should(
+    name: str, static: float, thesis: float, loose: float, slow: float
+) -> None:
+    path = PATHS[name]
+    places = located(path, 150)
+    assert rms(places - path) == pytest.approx(static, rel=0.08)
+    for model, expected in (
+        (WalkModel(0.1, 0.5), thesis),
+        (WalkModel(0.5, 0.5), loose),
+        (WalkModel(0.1, 1.0), slow),
+    ):
+        filtered: NDArray[np.float64] = tracked(places, model)[0]
+        assert rms(filtered - path) == pytest.approx(expected, rel=0.08)
