@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+
 from groundtrace.localizers import sign_model, so_tdoa
 from groundtrace.trackers.kalman import StepFilter, WalkModel, first_spread
 from groundtrace.trackers.rts import smoothed

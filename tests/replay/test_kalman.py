@@ -18,8 +18,9 @@ PLACES = np.array([(0, 0), (0.4, 0.1), (0.6, 0.1), (1.1, 0), (1.3, 0.2)])
 
 
 def test_the_model_goes_on_as_the_last_step_went() -> None:
-    assert F @ (1.0, 2.0, 1.3, 2.1) == pytest.approx((1.3, 2.1, 1.6, 2.2))
-    assert H @ (1.0, 2.0, 1.3, 2.1) == pytest.approx((1.3, 2.1))
+    state = np.array([1.0, 2.0, 1.3, 2.1])
+    assert (F @ state).tolist() == pytest.approx([1.3, 2.1, 1.6, 2.2])
+    assert (H @ state).tolist() == pytest.approx([1.3, 2.1])
     assert np.diag(WalkModel(0.1, 0.5).q) == pytest.approx((0, 0, 0.01, 0.01))
 
 
@@ -31,9 +32,7 @@ def test_five_fixes_give_the_golden_places() -> None:
         walker.step(place, model.r)
         found.append(walker.state[2:])
     expected = [(0.380989, 0.095247), (0.602306, 0.112239), (1.011827, 0.047791)]
-    assert np.array(found) == pytest.approx(
-        np.array([*expected, (1.306878, 0.136948)]), abs=1e-6
-    )
+    assert np.array(found) == pytest.approx(np.array([*expected, (1.306878, 0.136948)]), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -101,7 +101,7 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
         )
     group, kind = find(STAGE_GROUPS, stages[key].use)
-    if group == "localizers":
+    if group not in ("detectors", "associators"):
         raise PipelineError(f"--grid: expected a stage that decides about steps, found {key!r}")
     info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
     span = ":" in right

@@ -62,7 +62,7 @@ def first_spread(noise: Array, pace_m: float = PACE_M) -> Array:
     pace_m
         How far off the place before may be: both places are the fix, so that they err alike.
     """
-    spread: Array = np.kron(np.ones((2, 2)), noise)
+    spread: Array = np.tile(noise, (2, 2))
     spread[:2, :2] += pace_m**2 * np.eye(2)
     return spread
 
