@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-import rerun.blueprint as rrb
 from conftest import skip_or_fail
 from viewer_sessions import SEISMIC, START_NS, at, blocks, read_back, room_session, seismic_samples
 
@@ -102,8 +101,7 @@ def test_the_map_shows_all_of_a_track_before_the_cursor() -> None:
     shown = bounds(room_session())
     assert shown is not None
     view = site(shown, [Entity(path, "map"), Entity(f"{PRESENT}/track/1/place", "map")])
-    assert list(view.overrides) == [path]
-    assert isinstance(view.overrides[path], list | rrb.VisibleTimeRanges)
+    assert list(view.visualizer_overrides) == [path]
 
 
 def test_a_map_with_tracks_is_drawn_without_complaint(walked: Path) -> None:

@@ -15,13 +15,12 @@ from .output import print_table, say
 
 
 def plugins(*, parameters: Annotated[bool, Parameter(negative="")] = False) -> None:
-    """List what is installed: detectors, associators, localizers, importers, sinks, views.
+    """List what is installed: what stages use, importers, sinks, views.
 
     Parameters
     ----------
     parameters
-        Also list the parameters of detectors, associators and localizers, with unit, default and
-        bounds.
+        Also list the parameters of what stages use, with unit, default and bounds.
     """
     everything = [plugin for group in GROUPS for plugin in found(group)]
     header = ("group", "name", "from", "version")

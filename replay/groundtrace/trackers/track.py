@@ -33,7 +33,7 @@ class Step:
     nis: float
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Track:
     """A walker followed.
 
