@@ -48,6 +48,7 @@ def on_lattice(times: np.ndarray) -> np.ndarray:
 
 
 def methods(velocity: float, theta_s: float, sigma: float) -> dict[str, Callable[..., Location]]:
+    """Return the localisers by name."""
     regions = so_tdoa.known_regions(SENSORS, ROOM)
     return {
         "SO-TDOA": lambda t: so_tdoa.locate(SENSORS, t, ROOM),
@@ -102,6 +103,7 @@ def everywhere(runs: int, rng: np.random.Generator) -> None:
 
 
 def main() -> None:
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=5000)
     options = parser.parse_args()

@@ -58,6 +58,7 @@ def single_s(evidence: Evidence, grid: Grid) -> float:
 
 
 def report(name: str, evidence: Evidence, texts: tuple[str, ...], runs: int) -> None:
+    """Print one row."""
     grid = make_grid([parse_axis(text, evidence.config) for text in texts])
     recorded_s = (evidence.end_ns - evidence.start_ns) / 1e9
     swept_s(evidence, grid)
@@ -69,6 +70,7 @@ def report(name: str, evidence: Evidence, texts: tuple[str, ...], runs: int) -> 
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=34.0)
     parser.add_argument("--runs", type=int, default=5)

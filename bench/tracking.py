@@ -72,6 +72,7 @@ def tracked(places: np.ndarray, model: WalkModel) -> tuple[np.ndarray, np.ndarra
 
 
 def errors(path: np.ndarray, places: np.ndarray, model: WalkModel) -> Errors:
+    """Return the errors of one path."""
     found = [tracked(run, model) for run in places]
     filtered, smooth = (np.array(x) for x in zip(*found, strict=True))
     return Errors(*(((x - path) ** 2).sum(axis=-1) for x in (places, filtered, smooth)))
@@ -82,6 +83,7 @@ def rms(squares: np.ndarray) -> float:
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=5000)
     options = parser.parse_args()
