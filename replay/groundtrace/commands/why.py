@@ -100,6 +100,8 @@ def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool)
             f"{name}: expected true steps (in the recording, or --truth FILE), found none; "
             f"--at SECONDS explains a moment without truth"
         )
+    for at_s in evidence.clock_steps_s:
+        say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
     found = account(evidence, tolerance)
     if json:
         print_json(found)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.signals import NS_PER_S
 
 from ..detector import Frames
 from ..gates import Candidates
@@ -83,6 +84,16 @@ class Evidence:
     labels: tuple[Label, ...]
     start_ns: int
     end_ns: int
+
+    @property
+    def clock_steps_s(self) -> tuple[float, ...]:
+        """Where a clock stepped and ended a run [s since the first sample].
+
+        A replay forgets there what it accepted before; stored candidates do not tell on which
+        side of the step they lie, so that decisions after it may not be decided again exactly.
+        """
+        steps = [g.start_ns for g in self.gaps if g.reason == "clock step" and not g.bridged]
+        return tuple((time_ns - self.start_ns) / NS_PER_S for time_ns in steps)
 
     def of(self, stage: str) -> tuple[StageEvidence, ...]:
         """Return the evidence of a stage, topic by topic."""
