@@ -20,9 +20,10 @@ from viewer_sessions import (
     write_walker,
 )
 
+from groundtrace_viewers.browse import serve_web
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.headless import ViewerState, main, screenshot
-from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment, serve_web
+from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment
 from groundtrace_viewers.sink import RerunSink
 from groundtrace_viewers.web import fetch
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from .browse import serve_web
 from .errors import ViewerError
 from .picture import screenshot
-from .serve import serve_web
 from .sink import RerunSink
 
 __all__ = ["RerunSink", "ViewerError", "screenshot", "serve_web"]

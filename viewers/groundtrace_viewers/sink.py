@@ -11,9 +11,10 @@ from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.signals import NS_PER_S
 
 from .blueprint import blueprint
+from .browse import serve_web
 from .errors import ViewerError
 from .replay import Replay
-from .serve import LOOPBACK, connect, data_url, free_port, open_viewer, serve_web
+from .serve import LOOPBACK, connect, data_url, free_port, open_viewer
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
