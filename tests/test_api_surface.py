@@ -32,7 +32,8 @@ SURFACE = {
         BLOCK_SIZES FAULTS Outcome TOLERANCE assert_same check_description check_detector
         check_faults check_gap check_gates check_state outcome rechunked run""",
     "groundtrace.detector": "Associator Detector Emits Frames Measured NO_FRAMES joined",
-    "groundtrace.gates": "Candidates Carry Decisions Gate Level Refractory decide gate_specs",
+    "groundtrace.gates": """
+        Candidates Carry Decisions Gate Level Refractory decide decided_block gate_specs""",
     "groundtrace.parameters": """
         ParameterInfo Part build describe gate measured parse_value""",
     "groundtrace.score": """

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from groundtrace_codecs.events import GateSpec
+from groundtrace_codecs.events import CandidateBlock, GateSpec
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Quantity
+    from groundtrace_codecs.events import Quantity, StageSpec
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,6 +238,37 @@ def decide(
         margin[:, column] = distance
         alive = alive & (distance >= 0)
     return Decisions(value, margin, alive), carry
+
+
+def decided_block(
+    spec: StageSpec,
+    candidates: Candidates,
+    kind: Any,
+    parameters: object,
+    carry: Carry | None = None,
+) -> tuple[CandidateBlock, Carry]:
+    """Decide the candidates of one stage and topic, and put the verdicts beside them.
+
+    Parameters
+    ----------
+    spec
+        Of the stage, for the block.
+    kind
+        A plugin, or its class: what has ``columns`` and ``gates``.
+    candidates, parameters, carry
+        As :func:`decide` takes them.
+    """
+    decisions, carry = decide(candidates, kind.columns, kind.gates, parameters, carry)
+    block = CandidateBlock(
+        spec,
+        candidates.time_ns,
+        candidates.channel,
+        candidates.value,
+        decisions.gate_value,
+        decisions.margin,
+        decisions.accepted,
+    )
+    return block, carry
 
 
 def gate_specs(gates: Sequence[Gate], parameters: object) -> tuple[GateSpec, ...]:

@@ -14,7 +14,7 @@ from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, Stag
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
-from .gates import Candidates, Carry, decide, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs
 from .localizers.api import Site
 from .localizers.location import LEAST_PICKS
 
@@ -173,18 +173,8 @@ class LocalizerStage:
         found = Candidates(
             np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
         )
-        decisions, run.carry = decide(
-            found, run.worker.columns, run.worker.gates, self.parameters, run.carry
-        )
-        return CandidateBlock(
-            run.spec,
-            found.time_ns,
-            found.channel,
-            found.value,
-            decisions.gate_value,
-            decisions.margin,
-            decisions.accepted,
-        )
+        block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
+        return block
 
     def _fix(self, time_ns: int, location: Location) -> Fix:
         (xx, xy), (_, yy) = location.covariance.tolist()

@@ -164,7 +164,6 @@ def read_results(path: Path) -> Results:
         Where it is not a readable MCAP.
     """
     from groundtrace_codecs.event_codec import events_of
-    from groundtrace_codecs.mcap import McapFile
     from groundtrace_codecs.recording import Recording
 
     if not path.is_file():
@@ -178,9 +177,8 @@ def read_results(path: Path) -> Results:
             )
         provenance = _provenance(run.get("json", ""), path.name)
         labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
-        geometry = recording.geometry
-    with McapFile.open(path) as file:
-        return Results(path.name, provenance, labels, geometry, tuple(events_of(file)))
+        events = tuple(events_of(recording.file))
+        return Results(path.name, provenance, labels, recording.geometry, events)
 
 
 def _provenance(text: str, name: str) -> Provenance:

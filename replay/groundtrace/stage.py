@@ -21,7 +21,7 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import SignalBlock
 
 from .detector import Associator, Detector, Emits
-from .gates import Candidates, Carry, decide, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs
 from .nonfinite import Holder
 
 if TYPE_CHECKING:
@@ -68,18 +68,7 @@ class _Run(Generic[W]):
         """Yield the decided candidates and the events that the accepted ones stand for."""
         if not len(found):
             return
-        decisions, self.carry = decide(
-            found, self.worker.columns, self.worker.gates, parameters, self.carry
-        )
-        block = CandidateBlock(
-            self.spec,
-            found.time_ns,
-            found.channel,
-            found.value,
-            decisions.gate_value,
-            decisions.margin,
-            decisions.accepted,
-        )
+        block, self.carry = decided_block(self.spec, found, self.worker, parameters, self.carry)
         yield block
         yield from accepted_events(block, self.worker.emits)
 

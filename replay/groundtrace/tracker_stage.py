@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Fix, Gap, StageSpec
+from groundtrace_codecs.events import Fix, Gap, StageSpec
 from groundtrace_codecs.signals import NS_PER_S
 
-from .gates import Candidates, Carry, decide, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -126,16 +126,6 @@ class TrackerStage:
         yield from run.worker.expire(fixes[0].time_ns)
         times = np.array([fix.time_ns for fix in fixes], np.int64)
         found = Candidates(times, np.zeros(len(fixes), np.int32), run.worker.measure(fixes))
-        decisions, run.carry = decide(
-            found, run.worker.columns, run.worker.gates, self.parameters, run.carry
-        )
-        yield CandidateBlock(
-            run.spec,
-            found.time_ns,
-            found.channel,
-            found.value,
-            decisions.gate_value,
-            decisions.margin,
-            decisions.accepted,
-        )
-        yield from run.worker.follow(fixes, decisions.accepted)
+        block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
+        yield block
+        yield from run.worker.follow(fixes, block.accepted)

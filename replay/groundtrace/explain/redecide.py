@@ -14,7 +14,7 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec, StepEvent
 
 from ..errors import PipelineError
-from ..gates import Candidates, Carry, decide, gate_specs
+from ..gates import Candidates, decided_block, gate_specs
 from ..parameters import build, describe
 from ..pipeline import STAGE_GROUPS
 from ..plugins import find
@@ -184,7 +184,7 @@ class Redecider:
     def _decided(
         self, spec: StageSpec, kind: Any, parameters: Any, candidates: Candidates
     ) -> Iterator[Event]:
-        block = decided_block(spec, candidates, kind, parameters)
+        block, _ = decided_block(spec, candidates, kind, parameters)
         yield block
         yield from accepted_events(block, kind.emits)
 
@@ -243,22 +243,6 @@ def _sort_in(
         blocks.setdefault(event.spec.topic, []).append(event)
     elif not isinstance(event, Gap):
         singles.append(event)
-
-
-def decided_block(
-    spec: StageSpec, candidates: Candidates, kind: Any, parameters: Any
-) -> CandidateBlock:
-    """Decide candidates of one stage and topic at once."""
-    decisions, _ = decide(candidates, kind.columns, kind.gates, parameters, Carry())
-    return CandidateBlock(
-        spec,
-        candidates.time_ns,
-        candidates.channel,
-        candidates.value,
-        decisions.gate_value,
-        decisions.margin,
-        decisions.accepted,
-    )
 
 
 def joined_block(spec: StageSpec, parts: Sequence[CandidateBlock]) -> CandidateBlock:
