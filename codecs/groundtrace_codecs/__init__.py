@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from .errors import CodecError, FormatError, MissingReaderError, SchemaError
 from .events import (
+    Bearing,
     CandidateBlock,
+    Disagreement,
     Disturbance,
     Event,
     Fix,
@@ -43,9 +45,11 @@ __all__ = [
     "NS_PER_S",
     "SEISMIC_QUANTITIES",
     "TRUTH_KINDS",
+    "Bearing",
     "CandidateBlock",
     "Channel",
     "CodecError",
+    "Disagreement",
     "Disturbance",
     "Event",
     "Fix",

@@ -76,3 +76,57 @@ class Disturbance:
     end_ns: int
     value: float
     stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bearing:
+    """The direction that a wave came from, at one station.
+
+    Attributes
+    ----------
+    time_ns, station
+        When, and the name of the station of three axes.
+    azimuth_rad
+        From the station towards the source, counter-clockwise from x [rad].
+    sigma_rad
+        One standard deviation [rad]; NaN where unknown.
+    value
+        What the method's decision rests on, e.g. the degree of polarisation.
+    ambiguous
+        True where the direction is an axis: the source may as well lie at ``azimuth_rad + pi``.
+    stage
+        The stage that found it.
+    """
+
+    time_ns: int
+    station: str
+    azimuth_rad: float
+    sigma_rad: float
+    value: float
+    ambiguous: bool
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """Localizers that place one step apart.
+
+    Attributes
+    ----------
+    time_ns
+        The step's.
+    distance_m
+        Between the two places that are farthest apart for their uncertainty [m].
+    value
+        That distance in standard deviations.
+    methods
+        The two stages, as ``one, other``.
+    stage
+        The stage that compares.
+    """
+
+    time_ns: int
+    distance_m: float
+    value: float
+    methods: str
+    stage: str

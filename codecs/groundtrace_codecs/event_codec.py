@@ -15,7 +15,9 @@ from .encoders import Output, Packet, protobuf_output
 from .errors import SchemaError
 from .event_mirror import mirror
 from .events import (
+    Bearing,
     CandidateBlock,
+    Disagreement,
     Disturbance,
     Fix,
     Gap,
@@ -45,6 +47,8 @@ TOPICS = {
     "TrackPoint": "/groundtrace/tracks",
     "Heading": "/groundtrace/headings",
     "Disturbance": "/groundtrace/disturbances",
+    "Bearing": "/groundtrace/bearings",
+    "Disagreement": "/groundtrace/disagreements",
     "Gap": "/groundtrace/gaps",
     "Note": "/groundtrace/notes",
 }
@@ -225,6 +229,11 @@ def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent
             return Heading(time_ns, m.heading_rad, m.sigma_rad, m.stage)
         case "Disturbance":
             return Disturbance(time_ns, get_time(m.end, place), m.value, m.stage)
+        case "Bearing":
+            direction = (m.azimuth_rad, m.sigma_rad, m.value, m.ambiguous)
+            return Bearing(time_ns, m.station, *direction, m.stage)
+        case "Disagreement":
+            return Disagreement(time_ns, m.distance_m, m.value, m.methods, m.stage)
         case "Gap":
             return Gap(m.topic, time_ns, get_time(m.end, place), m.reason, m.lost, m.bridged)
     return Note(time_ns, m.text, m.level, m.source)

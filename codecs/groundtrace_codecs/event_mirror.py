@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import TYPE_CHECKING
 
 from .description import ROLE_KEY
 from .encoders import Output, Packet
-from .events import Disturbance, Fix, Gap, Heading, Note, Pick, StepEvent, TrackPoint
+from .events import (
+    Bearing,
+    Disagreement,
+    Disturbance,
+    Fix,
+    Gap,
+    Heading,
+    Note,
+    Pick,
+    StepEvent,
+    TrackPoint,
+)
 from .schemas.protobuf import descriptor_set, set_time
 from .signals import NS_PER_S
 
@@ -44,7 +56,9 @@ def _log_output() -> Output:
     return Output(LOG_TOPIC, "foxglove.Log", "protobuf", content, "protobuf", role)
 
 
-def _line(event: Pick | StepEvent | Fix | Disturbance | Gap | Note) -> tuple[str, str, str, int]:
+def _line(
+    event: Pick | StepEvent | Fix | Disturbance | Bearing | Disagreement | Gap | Note,
+) -> tuple[str, str, str, int]:
     """Return level, source, text and time of an event's line in the log."""
     match event:
         case Pick():
@@ -54,6 +68,10 @@ def _line(event: Pick | StepEvent | Fix | Disturbance | Gap | Note) -> tuple[str
             text = f"{kind} value={event.value:.4g} channels={event.channels}"
         case Fix():
             text = f"fix x={event.x_m:.3f} m y={event.y_m:.3f} m {event.method} picks={event.picks}"
+        case Bearing():
+            text = f"bearing {event.station} {math.degrees(event.azimuth_rad):.1f} degrees"
+        case Disagreement():
+            text = f"{event.methods} are {event.distance_m:.3g} m apart, {event.value:.3g} sigma"
         case Disturbance():
             seconds = (event.end_ns - event.time_ns) / NS_PER_S
             text = f"disturbed for {seconds:.6g} s value={event.value:.4g}"

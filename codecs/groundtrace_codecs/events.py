@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .estimates import Disturbance, Fix, Heading, TrackPoint
+from .estimates import Bearing, Disagreement, Disturbance, Fix, Heading, TrackPoint
 
 if TYPE_CHECKING:
     import numpy as np
@@ -225,11 +225,24 @@ class TraceBlock:
 
 
 #: Events of one time or span, stored as one message each.
-SingleEvent = Gap | Note | Pick | StepEvent | Fix | TrackPoint | Heading | Disturbance
+SingleEvent = (
+    Gap
+    | Note
+    | Pick
+    | StepEvent
+    | Fix
+    | TrackPoint
+    | Heading
+    | Disturbance
+    | Bearing
+    | Disagreement
+)
 Event = SingleEvent | StageSpec | CandidateBlock | TraceBlock
 
 __all__ = [
+    "Bearing",
     "CandidateBlock",
+    "Disagreement",
     "Disturbance",
     "Event",
     "Fix",

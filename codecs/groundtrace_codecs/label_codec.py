@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 #: Topic of a recording's own truth.
 TRUTH_TOPIC = "/truth"
-_TEXTS = ("channel", "label", "author", "note")
+_TEXTS = ("channel", "label", "author", "note", "target")
 _NUMBERS = ("x_m", "y_m", "value")
 
 

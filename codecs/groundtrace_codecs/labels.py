@@ -45,6 +45,8 @@ class Label:
         Who or what labelled.
     note
         Free text.
+    target
+        Which of several targets, e.g. which of two walkers; empty where there is one.
     """
 
     time_ns: int
@@ -57,3 +59,4 @@ class Label:
     label: str = ""
     author: str = ""
     note: str = ""
+    target: str = ""

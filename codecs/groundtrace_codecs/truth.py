@@ -32,6 +32,7 @@ COLUMNS = (
     "label",
     "author",
     "note",
+    "target",
 )
 
 #: What a kind cannot do without, beside its time.
@@ -54,7 +55,7 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
     Columns: ``time_s`` (from the recording's first sample) or ``time_ns`` (on the recording's
     clock), ``kind`` (one of :data:`~groundtrace_codecs.labels.TRUTH_KINDS`), and optionally
     ``end_s`` or ``end_ns``, ``x_m``, ``y_m``, ``value``, ``channel``, ``label``, ``author``,
-    ``note``. Lines that start with ``#`` and empty lines are skipped.
+    ``note``, ``target``. Lines that start with ``#`` and empty lines are skipped.
 
     Parameters
     ----------
@@ -207,6 +208,7 @@ class _Row:
             self.cells.get("label", ""),
             self.cells.get("author", ""),
             self.cells.get("note", ""),
+            self.cells.get("target", ""),
         )
         for need in _NEEDS.get(kind, ()):
             if getattr(label, need) in (None, ""):

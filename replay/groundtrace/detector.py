@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .gates import Gate
 
 #: What an accepted candidate becomes.
-Emits = Literal["pick", "step", "impact", "fix", "track"]
+Emits = Literal["pick", "step", "impact", "fix", "track", "bearing", "disagreement"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,24 +10,26 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundtrace_codecs.signals import SignalBlock
+
+from .array_stage import ArrayStage
 from .errors import PipelineError
-from .localizer_stage import LocalizerStage
 from .parameters import build, describe, parse_value
 from .plugins import find
-from .stage import AssociatorStage, DetectorStage, Stage
-from .tracker_stage import TrackerStage
+from .wiring import Before
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
-    from groundtrace_codecs.signals import SignalBlock
+
+    from .stage import Stage
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
 #: Groups of plugins a stage may use.
-STAGE_GROUPS = ("detectors", "associators", "localizers", "trackers")
+STAGE_GROUPS = ("detectors", "associators", "arrays", "localizers", "trackers")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +180,10 @@ class Pipeline:
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
         """Feed an item; yield the events of all stages."""
+        if isinstance(item, SignalBlock):
+            for stage in self.stages:
+                if isinstance(stage, ArrayStage):
+                    stage.remember(item)
         yield from self._through(self.stages, item)
 
     def flush(self) -> Iterator[Event]:
@@ -211,68 +217,16 @@ def build_pipeline(config: PipelineConfig, geometry: Geometry | None = None) -> 
         it needs before it, in one line.
     """
     stages: list[Stage] = []
-    before = _Before()
+    before = Before()
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     for stage in config.stage:
         group, kind = find(STAGE_GROUPS, stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         given = (stage.key, stage.use, kind, parameters, stage.topics)
-        if group == "associators":
-            stages.append(AssociatorStage(*given, source=before.picking))
-        elif group == "localizers":
-            picking, stepping = before.located(stage.key)
-            stages.append(
-                LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
-            )
-        elif group == "trackers":
-            source = before.tracked(stage.key, parameters.source)
-            stages.append(TrackerStage(*given, source=source))
-        else:
-            stages.append(DetectorStage(*given))
-        before.add(stage.key, kind.emits)
+        stages.append(before.stage(group, given, geometry))
+        before.add(stage.key, kind.emits, parameters)
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     return Pipeline(config, stages, "\n".join(lines) + "\n")
-
-
-@dataclass(slots=True)
-class _Before:
-    """The stages so far that others take from: the last that picks, the last that finds steps.
-
-    And all that locate: of them a tracker takes one.
-    """
-
-    picking: str = ""
-    stepping: str = ""
-    locating: list[str] = field(default_factory=list)
-
-    def add(self, key: str, emits: str) -> None:
-        """Count a stage in by what it emits."""
-        if emits == "pick":
-            self.picking = key
-        elif emits in ("step", "impact"):
-            self.stepping = key
-        elif emits == "fix":
-            self.locating.append(key)
-
-    def located(self, key: str) -> tuple[str, str]:
-        """Return whose picks and steps a localizer takes; refuse one with nothing to locate."""
-        found = (("picks", self.picking), ("steps", self.stepping))
-        missing = [what for what, stage in found if not stage]
-        if missing:
-            raise PipelineError(
-                f"{key}: expected a stage that gives {' and one that gives '.join(missing)} "
-                f"before a localizer, found none"
-            )
-        return self.picking, self.stepping
-
-    def tracked(self, key: str, wanted: str) -> str:
-        """Return whose fixes a tracker takes: of the stage it wants, else of the first."""
-        if not self.locating or wanted not in ("", *self.locating):
-            expected = f"one of {', '.join(self.locating)}" if self.locating else "a localizer"
-            raise PipelineError(
-                f"{key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
-            )
-        return wanted or self.locating[0]
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:

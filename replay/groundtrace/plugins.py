@@ -13,7 +13,16 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 #: Entry-point groups a distribution may add plugins to.
-GROUPS = ("detectors", "associators", "localizers", "trackers", "importers", "sinks", "views")
+GROUPS = (
+    "detectors",
+    "associators",
+    "arrays",
+    "localizers",
+    "trackers",
+    "importers",
+    "sinks",
+    "views",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,15 @@ import pytest
 
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.event_codec import TOPICS, decode_event, events_of
-from groundtrace_codecs.events import Disturbance, Event, Fix, Heading, TrackPoint
+from groundtrace_codecs.events import (
+    Bearing,
+    Disagreement,
+    Disturbance,
+    Event,
+    Fix,
+    Heading,
+    TrackPoint,
+)
 from groundtrace_codecs.mcap import McapFile
 from groundtrace_codecs.schemas.protobuf import message_class
 from groundtrace_codecs.writer import RecordingWriter
@@ -25,6 +33,8 @@ ESTIMATES: list[Event] = [
     TrackPoint(START_NS + 1, 3, 1.0, 2.0, 0.5, -0.25, SPREAD, "track", 1.5),
     Heading(START_NS + 2, -3.1, 0.05, "compass"),
     Disturbance(START_NS + 3, START_NS + 2 * 10**9, 17.5, "compass"),
+    Bearing(START_NS + 4, "S1", 1.5, 0.02, 0.9, True, "bearings"),
+    Disagreement(START_NS + 5, 1.25, 4.0, "so-tdoa, power-law", "apart"),
 ]
 
 
@@ -61,9 +71,11 @@ def test_fixes_and_disturbances_have_a_line_in_the_log_and_curves_have_none(tmp_
         lines = [Log.FromString(bytes(m.data)) for m in file.messages({topics["/groundtrace/log"]})]
     assert [(line.name, line.message) for line in lines] == [
         ("locate", "fix x=1.250 m y=-3.500 m so-tdoa picks=9"),
+        ("bearings", "bearing S1 85.9 degrees"),
+        ("apart", "so-tdoa, power-law are 1.25 m apart, 4 sigma"),
         ("compass", "disturbed for 2 s value=17.5"),
     ]
-    estimates = ("Fix", "TrackPoint", "Heading", "Disturbance")
+    estimates = ("Fix", "TrackPoint", "Heading", "Disturbance", "Bearing", "Disagreement")
     assert set(topics) == {"/groundtrace/log", *(TOPICS[name] for name in estimates)}
 
 

@@ -1,0 +1,175 @@
+"""The stage that runs an array method: the waveforms around each step are looked at together."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import Bearing, Gap, Pick, StageSpec, StepEvent
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.signals import NS_PER_S
+
+from .array_method import Window
+from .gates import Carry, decided_block, gate_specs
+from .recall import Recall
+from .stage import accepted_events
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .array_method import ArrayMethod
+
+
+@dataclass(slots=True)
+class _Run:
+    """An array method at work on one topic, once there are steps to look at."""
+
+    columns: list[int]
+    recall: Recall
+    worker: ArrayMethod
+    spec: StageSpec | None = None
+    carry: Carry = field(default_factory=Carry)
+
+
+class ArrayStage:
+    """Runs one array method on the steps found in every stream whose channels it wants.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+    picking, stepping
+        The stages whose picks and steps it takes.
+    geometry
+        Where the sensors are; None where unknown.
+
+    Notes
+    -----
+    :meth:`remember` hears each block before any stage processes it: a step that the block brings
+    about is then found with its waveforms. What is found of a step comes before the step itself
+    reaches the stages behind, so that a localizer there has it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[ArrayMethod],
+        parameters: Any,
+        topics: Sequence[str] = (),
+        *,
+        picking: str,
+        stepping: str,
+        geometry: Geometry | None = None,
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self.picking = picking
+        self.stepping = stepping
+        self.geometry = geometry or Geometry()
+        self._runs: dict[str, _Run | None] = {}
+
+    def remember(self, block: SignalBlock) -> None:
+        """Hear a block before the stages before this one say what is in it."""
+        if block.topic not in self._runs:
+            self._runs[block.topic] = self._prepared(block)
+        run = self._runs[block.topic]
+        if run is not None:
+            run.recall.hear(block.select(run.columns))
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Begin at the stage that finds steps, gather picks, and examine steps."""
+        match item:
+            case StageSpec(stage=stage, topic=topic) if stage == self.stepping:
+                yield from self._begin(topic)
+            case Pick(stage=stage, topic=topic) if stage == self.picking:
+                if (run := self._running(topic)) is not None:
+                    run.recall.pick(item)
+            case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
+                if (run := self._running(topic)) is not None:
+                    yield from self._examined(run, item.time_ns)
+            case Gap(reason="clock step", bridged=False, topic=topic):
+                if (run := self._running(topic)) is not None:
+                    run.recall.forget()
+                    run.carry = Carry()
+
+    def flush(self) -> Iterator[Event]:
+        """Yield nothing: no step is held back."""
+        yield from ()
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+        return copy.deepcopy(self._runs)
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._runs = copy.deepcopy(saved)
+
+    def _prepared(self, block: SignalBlock) -> _Run | None:
+        columns = block.stream.columns_of(self.kind.quantities)
+        allowed = not self.topics or any(fnmatch(block.topic, p) for p in self.topics)
+        if not (columns and allowed):
+            return None
+        before_ns, after_ns = (
+            round(s * NS_PER_S) for s in (self.parameters.before_s, self.parameters.after_s)
+        )
+        recall = Recall(block.stream.select(columns), before_ns, after_ns)
+        return _Run(columns, recall, self.kind(self.parameters))
+
+    def _running(self, topic: str) -> _Run | None:
+        run = self._runs.get(topic)
+        return run if run is not None and run.spec is not None else None
+
+    def _begin(self, topic: str) -> Iterator[Event]:
+        run = self._runs.get(topic)
+        if run is None:
+            return
+        names = run.worker.start(run.recall.stream, self.geometry)
+        if names:
+            gates = gate_specs(run.worker.gates, self.parameters)
+            columns, emits = run.worker.columns, run.worker.emits
+            run.spec = StageSpec(self.name, self.plugin, topic, names, columns, gates, (), emits)
+            yield run.spec
+
+    def _examined(self, run: _Run, step_ns: int) -> Iterator[Event]:
+        assert run.spec is not None  # asked for by _running
+        start_ns, values = run.recall.window(step_ns)
+        arrivals = run.recall.arrivals(step_ns, start_ns)
+        rate_hz = run.recall.stream.rate_hz
+        found = run.worker.examine(Window(step_ns, start_ns, rate_hz, values, arrivals))
+        if len(found):
+            block, run.carry = decided_block(
+                run.spec, found, run.worker, self.parameters, run.carry
+            )
+            yield block
+            if run.worker.emits == "bearing":
+                yield from _bearings(block)
+            else:
+                yield from accepted_events(block, run.worker.emits)
+
+
+def _bearings(block: CandidateBlock) -> Iterator[Bearing]:
+    """Yield the bearings that the accepted candidates of a block stand for."""
+    names = [c.name for c in block.spec.columns]
+    azimuth, sigma, ambiguous = (names.index(n) for n in ("azimuth", "sigma", "ambiguous"))
+    for row in np.flatnonzero(block.accepted):
+        value = block.value[row].tolist()
+        yield Bearing(
+            time_ns=int(block.time_ns[row]),
+            station=block.spec.channels[int(block.channel[row])],
+            azimuth_rad=value[azimuth],
+            sigma_rad=value[sigma],
+            value=value[0],
+            ambiguous=bool(value[ambiguous]),
+            stage=block.spec.stage,
+        )

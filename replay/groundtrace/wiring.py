@@ -1,0 +1,95 @@
+"""Which stage of a pipeline takes from which, and the stages made accordingly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from .array_stage import ArrayStage
+from .errors import PipelineError
+from .localizer_stage import LocalizerStage
+from .stage import AssociatorStage, DetectorStage
+from .tracker_stage import TrackerStage
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.geometry import Geometry
+
+    from .stage import Stage
+
+    #: Name, plugin, class, parameters and topics of a stage.
+    Given = tuple[str, str, type[Any], Any, tuple[str, ...]]
+
+
+@dataclass(slots=True)
+class Before:
+    """The stages so far that others take from: the last that picks, the last that finds steps.
+
+    And all that locate: of them a tracker takes one.
+
+    Attributes
+    ----------
+    picking, stepping, locating
+        Names of the stages.
+    window_s
+        How long after a step's first arrival the stage that finds steps waits [s]; 0 for one that
+        announces at once.
+    """
+
+    picking: str = ""
+    stepping: str = ""
+    window_s: float = 0.0
+    locating: list[str] = field(default_factory=list)
+
+    def stage(self, group: str, given: Given, geometry: Geometry | None) -> Stage:
+        """Return the stage of a plugin, taking from the stages before it."""
+        key, _, _, parameters, _ = given
+        if group == "associators":
+            return AssociatorStage(*given, source=self.picking)
+        if group == "arrays":
+            picking, stepping = self.located(key)
+            self.recalled(key, parameters.after_s)
+            return ArrayStage(*given, picking=picking, stepping=stepping, geometry=geometry)
+        if group == "localizers":
+            picking, stepping = self.located(key)
+            return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
+        if group == "trackers":
+            return TrackerStage(*given, source=self.tracked(key, parameters.source))
+        return DetectorStage(*given)
+
+    def add(self, key: str, emits: str, parameters: Any) -> None:
+        """Count a stage in by what it emits."""
+        if emits == "pick":
+            self.picking = key
+        elif emits in ("step", "impact"):
+            self.stepping = key
+            self.window_s = getattr(parameters, "window_s", 0.0)
+        elif emits == "fix":
+            self.locating.append(key)
+
+    def located(self, key: str) -> tuple[str, str]:
+        """Return whose picks and steps a stage takes; refuse one with nothing to take."""
+        found = (("picks", self.picking), ("steps", self.stepping))
+        missing = [what for what, stage in found if not stage]
+        if missing:
+            raise PipelineError(
+                f"{key}: expected a stage that gives {' and one that gives '.join(missing)} "
+                f"before it, found none"
+            )
+        return self.picking, self.stepping
+
+    def recalled(self, key: str, after_s: float) -> None:
+        """Refuse an array method that looks at signal later than a step is sure to be announced."""
+        if after_s > self.window_s:
+            raise PipelineError(
+                f"{key}.after_s: expected at most the {self.window_s:g} s that "
+                f"{self.stepping} waits, found {after_s:g}"
+            )
+
+    def tracked(self, key: str, wanted: str) -> str:
+        """Return whose fixes a tracker takes: of the stage it wants, else of the first."""
+        if not self.locating or wanted not in ("", *self.locating):
+            expected = f"one of {', '.join(self.locating)}" if self.locating else "a localizer"
+            raise PipelineError(
+                f"{key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
+            )
+        return wanted or self.locating[0]
