@@ -5,22 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.special import hankel1
+from simulated_rooms import of_kind, samples_of
 
 from groundtrace.errors import SimulationError
 from groundtrace.simulate import RoomOptions, Simulation, simulate_room
 from groundtrace.simulate.footfall import ArrivalLaw, Footfall
+from groundtrace.simulate.options import SIDE_M
 from groundtrace.simulate.plate import Plate, Synthesis
-from groundtrace.simulate.room import SIDE_M, sensor_places
+from groundtrace.simulate.sensors import sensor_places
 
 SHORT = RoomOptions(duration_s=4.0, channels=9)
-
-
-def samples_of(simulation: Simulation) -> np.ndarray:
-    return np.concatenate([block.samples for block in simulation.sources[0][2]])
-
-
-def of_kind(simulation: Simulation, kind: str) -> list:
-    return [label for label in simulation.labels if label.kind == kind]
 
 
 def distances(simulation: Simulation, step) -> dict[str, float]:

@@ -7,14 +7,21 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from groundtrace_codecs.geometry import Geometry
+
+from ..errors import SimulationError
 from ..simulate import RoomOptions, Simulation, WalkOptions, simulate_room, simulate_walk, write
-from .output import writable
+
+# read by the command line at run time, like the types above
+from ..simulate.options import PathName, ShoeName  # noqa: TC001
+from .output import existing, writable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 OUT = Parameter(name=["--out", "-o"])
 FLAG = Parameter(negative="")
+NAMES = Parameter(negative="")
 
 
 def room(
@@ -22,10 +29,27 @@ def room(
     out: Annotated[Path, OUT],
     seed: int = 1,
     duration_s: float | None = None,
-    channels: int = 9,
+    channels: int | None = None,
     rate_hz: float = 20000.0,
     steps: int | None = None,
     snr: float = 100.0,
+    geometry: Path | None = None,
+    side_m: str = "",
+    thickness_m: float | None = None,
+    dispersion_m2s: float | None = None,
+    loss_s: float | None = None,
+    shoe: ShoeName | None = None,
+    walls: float | None = None,
+    resonances: Annotated[bool, FLAG] = False,
+    path: PathName | None = None,
+    walkers: int | None = None,
+    impacts: Annotated[bool, FLAG] = False,
+    clock_offset_ms: Annotated[list[str] | None, NAMES] = None,
+    clock_spread_ms: float | None = None,
+    dead: Annotated[list[str] | None, NAMES] = None,
+    clipped: Annotated[list[str] | None, NAMES] = None,
+    triaxial: Annotated[bool, FLAG] = False,
+    random: Annotated[bool, FLAG] = False,
     force: Annotated[bool, FLAG] = False,
 ) -> None:
     """Make footsteps on a floor with seismic sensors; steps, places and arrivals known.
@@ -39,18 +63,74 @@ def room(
     duration_s
         Length [s]; as many steps as fit. Without it and --steps: 20 steps in 13 s.
     channels
-        Number of sensors, 3 to 16.
+        Number of sensors, 3 to 16; 9 where nothing else says how many.
     rate_hz
-        Sampling rate [Hz].
+        Sampling rate [Hz], from 1000.
     steps
-        Number of steps; the length follows.
+        Number of steps of each walker, or of impacts; the length follows.
     snr
         Peak of a step at 1 m over the standard deviation of the noise.
+    geometry
+        Geometry TOML: outline of the room, convex or not, and sensors.
+    side_m
+        Side of a room without --geometry, as 6, or sides along x and y, as 6x4 [m]; 5.4.
+    thickness_m
+        Thickness of the concrete slab, 0.05 to 1 m; 0.2.
+    dispersion_m2s
+        Dispersion constant of the slab, 46 to 913 m2/s, in place of its thickness.
+    loss_s
+        Loss theta of the slab, 1e-6 to 1e-3 s; 1e-5.
+    shoe
+        What the steps are made with: heel, bare (softer, lower) or mixed; heel.
+    walls
+        Reflection of the amplitude at the outline, 0 to 0.9; 0.
+    resonances
+        Give each sensor a resonance of its mounting, 150 to 600 Hz.
+    path
+        Where people walk; u, or crossing for two.
+    walkers
+        1, or 2 who cross in the middle.
+    impacts
+        Single impacts at random places, 1 to 3 s apart, instead of steps.
+    clock_offset_ms
+        A sensor whose samples are stamped late, as G2=5 [ms]; may be given several times.
+    clock_spread_ms
+        Standard deviation of random clock offsets of all other sensors [ms].
+    dead
+        A sensor that gives 0 all the time; may be given several times.
+    clipped
+        A sensor with so much gain that most steps clip; may be given several times.
+    triaxial
+        Make every sensor G1 a station of three channels, G1x, G1y and G1z.
+    random
+        Draw what is not given of room, sensors, floor, shoe, walls and path from the seed.
     force
         Overwrite an existing file.
     """
     options = RoomOptions(
-        seed=seed, duration_s=duration_s, channels=channels, rate_hz=rate_hz, steps=steps, snr=snr
+        seed=seed,
+        duration_s=duration_s,
+        channels=channels,
+        rate_hz=rate_hz,
+        steps=steps,
+        snr=snr,
+        geometry=None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry")),
+        side_m=_sides(side_m) if side_m else None,
+        thickness_m=thickness_m,
+        dispersion_m2s=dispersion_m2s,
+        loss_s=loss_s,
+        shoe=shoe,
+        walls=walls,
+        resonances=resonances,
+        path=path,
+        walkers=walkers,
+        impacts=impacts,
+        clock_offset_s=tuple(_offset(text) for text in clock_offset_ms or ()),
+        clock_spread_s=None if clock_spread_ms is None else clock_spread_ms / 1e3,
+        dead=tuple(dead or ()),
+        clipped=tuple(clipped or ()),
+        triaxial=triaxial,
+        random=random,
     )
     _write(simulate_room(options), out, force=force)
 
@@ -80,6 +160,27 @@ def walk(
     """
     options = WalkOptions(seed=seed, duration_s=duration_s, rate_hz=rate_hz)
     _write(simulate_walk(options), out, force=force)
+
+
+def _sides(text: str) -> tuple[float, float]:
+    """Read ``6`` or ``6x4``."""
+    try:
+        numbers = [float(part) for part in text.split("x")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2):
+        raise SimulationError(f"--side-m: expected a side as 6 or 6x4, found {text!r}")
+    return numbers[0], numbers[-1]
+
+
+def _offset(text: str) -> tuple[str, float]:
+    """Read ``G2=5`` [ms]."""
+    name, _, number = text.partition("=")
+    try:
+        return name, float(number) / 1e3
+    except ValueError:
+        expected = "a sensor and its offset in ms as G2=5"
+        raise SimulationError(f"--clock-offset-ms: expected {expected}, found {text!r}") from None
 
 
 def _write(simulation: Simulation, out: Path, *, force: bool) -> None:

@@ -6,7 +6,8 @@ is the same as a sensor at the waist sees it; ``write`` stores either as a recor
 
 from __future__ import annotations
 
-from .room import RoomOptions, simulate_room
+from .options import RoomOptions
+from .room import simulate_room
 from .simulation import Simulation, write
 from .walk import WalkOptions, simulate_walk
 

@@ -46,8 +46,13 @@ class Simulation:
 
 
 def described(simulator: str, options: DataclassInstance) -> dict[str, dict[str, str]]:
-    """Return the metadata that says how a simulation was made; options left open are omitted."""
-    chosen = {k: str(v) for k, v in asdict(options).items() if v is not None}
+    """Return the metadata that says how a simulation was made.
+
+    Options left open (None), off (False) or empty are omitted.
+    """
+    chosen = {
+        k: str(v) for k, v in asdict(options).items() if v not in (None, ()) and v is not False
+    }
     return {"simulation": {"simulator": simulator} | chosen}
 
 
