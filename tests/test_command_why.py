@@ -22,7 +22,19 @@ def missing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from groundtrace.commands import main
 
     path = tmp_path_factory.mktemp("walk") / "walk.results.mcap"
-    main(["replay", str(WALK), "--no-viewer", "--out", str(path), "--set", "steps.height=2.0"])
+    main(
+        [
+            "replay",
+            str(WALK),
+            "--pipeline",
+            "waist-peaks",
+            "--no-viewer",
+            "--out",
+            str(path),
+            "--set",
+            "steps.height=2.0",
+        ]
+    )
     return path
 
 
@@ -35,7 +47,17 @@ def real(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = data / "mobgap" / "HA" / "001" / "data.mat"
     main(["import", str(source), "-o", str(folder / "ha.mcap"), "--map", "mobgap-test11"])
     out = folder / "ha.results.mcap"
-    main(["replay", str(folder / "ha.mcap"), "--no-viewer", "--out", str(out)])
+    main(
+        [
+            "replay",
+            str(folder / "ha.mcap"),
+            "--pipeline",
+            "waist-peaks",
+            "--no-viewer",
+            "--out",
+            str(out),
+        ]
+    )
     return out
 
 
@@ -72,7 +94,7 @@ def test_the_table_has_a_line_for_every_missed_step(missing: Path, capsys: Captu
 
 
 def test_a_walk_without_a_wrong_step_has_nothing_to_explain(capsys: Capture) -> None:
-    done(capsys, "replay", WALK, "--no-viewer")
+    done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer")
     text = done(capsys, "why", "waist-walk.results.mcap").out
     assert text == "waist-walk.mcap: 74 right, 0 missed, 0 false\n"
 
@@ -106,7 +128,16 @@ def test_the_number_of_a_step_is_that_of_the_table(real: Path, capsys: Capture) 
 
 def test_a_moment_needs_no_truth(capsys: Capture) -> None:
     without_truth(Path("bare.mcap"))
-    done(capsys, "replay", "bare.mcap", "--no-viewer", "--set", "steps.height=2.0")
+    done(
+        capsys,
+        "replay",
+        "bare.mcap",
+        "--pipeline",
+        "waist-peaks",
+        "--no-viewer",
+        "--set",
+        "steps.height=2.0",
+    )
     text = done(capsys, "why", "bare.results.mcap", "--at", 33.741).out
     assert text.startswith("33.741 s: no step (threshold): height 0.8383 m/s2 < 2 m/s2")
     quiet = done(capsys, "why", "bare.results.mcap", "--at", 1.0, "--json").document
@@ -191,7 +222,7 @@ def test_truth_may_come_from_a_file(missing: Path, capsys: Capture) -> None:
 
 def test_a_replay_can_show_what_lies_around_a_miss(missing: Path, capsys: Capture) -> None:
     shutil.copy(WALK, "walk.mcap")
-    replay = ("replay", "walk.mcap", "--set", "steps.height=2.0")
+    replay = ("replay", "walk.mcap", "--pipeline", "waist-peaks", "--set", "steps.height=2.0")
     ran = done(capsys, *replay, "--at-miss", 2, "--rrd", "miss.rrd")
     assert "53 steps" in ran.out  # everything was replayed
     times = signal_times(Path("miss.rrd"))
@@ -205,9 +236,9 @@ def test_a_replay_can_show_what_lies_around_a_miss(missing: Path, capsys: Captur
         "--at-miss: expected no --from, --to, --rate or --no-viewer with it"
     )
     without_truth(Path("bare.mcap"))
-    assert run(capsys, "replay", "bare.mcap", "--at-miss", 1).error == (
-        "bare.mcap: --at-miss: expected true steps in the recording, found none"
-    )
+    assert run(
+        capsys, "replay", "bare.mcap", "--pipeline", "waist-peaks", "--at-miss", 1
+    ).error == ("bare.mcap: --at-miss: expected true steps in the recording, found none")
 
 
 def signal_times(path: Path) -> np.ndarray:
@@ -221,3 +252,63 @@ def signal_times(path: Path) -> np.ndarray:
         if not chunk.is_static:
             found += batch.column("t").cast(pa.int64()).to_pylist()
     return np.array(found) / 1e9
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of the beginning of the bundled room, with a threshold that loses arrivals."""
+    from groundtrace.commands import main
+
+    path = tmp_path_factory.mktemp("room") / "room.results.mcap"
+    options = ("--to", "5", "--set", "picks.ratio=900", "--set", "steps.min_channels=2")
+    main(["replay", "--no-viewer", "--out", str(path), *options])
+    return path
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--kind", "picks"),
+        ("--pick", 1),
+        ("--kind", "picks", "--at", 3.06),
+        ("--kind", "fixes"),
+        ("--kind", "fixes", "--stage", "so-tdoa", "--tolerance-m", 0.3),
+        ("--fix", 1),
+        ("--kind", "fixes", "--at", 3.06),
+    ],
+)
+def test_the_json_of_picks_and_places_is_as_its_schema_says(
+    arguments: tuple[object, ...], room: Path, capsys: Capture
+) -> None:
+    check_schema("why", done(capsys, "why", room, *arguments, "--json").document)
+    assert done(capsys, "why", room, *arguments).out
+
+
+def test_steps_say_how_many_picks_and_places_are_bad(room: Path, capsys: Capture) -> None:
+    text = done(capsys, "why", room).out
+    account = done(capsys, "why", room, "--json").document
+    assert f"picks: {account['bad_picks']} late, early or missed; see --kind picks" in text
+    assert f"places: {account['bad_fixes']} far off, rejected or missing" in text
+    places = done(capsys, "why", room, "--kind", "fixes", "--json").document
+    assert len(places["bad"]) == account["bad_fixes"]
+
+
+def test_places_and_picks_that_are_not_there_are_refused(room: Path, capsys: Capture) -> None:
+    done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "walk.mcap")
+    located = run(capsys, "why", "walk.mcap", "--fix", 1).error
+    assert "expected a stage that located steps" in located
+    assert "a stage that picks" in run(capsys, "why", "walk.mcap", "--kind", "picks").error
+    assert "--fix: expected 1 to" in run(capsys, "why", room, "--fix", 99).error
+    assert "--pick: expected 1 to" in run(capsys, "why", room, "--pick", 9999).error
+    assert "--kind steps: expected --step, found --fix" in (
+        run(capsys, "why", room, "--kind", "steps", "--fix", 1).error
+    )
+    assert "expected one of so-tdoa" in (
+        run(capsys, "why", room, "--kind", "fixes", "--stage", "no").error
+    )
+
+
+def test_a_file_of_a_place_shows_its_moment(room: Path, capsys: Capture) -> None:
+    ran = done(capsys, "why", room, "--fix", 1, "--rrd", "fix.rrd")
+    assert "timeline: fix.rrd" in ran.err
+    assert Path("fix.rrd").stat().st_size > 5_000

@@ -48,7 +48,7 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         print(line.rstrip())
 
 
-def existing(path: Path) -> Path:
+def existing(path: Path, what: str = "a recording") -> Path:
     """Return a path that is a readable file.
 
     Raises
@@ -57,7 +57,7 @@ def existing(path: Path) -> Path:
         Where there is no such file.
     """
     if not path.is_file():
-        raise RecordingError(f"{path}: expected a recording, found no such file")
+        raise RecordingError(f"{path}: expected {what}, found no such file")
     return path
 
 
@@ -82,16 +82,16 @@ def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
 
 
 @contextmanager
-def progress(total_s: float, what: str) -> Iterator[Callable[[float], None]]:
-    """Show how many seconds of ``total_s`` are done, on a terminal only."""
+def progress(total: float, what: str, unit: str = "s") -> Iterator[Callable[[float], None]]:
+    """Show how much of ``total``, seconds or another unit, is done, on a terminal only."""
     if not sys.stderr.isatty():
         yield lambda _: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn(what), BarColumn(), TextColumn("{task.completed:.0f} s"))
+    columns = (TextColumn(what), BarColumn(), TextColumn(f"{{task.completed:.0f}} {unit}"))
     console = Console(stderr=True)
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task(what, total=total_s)
-        yield lambda done_s: bar.update(task, completed=done_s)
+        task = bar.add_task(what, total=total)
+        yield lambda done: bar.update(task, completed=done)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter, validators
 
@@ -11,50 +11,70 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..explain import Healer, Redecider, evidence_of
-from ..explain.account import Account, False_, Missed, Moment, account, moment
+from ..explain.account import account, moment
 from ..explain.comparison import matched
 from ..plugins import load
 from ..results import read_results
-from .output import print_json, print_table, say
+from .output import print_json, say
 from .pages import account_page, moment_page
 from .showing import where_to_show
 from .truth import truth_of
+from .why_picks import explain_picks
+from .why_places import explain_places
+from .why_steps import print_account, print_moment, remedy_text
 
 if TYPE_CHECKING:
-    from ..explain import Evidence, Remedy
-    from ..explain.account import Chain
+    from ..explain import Evidence
 
-
-#: From here on a part of the steps lost to a constant latency is worth a line.
-LATENCY_PART = 0.1
+Kind = Literal["steps", "picks", "fixes"]
+Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+Positive = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 
 
 def why(
     results: Path,
     *,
-    step: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    kind: Kind | None = None,
+    step: Count = None,
+    fix: Count = None,
+    pick: Count = None,
     at: float | None = None,
     truth: Path | None = None,
-    tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0))] = 0.12,
+    tolerance: Positive = 0.12,
+    tolerance_m: Positive = 1.0,
+    tolerance_ms: Positive = 2.0,
+    stage: str = "",
     rrd: Path | None = None,
     spawn: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Explain every missed and false step, and the smallest change that mends it.
+    """Explain every missed and false step, bad pick or bad place, and the change that mends it.
 
     Parameters
     ----------
     results
         Results MCAP that groundtrace replay wrote.
+    kind
+        What to explain: steps (the default), picks, or fixes, the places of steps.
     step
         Show everything about the true step of this number, as the table of all counts them.
+    fix
+        Show everything about the place of this number, channel by channel.
+    pick
+        Show everything about the bad pick of this number.
     at
         Show everything about this moment [s since the first sample]; needs no truth.
     truth
         Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
     tolerance
         Largest distance between a step and its detection [s].
+    tolerance_m
+        Largest error of a right place [m].
+    tolerance_ms
+        Largest error of a right pick [ms].
+    stage
+        The stage whose places are explained; the last one that locates by default.
     rrd
         Write a viewer's file of every gate's values and thresholds, around the moment.
     spawn
@@ -64,17 +84,18 @@ def why(
     json
         Print one JSON document.
     """
+    chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
     result = read_results(results)
     evidence = evidence_of(result, truth_of(result, results, truth))
-    if step is None and at is None:
-        time_ns, page = None, _explain_all(evidence, result.name, tolerance, json=json)
+    at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
+    if chosen == "fixes":
+        time_ns, page = explain_places(evidence, stage, tolerance_m, fix, at_ns, json=json)
+    elif chosen == "picks":
+        time_ns, page = explain_picks(evidence, tolerance_ms / 1e3, pick, at_ns, json=json)
     else:
-        time_ns = _time_of(evidence, result.name, step, at, tolerance)
-        page = _explain_moment(
-            evidence, time_ns, step if at is None else None, tolerance, json=json
-        )
+        time_ns, page = _explain_steps(evidence, result.name, step, at_ns, tolerance, json=json)
     if rrd is not None or spawn:
         show = load("views", "why")
         show(evidence, page, path=rrd, spawn=spawn, at_ns=time_ns, tolerance_s=tolerance)
@@ -82,11 +103,35 @@ def why(
         say(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
-def _time_of(
-    evidence: Evidence, name: str, step: int | None, at: float | None, tolerance: float
-) -> int:
-    if at is not None:
-        return evidence.start_ns + round(at * NS_PER_S)
+def _kind(kind: Kind | None, numbers: dict[Kind, int | None]) -> Kind:
+    """Return what to explain: what is asked for, or what a number is given of."""
+    given = [name for name, number in numbers.items() if number is not None]
+    wanted = kind or (given[0] if given else "steps")
+    if any(name != wanted for name in given):
+        options = {"steps": "--step", "fixes": "--fix", "picks": "--pick"}
+        found = " and ".join(options[name] for name in given)
+        raise RecordingError(f"--kind {wanted}: expected {options[wanted]}, found {found}")
+    return wanted
+
+
+def _explain_steps(
+    evidence: Evidence,
+    name: str,
+    step: int | None,
+    at_ns: int | None,
+    tolerance: float,
+    *,
+    json: bool,
+) -> tuple[int | None, str]:
+    """Print the account of steps, or of one; return its time [ns] and the page."""
+    if step is None and at_ns is None:
+        return None, _explain_all(evidence, name, tolerance, json=json)
+    time_ns = _time_of(evidence, name, step, tolerance) if at_ns is None else at_ns
+    number = step if at_ns is None else None
+    return time_ns, _explain_moment(evidence, time_ns, number, tolerance, json=json)
+
+
+def _time_of(evidence: Evidence, name: str, step: int | None, tolerance: float) -> int:
     steps = matched(evidence, tolerance).truth_ns
     if step is None or step > len(steps):
         raise RecordingError(f"{name}: --step: expected 1 to {len(steps)}, found {step}")
@@ -106,7 +151,7 @@ def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool)
     if json:
         print_json(found)
     else:
-        _print_account(found)
+        print_account(found)
     return account_page(found)
 
 
@@ -121,77 +166,7 @@ def _explain_moment(
     if json:
         print_json(found)
     else:
-        _print_moment(found)
+        print_moment(found)
         if sought:
-            print(f"\nsmallest change: {_remedy(remedy)}")
+            print(f"\nsmallest change: {remedy_text(remedy)}")
     return moment_page(found, "" if step is None else f"step {step}", remedy)
-
-
-def _print_account(found: Account) -> None:
-    counts = found.counts
-    print(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
-    if found.causes:
-        causes = sorted(found.causes.items(), key=lambda item: -item[1])
-        print("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
-    if found.found_without_latency - counts.tp > LATENCY_PART * (counts.tp + counts.fn):
-        print(
-            f"detections come {found.latency_ms:+.0f} ms from the truth: without that "
-            f"{found.found_without_latency} would be right; see also --tolerance"
-        )
-    if found.missed:
-        print("\nmissed")
-        header = ("step", "time [s]", "candidate", "cause", "why", "smallest change")
-        print_table(header, [_missed_row(m) for m in found.missed])
-    if found.false:
-        print("\nfalse")
-        rows = [_false_row(f) for f in found.false]
-        print_table(("time [s]", "narrowest gate", "smallest change"), rows)
-
-
-def _missed_row(m: Missed) -> tuple[str, ...]:
-    near = m.reason.candidate_s
-    candidate = "none" if near is None else f"{(near - m.time_s) * 1e3:+.0f} ms"
-    cause, text = m.reason.cause, m.reason.text
-    return (str(m.step), f"{m.time_s:.3f}", candidate, cause, text, _remedy(m.remedy))
-
-
-def _false_row(f: False_) -> tuple[str, ...]:
-    gate = f.narrowest
-    text = "-" if gate is None else f"{gate.gate} {gate.value:.4g} over {gate.threshold:.4g}"
-    return (f"{f.time_s:.3f}", text, _remedy(f.remedy))
-
-
-def _remedy(remedy: Remedy | None) -> str:
-    if remedy is None:
-        return "no single change does it"
-    before, after = remedy.before, remedy.after
-    return (
-        f"--set {remedy.setting}: TP {before.tp}->{after.tp}, FP {before.fp}->{after.fp}, "
-        f"FN {before.fn}->{after.fn}"
-    )
-
-
-def _print_moment(found: Moment) -> None:
-    if found.reason is None:
-        print(f"{found.time_s:.3f} s: a step was accepted")
-    else:
-        print(f"{found.time_s:.3f} s: no step ({found.reason.cause}): {found.reason.text}")
-    for link in found.chain:
-        _print_link(link)
-
-
-def _print_link(link: Chain) -> None:
-    verdict = "accepted" if link.accepted else "rejected"
-    print(f"\n{link.stage} {link.topic} {link.channel} at {link.time_s:.4f} s: {verdict}")
-    rows = [
-        (
-            "  " + r.gate,
-            f"{r.value:.5g}",
-            f"{r.threshold:.5g}",
-            f"{r.margin:+.4g}",
-            r.unit,
-            "pass" if r.passed else "FAIL",
-        )
-        for r in link.readings
-    ]
-    print_table(("  gate", "value", "threshold", "margin", "unit", ""), rows)

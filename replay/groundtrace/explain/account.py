@@ -12,6 +12,9 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..score import match
 from ..score.steps import usual_latency_s
+from .arrivals import bad_picks
+from .candidates import Chain, links
+from .places import bad_places
 from .readings import GateReading, readings
 from .reasons import Reason, reason_at
 from .redecide import Counts, Redecider
@@ -19,7 +22,7 @@ from .remedies import Healer, Remedy
 
 if TYPE_CHECKING:
     from ..score import StepMatch
-    from .evidence import Evidence, StageEvidence
+    from .evidence import Evidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +84,9 @@ class Account:
         By how much detections usually come after the truth [ms].
     found_without_latency
         How many steps would be right if that were taken out of their times.
+    bad_picks, bad_fixes
+        Picks late, early or missed, and places far off, rejected or missing; None where there is
+        nothing to tell by.
     missed, false
         In the order of time.
     """
@@ -91,6 +97,8 @@ class Account:
     causes: dict[str, int]
     latency_ms: float
     found_without_latency: int
+    bad_picks: int | None
+    bad_fixes: int | None
     missed: tuple[Missed, ...]
     false: tuple[False_, ...]
 
@@ -119,7 +127,16 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
     causes = dict(Counter(m.reason.cause for m in missed))
     latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)
     return Account(
-        evidence.name, tolerance_s, healer.before, causes, latency_s * 1e3, right, missed, false
+        evidence.name,
+        tolerance_s,
+        healer.before,
+        causes,
+        latency_s * 1e3,
+        right,
+        bad_picks(evidence),
+        bad_places(evidence),
+        missed,
+        false,
     )
 
 
@@ -149,18 +166,6 @@ def _relative(reading: GateReading) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Chain:
-    """One candidate and everything the gates said of it."""
-
-    stage: str
-    topic: str
-    channel: str
-    time_s: float
-    accepted: bool
-    readings: tuple[GateReading, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Moment:
     """What every stage had at a moment.
 
@@ -185,25 +190,9 @@ def moment(evidence: Evidence, time_ns: int, tolerance_s: float = 0.12) -> Momen
     chain = tuple(
         link
         for part in evidence.stages
-        for link in _links(evidence, part, time_ns - reach, time_ns + reach)
+        for link in links(evidence, part, time_ns - reach, time_ns + reach)
     )
     final = {part.spec.stage for part in evidence.stages if part.spec.emits == "step"}
     found = any(link.accepted and link.stage in final for link in chain)
     reason = None if found else reason_at(evidence, time_ns, tolerance_s)
     return Moment(_seconds(evidence, time_ns), reason, chain)
-
-
-def _links(
-    evidence: Evidence, part: StageEvidence, start_ns: int, end_ns: int
-) -> tuple[Chain, ...]:
-    return tuple(
-        Chain(
-            part.spec.stage,
-            part.spec.topic,
-            part.spec.channels[int(part.candidates.channel[row])],
-            _seconds(evidence, int(part.candidates.time_ns[row])),
-            bool(part.accepted[row]),
-            readings(part, int(row)),
-        )
-        for row in part.between(start_ns, end_ns)
-    )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detector import Frames
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
 
     from ..pipeline import PipelineConfig
@@ -75,6 +76,10 @@ class Evidence:
         The truth.
     start_ns, end_ns
         First and last sample of the recording [ns].
+    geometry
+        Where the sensors are; None where unknown.
+    track
+        Where targets were tracked, by the last stage that tracks.
     """
 
     name: str
@@ -84,6 +89,8 @@ class Evidence:
     labels: tuple[Label, ...]
     start_ns: int
     end_ns: int
+    geometry: Geometry | None = None
+    track: tuple[TrackPoint, ...] = ()
 
     @property
     def clock_steps_s(self) -> tuple[float, ...]:
@@ -112,7 +119,16 @@ def evidence_of(results: Results, labels: tuple[Label, ...] | None = None) -> Ev
         results.labels if labels is None else labels,
         origin.start_ns,
         origin.end_ns,
+        results.geometry,
+        _last_track(results.events),
     )
+
+
+def _last_track(events: Iterable[Event]) -> tuple[TrackPoint, ...]:
+    """Return the points of the last stage that tracks: a smoother comes after what it smooths."""
+    points = [e for e in events if isinstance(e, TrackPoint)]
+    stages = list(dict.fromkeys(p.stage for p in points))
+    return tuple(p for p in points if p.stage == stages[-1])
 
 
 def stage_evidence(events: Iterable[Event], order: list[str]) -> tuple[StageEvidence, ...]:

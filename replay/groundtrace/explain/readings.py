@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from groundtrace_codecs.events import CandidateBlock
+
     from .evidence import StageEvidence
 
 
@@ -24,7 +26,7 @@ class GateReading:
     passed: bool
 
 
-def readings(part: StageEvidence, row: int) -> tuple[GateReading, ...]:
+def readings(part: StageEvidence | CandidateBlock, row: int) -> tuple[GateReading, ...]:
     """Return what every gate said of a candidate."""
     return tuple(
         GateReading(
@@ -57,3 +59,8 @@ def below(reading: GateReading) -> str:
         f"{reading.gate} {reading.value:.4g}{unit} {sign} {reading.threshold:.4g}{unit} "
         f"(margin {reading.margin:.3g})"
     )
+
+
+def timed(off_s: float) -> str:
+    """Return how late (> 0) or early something is as a phrase."""
+    return f"{abs(off_s) * 1e3:.1f} ms {'late' if off_s > 0 else 'early'}"

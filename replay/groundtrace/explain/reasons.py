@@ -231,16 +231,16 @@ def missing_channels(
     group = source.between(*(group_ns or (time_ns - reach, time_ns + reach)))
     picked = set(source.candidates.channel[group[source.accepted[group]]].tolist())
     return tuple(
-        MissingChannel(name, *_channel_verdict(source, rows, channel, time_ns, reach))
+        MissingChannel(name, *channel_verdict(source, rows, channel, time_ns, reach))
         for channel, name in enumerate(source.spec.channels)
         if channel not in picked
     )
 
 
-def _channel_verdict(
+def channel_verdict(
     source: StageEvidence, rows: NDArray[np.intp], channel: int, time_ns: int, reach: int
 ) -> tuple[str, str]:
-    """Return cause and sentence for one channel."""
+    """Return cause and sentence for one channel without a pick; ``rows`` are candidates near."""
     quiet = silence(source, channel, time_ns - reach, time_ns + reach)
     own = rows[source.candidates.channel[rows] == channel]
     if quiet.cause in {"dead", "clipped", "filter"} or not len(own):

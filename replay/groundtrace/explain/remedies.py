@@ -183,7 +183,7 @@ class Healer:
             whole = self.redecider.whole_numbers(part.spec.stage)
             for index, gate in enumerate(part.spec.gates):
                 found = np.unique(part.gate_value[rows, index].astype(np.float64))
-                values = _thresholds(gate, found, whole=gate.parameter in whole)
+                values = thresholds(gate, found, whole=gate.parameter in whole)
                 if values:
                     yield part.spec.stage, gate.parameter, gate.threshold, values[:TRIES]
 
@@ -195,7 +195,7 @@ class Healer:
                 found = part.gate_value[:, index].astype(np.float64)
                 if gate.name == "refractory":
                     found = np.concatenate([found, _spacings(part.candidates.time_ns)])
-                values = _thresholds(gate, np.unique(found), whole=gate.parameter in whole)
+                values = thresholds(gate, np.unique(found), whole=gate.parameter in whole)
                 if values:
                     kept = values[:: math.ceil(len(values) / FAR_TRIES)]
                     yield part.spec.stage, gate.parameter, gate.threshold, kept
@@ -209,8 +209,18 @@ def _spacings(time_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     return spacings
 
 
-def _thresholds(gate: GateSpec, found: NDArray[np.float64], *, whole: bool) -> list[float]:
-    """Return thresholds that just let in, or just shut out, candidates; the nearest first."""
+def thresholds(gate: GateSpec, found: NDArray[np.float64], *, whole: bool) -> list[float]:
+    """Return thresholds that just let in, or just shut out, candidates; the nearest first.
+
+    Parameters
+    ----------
+    gate
+        As it stood.
+    found
+        Shape (n,): what it looked at, of the candidates.
+    whole
+        Whether its parameter is an integer.
+    """
     values: set[float] = set()
     for value in found[np.isfinite(found)].tolist():
         margin = value - gate.threshold if gate.at_least else gate.threshold - value

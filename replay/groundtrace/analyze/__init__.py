@@ -1,0 +1,1 @@
+"""What a layout of sensors can do, told before anyone records."""

@@ -1,0 +1,1 @@
+"""Where a wave comes from, by the motion of the ground at single stations of three axes."""

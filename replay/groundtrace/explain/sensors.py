@@ -1,0 +1,198 @@
+"""Sensors that are wrong all through a recording: late by their clock, or not where they are said.
+
+A late clock makes a channel late by the same time in every step; a sensor that stands elsewhere
+makes it late or early as the source lies on one side of it or the other. Both are fitted to what
+the channel is off the arrival curve of the others; the one that explains it is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..localizers.power_law import HUBER
+from .curve import blind_sources, fit_curve
+from .relocate import Arrivals
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from .curve import Curve
+    from .reference import Reference
+    from .relocate import Relocator
+
+    Array = NDArray[np.float64]
+
+#: Fewer steps than this do not tell a constant fault from chance.
+LEAST_STEPS = 6
+#: So many steps, spread over the recording, are enough to find a fault.
+SAMPLE = 150
+#: Smaller displacements are how well people measure [m]; smaller offsets in deviations of a pick.
+LEAST_SHIFT_M, LEAST_OFFSET = 0.3, 3.0
+#: A fault explains at least this part of a channel's misfit, and so many units of likelihood (BIC).
+LEAST_PART, LEAST_GAIN = 0.5, 20.0
+#: So many channels are looked at, the worst first; so many faults are named.
+SUSPECTS, MOST_FAULTS = 3, 3
+#: Places tried along each side, refinements about the best, and how far outside the array [m].
+NODES, REFINEMENTS, BEYOND_M = 41, 3, 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fault:
+    """A channel that is off in most steps.
+
+    Attributes
+    ----------
+    channel
+        Its row among the sensors.
+    cause
+        ``clock`` or ``position``.
+    steps
+        In how many steps it was heard.
+    offset_s
+        By how much it is late (< 0: early) all the time [s]; 0 for a displaced one.
+    place
+        Shape (2,): where it seems to stand [m].
+    before_s, after_s
+        Median distance from the curve with and without the fault [s].
+    """
+
+    channel: int
+    cause: str
+    steps: int
+    offset_s: float
+    place: Array
+    before_s: float
+    after_s: float
+
+    def mended(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
+        """Return arrivals and sensors' places without the fault."""
+        places = positions.copy()
+        places[self.channel] = self.place
+        return arrivals.shifted(self.channel, -self.offset_s), places
+
+
+def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
+    """Return the sensors that are late or displaced, the worst first.
+
+    Each is looked for with those found before it mended. Sources are taken from the reference
+    where it is the truth, else from the arrivals of the other channels.
+    """
+    rows = np.unique(np.linspace(0, len(reference.xy) - 1, SAMPLE).round().astype(int))
+    if len(reference.xy) < LEAST_STEPS:
+        return ()
+    known = reference.xy[rows] if reference.kind == "truth" else None
+    stored = relocator.arrivals
+    arrivals = Arrivals(stored.step_ns[rows], stored.times_s[rows])
+    positions, found = relocator.positions, []
+    outline = np.array(relocator.geometry.outline, np.float64)
+    judge = _Judge(known, outline if len(outline) else None)
+    for _ in range(MOST_FAULTS):
+        worst = max(judge.found(arrivals, positions), key=lambda item: item[0], default=None)
+        if worst is None:
+            break
+        found.append(worst[1])
+        arrivals, positions = worst[1].mended(arrivals, positions)
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judge:
+    """Judges channels by known places of the steps, or else by those of the other channels."""
+
+    known: Array | None
+    outline: Array | None
+
+    def sources(self, arrivals: Arrivals, positions: Array) -> Array:
+        if self.known is not None:
+            return self.known
+        return blind_sources(positions, arrivals, self.outline)
+
+    def found(self, arrivals: Arrivals, positions: Array) -> Iterator[tuple[float, Fault]]:
+        """Yield the gain and the fault of each channel that has one."""
+        for channel in self._suspects(arrivals, positions):
+            others = arrivals.without(channel)
+            sources = self.sources(others, positions)
+            curve = fit_curve(sources, positions, others.times_s)
+            if curve is not None:
+                item = _explained(curve, sources, positions, arrivals, channel)
+                if item is not None:
+                    yield item
+
+    def _suspects(self, arrivals: Arrivals, positions: Array) -> list[int]:
+        """Return the channels that are farthest off when all are taken for right."""
+        sources = self.sources(arrivals, positions)
+        curve = fit_curve(sources, positions, arrivals.times_s)
+        if curve is None:
+            return []
+        off = {
+            c: scale(curve.misfit_s(sources, place, arrivals.times_s[:, c]))
+            for c, place in enumerate(positions)
+        }
+        heard = [c for c in off if np.isfinite(off[c])]
+        return sorted(heard, key=lambda c: -off[c])[:SUSPECTS]
+
+
+def scale(misfit_s: Array) -> float:
+    """Return the median size of misfits [s]; NaN where there is none."""
+    known = misfit_s[np.isfinite(misfit_s)]
+    return float(np.median(np.abs(known))) if len(known) else float("nan")
+
+
+def _explained(
+    curve: Curve, sources: Array, positions: Array, arrivals: Arrivals, channel: int
+) -> tuple[float, Fault] | None:
+    """Return what a channel's fault gains and the fault; None where it has none."""
+    times, place = arrivals.times_s[:, channel], positions[channel]
+    off = curve.misfit_s(sources, place, times)
+    kept = np.isfinite(off)
+    count = int(kept.sum())
+    if count < LEAST_STEPS:
+        return None
+    offset_s = float(np.median(off[kept]))
+    there = _better_place(curve, sources, positions, times)
+    moved = curve.misfit_s(sources, there, times)
+    costs = np.array([_cost(x[kept], curve.noise_s) for x in (off, off - offset_s, moved)])
+    gains = 2 * (costs[0] - costs[1:]) - np.array([1, 2]) * np.log(count)
+    which = int(np.argmax(gains))
+    large = (
+        abs(offset_s) > LEAST_OFFSET * curve.noise_s
+        if which == 0
+        else float(np.hypot(*(there - place))) > LEAST_SHIFT_M
+    )
+    if not large or gains[which] < LEAST_GAIN or costs[1 + which] > LEAST_PART * costs[0]:
+        return None
+    before_s, after_s = scale(off), scale((off - offset_s, moved)[which])
+    fault = (
+        Fault(channel, "clock", count, offset_s, place, before_s, after_s)
+        if which == 0
+        else Fault(channel, "position", count, 0.0, there, before_s, after_s)
+    )
+    return float(gains[which]), fault
+
+
+def _cost(off_s: Array, noise_s: float) -> float:
+    """Return Huber's loss of misfits in units of the noise."""
+    size = np.abs(off_s) / noise_s
+    return float(np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2)).sum())
+
+
+def _better_place(curve: Curve, sources: Array, positions: Array, times_s: Array) -> Array:
+    """Return the place of a sensor that fits its arrivals best, shape (2,) [m]."""
+    kept = np.isfinite(times_s) & np.isfinite(sources).all(axis=1) & np.isfinite(curve.origin_s)
+    t, here = (times_s - curve.origin_s)[kept], sources[kept]
+    low, high = positions.min(axis=0) - BEYOND_M, positions.max(axis=0) + BEYOND_M
+    centre, half = (low + high) / 2, (high - low) / 2
+    for _ in range(1 + REFINEMENTS):
+        x, y = (np.linspace(-h, h, NODES) for h in half)
+        nodes = centre + np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        apart = np.hypot(*(here[:, None] - nodes).transpose(2, 0, 1))
+        off = np.abs(t[:, None] - curve.slope * apart**curve.exponent) / curve.noise_s
+        loss = np.where(off < HUBER, off**2 / 2, HUBER * (off - HUBER / 2)).sum(axis=0)
+        centre = nodes[int(np.argmin(loss))]
+        half = half * 2 / (NODES - 1)
+    return np.asarray(centre, np.float64)

@@ -1,0 +1,172 @@
+"""Faults of places are planted in simulated rooms; ``why --kind fixes`` names each of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from planted_rooms import STEPS, Room, why
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    Capture = pytest.CaptureFixture[str]
+
+FIXES = ("--kind", "fixes")
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_clean_room_has_no_wrong_sensor_and_no_bad_place(
+    truth: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    results = Room().results(tmp_path, truth=truth)
+    found = why(results, capsys, *FIXES)
+    assert found["reference"] == ("truth" if truth else "track")
+    assert found["figures"]["right"] == STEPS
+    assert (found["sensors"], found["bad"], found["causes"]) == ([], [], {})
+
+
+def test_a_dead_channel_is_named(tmp_path: Path, capsys: Capture) -> None:
+    room = Room()
+    room.kill(2)
+    found = why(room.results(tmp_path), capsys, *FIXES)
+    (sensor,) = found["sensors"]
+    assert (sensor["channel"], sensor["cause"], sensor["steps"]) == ("G3", "dead", STEPS)
+    assert f"no arrival in {STEPS} of {STEPS} steps: is dead" in sensor["text"]
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_clock_that_is_late_is_named_and_mending_it_mends_the_places(
+    truth: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room()
+    room.delay(3, 0.005)
+    results = room.results(tmp_path, truth=truth)
+    found = why(results, capsys, *FIXES, "--stage", "hyperbolic")
+    (sensor,) = found["sensors"]
+    assert (sensor["channel"], sensor["cause"]) == ("G4", "clock")
+    assert sensor["offset_ms"] == pytest.approx(5.0, abs=0.1)
+    assert set(found["causes"]) == {"clock"}
+    assert sensor["after"]["far"] == 0
+    if truth:
+        assert sensor["after"]["rmse_m"] < sensor["before"]["rmse_m"] / 5
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_sensor_at_a_wrong_place_is_named_and_where_it_stands(
+    truth: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room()
+    room.move(3, (1.0, 0.0))
+    found = why(room.results(tmp_path, truth=truth), capsys, *FIXES)
+    (sensor,) = found["sensors"]
+    assert (sensor["channel"], sensor["cause"]) == ("G4", "position")
+    assert (sensor["stated_x_m"], sensor["stated_y_m"]) == (1.0, 2.7)
+    assert sensor["x_m"] == pytest.approx(0.0, abs=0.15)
+    assert sensor["y_m"] == pytest.approx(2.7, abs=0.15)
+    assert "not (1.00, 2.70)" in sensor["text"]
+    if truth:
+        assert sensor["after"]["rmse_m"] < 0.75 * sensor["before"]["rmse_m"]
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_late_pick_is_named_and_leaving_it_out_mends_the_place(
+    truth: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room()
+    room.delay_step(3, 6, 0.008)
+    results = room.results(tmp_path, truth=truth)
+    found = why(results, capsys, *FIXES, "--stage", "hyperbolic")
+    (fix,) = found["bad"]
+    assert (fix["fix"], fix["state"]) == (6, "far")
+    cause = fix["cause"]
+    assert (cause["cause"], cause["channel"]) == ("late", "G4")
+    assert cause["off_ms"] == pytest.approx(8.2, abs=0.3)
+    assert cause["remedy"]["change"] == "leave G4 out of this step"
+    assert cause["remedy"]["error_m"] < 0.5
+    assert cause["remedy"]["after"]["far"] == 0
+    assert found["sensors"] == []
+
+
+def test_channel_by_channel_the_late_one_stands_out(tmp_path: Path, capsys: Capture) -> None:
+    room = Room()
+    room.delay_step(3, 6, 0.008)
+    results = room.results(tmp_path)
+    found = why(results, capsys, "--fix", 6, "--stage", "hyperbolic")
+    off = {c["channel"]: c["off_ms"] for c in found["channels"]}
+    without = {c["channel"]: c["error_without_m"] for c in found["channels"]}
+    assert max(off, key=lambda name: abs(off[name])) == "G4"
+    assert min(without, key=lambda name: without[name]) == "G4"
+
+
+def test_too_few_signs_are_named_with_the_dead_channel(tmp_path: Path, capsys: Capture) -> None:
+    room = Room(channels=4)
+    room.kill(2)
+    results = room.results(tmp_path, "steps.min_channels=3")
+    found = why(results, capsys, *FIXES, "--stage", "so-tdoa")
+    assert found["bad"]
+    assert set(found["causes"]) == {"dead"}
+    text = found["bad"][0]["cause"]["text"]
+    assert "only 3 arrivals (G1, G2, G4)" in text
+    assert "3 of 6 signs" in text
+    assert "G3 is dead" in text
+
+
+def test_two_arrivals_are_no_place(tmp_path: Path, capsys: Capture) -> None:
+    room = Room(channels=4)
+    room.kill(1)
+    room.kill(2)
+    results = room.results(tmp_path, "steps.min_channels=2")
+    found = why(results, capsys, *FIXES)
+    assert found["figures"]["missing"] == STEPS
+    assert {f["state"] for f in found["bad"]} == {"missing"}
+    assert "2 of 3 arrivals needed (G1, G4)" in found["bad"][0]["cause"]["text"]
+    assert [s["channel"] for s in found["sensors"]] == ["G2", "G3"]
+
+
+def test_a_channel_under_its_threshold_is_told_with_the_threshold_that_lets_it_in(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room(channels=6)
+    results = room.results(tmp_path, "picks.ratio=900", "steps.min_channels=2")
+    found = why(results, capsys, *FIXES)
+    few = [f for f in found["bad"] if f["cause"]["cause"] == "arrivals"]
+    assert few
+    assert any("ratio" in f["cause"]["text"] and "< 900" in f["cause"]["text"] for f in few)
+    changes = [f["cause"]["remedy"]["change"] for f in few if f["cause"]["remedy"]]
+    assert any(change.startswith("--set picks.ratio=") for change in changes)
+
+
+def test_a_place_that_the_gate_rejects_is_told_with_the_margin_and_what_admits_it(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    results = Room().results(tmp_path, "power-law.max_residual_s=0.00012")
+    found = why(results, capsys, *FIXES, "--stage", "power-law")
+    rejected = [f for f in found["bad"] if f["state"] == "rejected"]
+    assert rejected
+    assert {f["cause"]["cause"] for f in rejected} == {"gate"}
+    for fix in rejected:
+        assert "residual" in fix["cause"]["text"]
+        change = fix["cause"]["remedy"]["change"]
+        assert change.startswith("--set power-law.max_residual_s=0.0001")
+
+
+def test_the_change_of_a_gate_does_in_a_replay_what_it_says(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    results = Room().results(tmp_path, "power-law.max_residual_s=0.00012")
+    found = why(results, capsys, *FIXES, "--stage", "power-law")
+    remedy = found["bad"][0]["cause"]["remedy"]
+    (tmp_path / "again").mkdir()
+    again = Room().results(tmp_path / "again", remedy["change"].removeprefix("--set "))
+    assert why(again, capsys, *FIXES, "--stage", "power-law")["figures"] == pytest.approx(
+        remedy["after"]
+    )
+
+
+def test_an_ambiguous_place_names_the_contradictory_signs(tmp_path: Path, capsys: Capture) -> None:
+    results = Room().results(tmp_path)
+    found = why(results, capsys, *FIXES, "--stage", "so-tdoa", "--tolerance-m", 0.5)
+    assert found["bad"]
+    texts = [f["cause"]["text"] for f in found["bad"] if f["cause"]["cause"] == "ambiguous"]
+    assert any("signs contradict the truth: G" in text for text in texts)
