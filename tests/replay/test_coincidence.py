@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
-from groundtrace.gates import Candidates
+from groundtrace.gates import Candidates, decide
 from groundtrace.stage import AssociatorStage
 from groundtrace_codecs.events import (
     CandidateBlock,
@@ -145,3 +145,59 @@ def test_a_stage_saved_in_a_group_goes_on_elsewhere():
     run(one, items[3:])  # what the first one does later is not seen by the second
     events += run(other, items[3:])
     assert [e.time_ns for e in steps_of(events)] == [0, 400 * MS]
+
+
+SHARP = {"sharp_s": 0.004}
+
+
+def heel(time_ms: float) -> list[Pick]:
+    """Picks of all sensors within 2 ms."""
+    return [pick(c, time_ms + 0.4 * c) for c in range(6)]
+
+
+def toe(time_ms: float) -> list[Pick]:
+    """Picks that scatter over 15 ms."""
+    return [pick(c, time_ms + 3.0 * c) for c in range(6)]
+
+
+def test_the_heel_of_another_walker_is_spared_the_refractory_time_and_a_toe_is_not():
+    items = [SPEC, *heel(0), *heel(80), *toe(110), *toe(190), *heel(550)]
+    times = [e.time_ns // MS for e in steps_of(run(stage(**SHARP), items))]
+    assert times == [0, 80, 550]
+    assert [e.time_ns // MS for e in steps_of(run(stage(), items))] == [0, 550]
+
+
+def test_the_refractory_gate_says_how_long_ago_a_toe_s_heel_was():
+    events = run(stage(**SHARP), [SPEC, *heel(0), *heel(80), *toe(190)])
+    blocks = [e for e in events if isinstance(e, CandidateBlock)]
+    value = np.concatenate([b.gate_value[:, 1] for b in blocks])
+    assert value.tolist() == pytest.approx([np.inf, np.inf, 0.11])
+    assert np.concatenate([b.value[:, 2] for b in blocks]).tolist() == [1, 1, 0]
+
+
+def test_a_sharp_front_stands_alone_in_the_window_of_others():
+    found = groups([*toe(0), *heel(25), *toe(40)], **SHARP)
+    assert found.time_ns.tolist() == [0, 25 * MS, 40 * MS]
+    assert found.value[:, 0].tolist() == [6, 6, 6]
+    assert found.value[:, 2].tolist() == [0, 1, 0]
+
+
+def test_a_front_that_few_channels_saw_is_not_sharp():
+    found = groups([*heel(0)[:4], pick(5, 20)], **SHARP)
+    assert found.value[:, 0].tolist() == [5]
+    assert found.value[:, 2].tolist() == [0]
+
+
+def test_deciding_again_at_once_is_deciding_one_by_one():
+    rng = np.random.default_rng(1)
+    items = [
+        p for t in np.cumsum(rng.uniform(60, 200, 40)) for p in (heel, toe)[rng.integers(2)](t)
+    ]
+    parts = run(stage(**SHARP), [SPEC, *items])
+    blocks = [e for e in parts if isinstance(e, CandidateBlock)]
+    decisions, _ = decide(
+        groups(items, **SHARP), Coincidence.columns, Coincidence.gates, CoincidenceParameters()
+    )
+    assert decisions.accepted.tolist() == np.concatenate([b.accepted for b in blocks]).tolist()
+    values = np.concatenate([b.gate_value for b in blocks])
+    assert np.array_equal(decisions.gate_value, values)

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from walked_paths import PATHS, located, rms, tracked
 
-from groundtrace.trackers.kalman import PACE_M, F, H, StepFilter, WalkModel, first_spread
+from groundtrace.trackers.kalman import (
+    PACE_M,
+    F,
+    H,
+    Motion,
+    StepFilter,
+    WalkModel,
+    first_spread,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,9 +95,40 @@ def test_innovations_of_the_model_itself_are_as_large_as_it_says() -> None:
     assert np.mean(squares) == pytest.approx(2.0, abs=0.2)
 
 
+def test_missed_steps_are_ticks_without_a_fix() -> None:
+    model = WalkModel(0.1, 0.5)
+    one, other = (StepFilter(model, PLACES[1], first_spread(model.r)) for _ in range(2))
+    once, thrice = Motion.ahead(model), Motion.ahead(model, 3)
+    assert thrice.f == pytest.approx(F @ F @ F)
+    spread = one.spread
+    for _ in range(3):
+        spread = once.f @ spread @ once.f.T + once.q
+    assert thrice.f @ other.spread @ thrice.f.T + thrice.q == pytest.approx(spread)
+    assert thrice.ticks == 3
+
+
+def test_after_a_turn_a_step_may_lie_anywhere_about_the_present_place() -> None:
+    model = WalkModel(0.2, 0.2)
+    walker = StepFilter(model, np.zeros(2), first_spread(model.r))
+    for k in range(1, 8):
+        walker.step(np.array([0.5 * k, 0.0]), model.r)
+    back, turned = np.array([3.0, 0.0]), Motion.turned()
+    assert walker.distance(back, model.r, turned) < 0.6 * walker.distance(back, model.r)
+    assert walker.surprise(back, model.r, turned) < walker.surprise(back, model.r)
+    ahead = np.array([4.0, 0.0])
+    assert walker.surprise(ahead, model.r) < walker.surprise(ahead, model.r, turned)
+    walker.step(back, model.r, turned)
+    assert walker.state == pytest.approx((3.5, 0, 3.0, 0), abs=0.2)
+
+
 @pytest.mark.parametrize(
     ("name", "static", "thesis", "loose", "slow"),
-    [("bent", 0.748, 0.516, 0.623, 0.527), ("circle", 0.824, 0.632, 0.691, 0.713)],
+    [
+        ("bent", 0.748, 0.516, 0.623, 0.527),
+        ("v", 0.798, 0.570, 0.665, 0.603),
+        ("wide v", 0.790, 0.560, 0.657, 0.594),
+        ("circle", 0.824, 0.632, 0.691, 0.713),
+    ],
 )
 def test_filtering_places_by_so_tdoa_gains_what_it_should(
     name: str, static: float, thesis: float, loose: float, slow: float

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from walked_paths import PATHS, filtered, located, rms, tracked
 
-from groundtrace.trackers.kalman import F, H, WalkModel, first_spread
+from groundtrace.trackers.kalman import F, H, Motion, WalkModel, first_spread
 from groundtrace.trackers.rts import smoothed
 
 MODEL = WalkModel(0.1, 0.5)
@@ -37,13 +37,13 @@ def places_fitted_at_once(places: np.ndarray, model: WalkModel) -> np.ndarray:
 
 def test_smoothing_is_the_fit_of_all_fixes_at_once() -> None:
     places = PATHS["bent"] + np.random.default_rng(1).normal(0, 0.5, (25, 2))
-    found, _ = smoothed(*filtered(places, MODEL), MODEL)
+    found, _ = smoothed(*filtered(places, MODEL), [Motion.ahead(MODEL)] * len(places))
     assert found[:, 2:] == pytest.approx(places_fitted_at_once(places, MODEL), abs=1e-4)
 
 
 def test_the_last_step_stays_and_none_gets_less_certain() -> None:
     states, spreads = filtered(PATHS["circle"], MODEL)
-    found, covariances = smoothed(states, spreads, MODEL)
+    found, covariances = smoothed(states, spreads, [Motion.ahead(MODEL)] * len(states))
     assert found[-1].tolist() == states[-1].tolist()
     gained = np.linalg.eigvalsh(spreads - covariances)
     assert gained.min() > -1e-9
@@ -53,19 +53,21 @@ def test_the_last_step_stays_and_none_gets_less_certain() -> None:
 def test_what_the_filter_gave_is_left_as_it_was() -> None:
     states, spreads = filtered(PATHS["bent"], MODEL)
     before = states.copy(), spreads.copy()
-    smoothed(states, spreads, MODEL)
+    smoothed(states, spreads, [Motion.ahead(MODEL)] * len(states))
     assert np.array_equal(states, before[0])
     assert np.array_equal(spreads, before[1])
 
 
 def test_a_single_step_is_smooth() -> None:
     states, spreads = filtered(PATHS["bent"][:1], MODEL)
-    found, covariances = smoothed(states, spreads, MODEL)
+    found, covariances = smoothed(states, spreads, [Motion.ahead(MODEL)] * len(states))
     assert found.tolist() == states.tolist()
     assert covariances.tolist() == spreads.tolist()
 
 
-@pytest.mark.parametrize(("name", "expected"), [("bent", 0.321), ("circle", 0.356)])
+@pytest.mark.parametrize(
+    ("name", "expected"), [("bent", 0.321), ("v", 0.331), ("wide v", 0.335), ("circle", 0.356)]
+)
 def test_smoothing_places_by_so_tdoa_gains_what_it_should(name: str, expected: float) -> None:
     path = PATHS[name]
     places = located(path, 150)

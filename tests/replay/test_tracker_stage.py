@@ -113,7 +113,7 @@ def test_a_fix_that_does_not_fit_is_refused_and_stays_visible() -> None:
     assert at(3.0) not in [p.time_ns for p in points(events)]
     assert {p.track for p in points(events)} == {1}
     block = next(e for e in events if isinstance(e, CandidateBlock) and not e.accepted[0])
-    assert block.value[0, 1:].tolist() == pytest.approx([2.1, 8.0])
+    assert block.value[0, 1:].tolist() == pytest.approx([0.5, 2.1, 8.0])
     assert block.margin[0, 0] == pytest.approx(3.7 - block.value[0, 0])
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.localizers import sign_model, so_tdoa
-from groundtrace.trackers.kalman import StepFilter, first_spread
+from groundtrace.trackers.kalman import Motion, StepFilter, first_spread
 from groundtrace.trackers.rts import smoothed
 
 if TYPE_CHECKING:
@@ -23,8 +23,19 @@ SENSORS = np.array([(x, y) for y in (0, SIDE / 2, SIDE) for x in (0, SIDE / 2, S
 ROOM = np.array([(0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)])
 THETA_S, SIGMA_S = 1e-5, 5e-4
 TURN = 2 * np.pi * np.arange(25) / 25
-#: A right angle at the 12th step, and a circle; shape (25, 2) [m].
+
+
+def v_shaped(start: tuple[float, float], slope_deg: float) -> Array:
+    """Return two legs down and up that meet in the 12th step, shape (25, 2) [m]."""
+    slope = np.radians(np.where(np.arange(24) < 11, -slope_deg, slope_deg))
+    paces = 0.35 * np.stack([np.cos(slope), np.sin(slope)], axis=1)
+    return np.array(start) + np.concatenate([np.zeros((1, 2)), np.cumsum(paces, axis=0)])
+
+
+#: A right angle at the 12th step, turns by 120 and 112 degrees there, and a circle; (25, 2) [m].
 PATHS = {
+    "v": v_shaped((0.7, 4.5), 60),
+    "wide v": v_shaped((0.4, 4.4), 56),
     "bent": np.array([(0.5 + 0.35 * max(k - 11, 0), 0.5 + 0.35 * min(k, 11)) for k in range(25)]),
     "circle": SIDE / 2 + 1.44 * np.stack([np.cos(TURN), np.sin(TURN)], axis=1),
 }
@@ -61,7 +72,12 @@ def tracked(places: Array, model: WalkModel) -> tuple[Array, Array]:
     both = []
     for run in places:
         states, spreads = filtered(run, model)
-        both.append((states[:, 2:], smoothed(states, spreads, model)[0][:, 2:]))
+        both.append(
+            (
+                states[:, 2:],
+                smoothed(states, spreads, [Motion.ahead(model)] * len(states))[0][:, 2:],
+            )
+        )
     one, other = zip(*both, strict=True)
     return np.array(one), np.array(other)
 

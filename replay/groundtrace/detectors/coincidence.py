@@ -2,11 +2,19 @@
 
 Source: the association that the thesis on footstep localisation presumes between detection
 (section 3.4) and localisation (chapter 5). The order of the gates is coincidence, refractory time.
+
+The thesis has one walker; of two, the feet come down at any times. A refractory time that keeps the
+toe of a step from counting (0.1 s after its heel) keeps the other walker's heel from it as well.
+They differ in their picks: a heel is so sharp that all sensors pick the same front, within the time
+that a wave takes across the room, while onsets of a toe, soft and in the coda of its heel, scatter
+over several times that. So a sharp front may stand alone, whatever picks come shortly before, and
+be spared the refractory time.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import ceil
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -14,13 +22,22 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, Level, Refractory
+from ..gates import Candidates, Level
 from ..parameters import gate, measured
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
     from groundtrace_codecs.events import Pick, StageSpec
 
     from ..detector import Emits
+    from ..gates import Carry
+
+
+#: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.
+MOST = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +49,61 @@ class CoincidenceParameters:
     )
     min_channels: Annotated[int, gate("1", "Least number of channels that saw it.", ge=1)] = 4
     refractory_s: Annotated[float, gate("s", "Least time between two impacts.", ge=0)] = 0.25
+    sharp_s: Annotated[
+        float, measured("s", "Longest span of a front that stands alone; 0: none does.", ge=0)
+    ] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SparingRefractory:
+    """A minimum time since the last impact that passed, from which sharp ones are spared."""
+
+    parameter: str = "refractory_s"
+    name: str = "refractory"
+    unit: str = "s"
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,
+        carry: Carry,
+    ) -> NDArray[np.float64]:
+        """Return the time since the last one that passed [s]; inf where sharp or the first."""
+        last = carry.last_ns.setdefault(self.name, {})
+        sharp = candidates.value[:, [c.name for c in columns].index("sharp")] > 0
+        out = np.full(len(candidates), np.inf)
+        for row, time_ns in enumerate(candidates.time_ns.tolist()):
+            channel = int(candidates.channel[row])
+            if channel in last and not sharp[row]:
+                out[row] = (time_ns - last[channel]) / NS_PER_S
+            if alive[row] and out[row] >= threshold:
+                last[channel] = time_ns
+        return out
+
+
+@dataclass(slots=True)
+class _Group:
+    """Picks that belong together; ``sharp`` ones take in no others."""
+
+    first_ns: int
+    last_ns: int
+    channels: set[str]
+    sharp: bool = False
+
+    def row(self) -> tuple[float, ...]:
+        """Return the columns."""
+        return len(self.channels), (self.last_ns - self.first_ns) / NS_PER_S, self.sharp
 
 
 @dataclass(slots=True)
 class _State:
-    first_ns: int = 0
-    last_ns: int = 0
-    channels: set[str] = field(default_factory=set)
+    """The front under way, and the groups before it that wait for their window to be over."""
+
+    front: _Group | None = None
+    groups: list[_Group] = field(default_factory=list)
 
 
 class Coincidence:
@@ -46,37 +111,57 @@ class Coincidence:
 
     Parameters = CoincidenceParameters
     emits: Emits = "step"
-    columns = (Quantity("channels", "1"), Quantity("span", "s"))
-    gates = (Level("channels", "1", "min_channels"), Refractory())
+    columns = (Quantity("channels", "1"), Quantity("span", "s"), Quantity("sharp", "1"))
+    gates = (Level("channels", "1", "min_channels"), SparingRefractory())
 
     def __init__(self, parameters: CoincidenceParameters) -> None:
         self.parameters = parameters
         self.state = _State()
+        self._most = 0
 
-    def start(self, spec: StageSpec) -> tuple[str, ...]:  # noqa: ARG002
+    def start(self, spec: StageSpec) -> tuple[str, ...]:
         """Begin; an impact is not of one channel."""
         self.state = _State()
+        self._most = ceil(MOST * len(spec.channels))
         return ("all",)
 
     def associate(self, pick: Pick) -> Candidates:
-        """Take a pick; return the group before it once the window is over."""
-        state = self.state
-        if state.channels and pick.time_ns - state.first_ns <= self.parameters.window_s * NS_PER_S:
-            state.channels.add(pick.channel)
-            state.last_ns = pick.time_ns
-            return Candidates.empty(len(self.columns))
-        group = self.finish()
-        self.state = _State(pick.time_ns, pick.time_ns, {pick.channel})
-        return group
+        """Take a pick; return the groups before it whose window is over."""
+        state, time_ns = self.state, pick.time_ns
+        if state.front and time_ns - state.front.last_ns > self.parameters.sharp_s * NS_PER_S:
+            self._close(state.front)
+            state.front = None
+        front = state.front = state.front or _Group(time_ns, time_ns, set())
+        front.last_ns = time_ns
+        front.channels.add(pick.channel)
+        over = [group for group in state.groups if not self._within(group, front)]
+        state.groups = state.groups[len(over) :]
+        return self._candidates(over)
 
     def finish(self) -> Candidates:
-        """Return the group under way."""
+        """Return the groups under way."""
+        if self.state.front:
+            self._close(self.state.front)
         state, self.state = self.state, _State()
-        if not state.channels:
-            return Candidates.empty(len(self.columns))
-        value = [len(state.channels), (state.last_ns - state.first_ns) / NS_PER_S]
+        return self._candidates(state.groups)
+
+    def _close(self, front: _Group) -> None:
+        """Let a sharp front that nearly all channels saw stand alone, and join the others."""
+        sharp_s, groups = self.parameters.sharp_s, self.state.groups
+        short = sharp_s > 0 and front.last_ns - front.first_ns <= sharp_s * NS_PER_S
+        front.sharp = short and len(front.channels) >= self._most
+        if front.sharp or not groups or groups[-1].sharp or not self._within(groups[-1], front):
+            groups.append(front)
+        else:
+            groups[-1].last_ns = front.last_ns
+            groups[-1].channels |= front.channels
+
+    def _within(self, group: _Group, front: _Group) -> bool:
+        return front.first_ns - group.first_ns <= self.parameters.window_s * NS_PER_S
+
+    def _candidates(self, groups: Sequence[_Group]) -> Candidates:
         return Candidates(
-            np.array([state.first_ns], np.int64),
-            np.zeros(1, np.int32),
-            np.array([value], np.float32),
+            np.array([group.first_ns for group in groups], np.int64),
+            np.zeros(len(groups), np.int32),
+            np.array([group.row() for group in groups], np.float32).reshape(-1, len(self.columns)),
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .assignment import assign
+from .closure import ClosureScore, score_closure
 from .consistency import Consistency, ConsistencyScore, consistency, normalised_squares
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings
@@ -17,6 +18,7 @@ from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
 
 __all__ = [
+    "ClosureScore",
     "Confusion",
     "Consistency",
     "ConsistencyScore",
@@ -36,6 +38,7 @@ __all__ = [
     "match_steps",
     "normalised_squares",
     "ospa",
+    "score_closure",
     "score_disturbances",
     "score_events",
     "score_headings",

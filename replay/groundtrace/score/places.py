@@ -25,13 +25,64 @@ METRES_PER_TOLERANCE = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Places in time: ``time_ns`` (n,), sorted, and ``xy`` [m], shape (n, 2)."""
+    """Places in time.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), sorted.
+    xy
+        Shape (n, 2) [m].
+    target
+        Shape (n,): names of the targets that were there; empty where truth names none.
+    """
 
     time_ns: NDArray[np.int64]
     xy: NDArray[np.float64]
+    target: NDArray[np.str_]
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    def names(self) -> list[str]:
+        """Return the targets, sorted."""
+        return sorted(set(self.target.tolist()))
+
+    def of(self, target: str) -> Places:
+        """Return the places of one target."""
+        mine = self.target == target
+        return Places(self.time_ns[mine], self.xy[mine], self.target[mine])
+
+    def at(
+        self, time_ns: NDArray[np.int64], hold_s: float, tolerance_s: float
+    ) -> NDArray[np.float64]:
+        """Return where one target is at times, straight between its places.
+
+        Parameters
+        ----------
+        time_ns
+            Shape (m,).
+        hold_s
+            It is there between two places that are no further apart [s].
+        tolerance_s
+            And so long before and after each place [s].
+
+        Returns
+        -------
+        Shape (m, 2) [m]; NaN where it is not.
+        """
+        # Counted from the first place, nanoseconds are exact in floating point.
+        since = (time_ns - self.time_ns[0]).astype(np.float64)
+        knots = (self.time_ns - self.time_ns[0]).astype(np.float64)
+        after = np.clip(np.searchsorted(knots, since), 0, len(knots) - 1)
+        before = np.maximum(np.where(knots[after] == since, after, after - 1), 0)
+        near = np.minimum(np.abs(since - knots[before]), np.abs(since - knots[after]))
+        between = (since >= knots[before]) & (since <= knots[after])
+        held = between & (knots[after] - knots[before] <= hold_s * NS_PER_S)
+        there = held | (near <= tolerance_s * NS_PER_S)
+        places = np.column_stack([np.interp(since, knots, column) for column in self.xy.T])
+        places[~there] = np.nan
+        return places
 
 
 def ignored(labels: Sequence[Label], time_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -50,40 +101,42 @@ def true_places(labels: Sequence[Label]) -> Places:
     """
     for kinds in (("step", "impact"), ("waypoint",)):
         rows = sorted(
-            (x.time_ns, x.x_m, x.y_m)
+            (x.time_ns, x.x_m, x.y_m, x.target)
             for x in labels
             if x.kind in kinds and x.x_m is not None and x.y_m is not None
         )
         if rows:
             time_ns = np.array([row[0] for row in rows], np.int64)
             kept = ~ignored(labels, time_ns)
-            xy = np.array([row[1:] for row in rows], np.float64)
-            return Places(time_ns[kept], xy[kept])
-    return Places(np.empty(0, np.int64), np.empty((0, 2)))
+            xy = np.array([row[1:3] for row in rows], np.float64)
+            target = np.array([row[3] for row in rows], np.str_)
+            return Places(time_ns[kept], xy[kept], target[kept])
+    return Places(np.empty(0, np.int64), np.empty((0, 2)), np.empty(0, np.str_))
 
 
 def found_places(events: Sequence[Fix | TrackPoint]) -> Places:
     """Return the places of events that are in order of time."""
     time_ns = np.array([e.time_ns for e in events], np.int64)
-    return Places(time_ns, np.array([(e.x_m, e.y_m) for e in events], np.float64).reshape(-1, 2))
+    xy = np.array([(e.x_m, e.y_m) for e in events], np.float64).reshape(-1, 2)
+    return Places(time_ns, xy, np.full(len(events), ""))
 
 
 def match_places(truth: Places, found: Places, tolerance_s: float) -> NDArray[np.intp]:
     """Match estimated to true places one to one, by time first.
 
-    Pairs lie within the tolerance, or within half the usual distance between true times where
-    that is less, so that an estimate answers the truth nearest in time. Where several could
-    match, as with two walkers, time and place decide together; how far off a place is never
-    forbids a match.
+    Pairs lie within the tolerance, or within half the usual distance between the true times of
+    one target where that is less, so that an estimate answers the truth nearest in time. Where
+    several could match, as with two walkers, time and place decide together; how far off a place
+    is never forbids a match.
 
     Returns
     -------
     Index pairs (truth, found), shape (n, 2).
     """
-    moments = np.unique(truth.time_ns)
+    apart = [np.diff(np.unique(truth.of(name).time_ns)) for name in truth.names()]
     gate_ns = tolerance_s * NS_PER_S
-    if len(moments) > 1:
-        gate_ns = min(gate_ns, float(np.median(np.diff(moments))) / 2)
+    if any(len(each) for each in apart):
+        gate_ns = min(gate_ns, float(np.median(np.concatenate(apart))) / 2)
     pairs = [
         _match_group(truth, found, rows, columns, gate_ns)
         for rows, columns in _groups(truth.time_ns, found.time_ns, gate_ns)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .step_matching import StepMatch
 
 FEET = ("left", "right")
+#: Types of steps that are no foot's name: truth that uses one of them names types, not feet.
+ALONG = frozenset({"forward", "backward"})
 #: Kinds of a detected step that say nothing of how it was made.
 PLAIN = frozenset({"", "step", "impact"})
 
@@ -69,11 +71,23 @@ def confusion(pairs: Sequence[tuple[str, str]], words: Sequence[str] = ()) -> Co
     return Confusion(names, counts.tolist(), len(said), agreed, agreed / len(said))
 
 
-def truth_words(label: str) -> tuple[str, str]:
-    """Return foot and kind of step that a label's text names, each perhaps empty."""
-    words = re.split(r"[\s,;/]+", label.strip().lower())
-    foot = next((word for word in words if word in FEET), "")
-    return foot, " ".join(word for word in words if word not in FEET)
+def truth_words(label: str, *, typed: bool = False) -> tuple[str, str]:
+    """Return foot and kind of step that a label's text names, each perhaps empty.
+
+    Parameters
+    ----------
+    label
+        The text.
+    typed
+        Whether the truth names types of steps: left and right are types too then, and a foot only
+        where they come before another type.
+    """
+    words = [word for word in re.split(r"[\s,;/]+", label.strip().lower()) if word]
+    sides = [word for word in words if word in FEET]
+    others = [word for word in words if word not in FEET]
+    if typed and sides and not others:
+        others, sides = sides[-1:], sides[:-1]
+    return (sides[0] if sides else ""), " ".join(others)
 
 
 def compare_words(
@@ -90,15 +104,17 @@ def compare_words(
 
     Returns
     -------
-    Confusion of feet and of kinds, each None where one side says nothing.
+    Confusion of feet and of kinds, each None where one side says nothing. The kind of a detected
+    step is its type where it has one.
     """
     true = sorted((x for x in labels if x.kind == "step"), key=lambda x: x.time_ns)
     found = sorted(steps, key=lambda x: x.time_ns)
     rows = np.searchsorted([x.time_ns for x in true], matching.truth_ns[matching.pairs[:, 0]])
     columns = np.searchsorted([x.time_ns for x in found], matching.found_ns[matching.pairs[:, 1]])
+    typed = any(ALONG & set(truth_words(x.label)[1].split()) for x in true)
     feet, kinds = [], []
     for i, j in zip(rows, columns, strict=True):
-        foot, kind = truth_words(true[i].label)
+        foot, kind = truth_words(true[i].label, typed=typed)
         feet.append((foot, found[j].foot if found[j].foot in FEET else ""))
-        kinds.append((kind, "" if found[j].kind in PLAIN else found[j].kind))
+        kinds.append((kind, found[j].type or ("" if found[j].kind in PLAIN else found[j].kind)))
     return confusion(feet, FEET), confusion(kinds)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
-
 from .assignment import distances
+from .closure import ClosureScore, score_closure
+from .identity import IdentityScore, score_identity
 from .places import found_places, true_places
 from .set_distances import gospa, ospa
 
@@ -88,6 +88,11 @@ class TrackScore:
         SIAP: mean distance of the tracks from their targets [m], or None without any.
     cutoff_m, order
         Of OSPA and GOSPA.
+    identity
+        Which track was which target, or None where truth does not tell its targets apart.
+    closure
+        Length, end and shape of the track in a frame of its own, or None unless there is one
+        track of one target.
     """
 
     stage: str
@@ -104,6 +109,8 @@ class TrackScore:
     accuracy_m: float | None
     cutoff_m: float
     order: float
+    identity: IdentityScore | None
+    closure: ClosureScore | None
 
 
 def score_tracks(
@@ -111,7 +118,7 @@ def score_tracks(
 ) -> TrackScore | None:
     """Score the tracks of one stage.
 
-    Places that truth has at the same time are those of several targets.
+    Places of other names, or that truth has at the same time, are those of several targets.
 
     Parameters
     ----------
@@ -149,43 +156,73 @@ def score_tracks(
         accuracy_m=sum(m.apart_m for m in found) / associated if associated else None,
         cutoff_m=CUTOFF_M,
         order=ORDER,
+        identity=_identity(truth, points, tolerance_s),
+        closure=score_closure(truth, points),
     )
 
 
+def _identity(
+    truth: Places, points: Sequence[TrackPoint], tolerance_s: float
+) -> IdentityScore | None:
+    names = truth.names()
+    if "" in names and (len(names) > 1 or len(np.unique(truth.time_ns)) < len(truth)):
+        return None
+    time_ns = np.unique(truth.time_ns)
+    targets, tracks = presence(truth, points, time_ns, tolerance_s)
+    if not any(names):
+        targets = truth.xy[:, None]
+    return score_identity(names, targets, numbers_of(points), tracks, CUTOFF_M)
+
+
 def moments(truth: Places, points: Sequence[TrackPoint], tolerance_s: float) -> list[Moment]:
-    """Compare tracks and targets at every true time."""
-    ids = sorted({point.track for point in points})
-    time_ns, first = np.unique(truth.time_ns, return_index=True)
-    tracks = [_at([p for p in points if p.track == i], time_ns, tolerance_s) for i in ids]
-    found = np.stack(tracks, axis=1)
-    there = ~np.isnan(found[..., 0])
-    targets = np.split(truth.xy, first[1:])
+    """Compare tracks and targets at every true time.
+
+    Targets that truth names are there between their true times as well, as tracks are; without
+    names only places of the very same time are those of several targets.
+    """
+    time_ns = np.unique(truth.time_ns)
+    targets, tracks = presence(truth, points, time_ns, tolerance_s)
+    nameless = truth.of("")
     return [
-        _moment(int(t), xy, found[k, there[k]])
-        for k, (t, xy) in enumerate(zip(time_ns, targets, strict=True))
+        _moment(
+            int(t),
+            np.concatenate([nameless.xy[nameless.time_ns == t], _there(targets[k])]),
+            _there(tracks[k]),
+        )
+        for k, t in enumerate(time_ns)
     ]
 
 
-def _at(
-    points: Sequence[TrackPoint], time_ns: NDArray[np.int64], tolerance_s: float
-) -> NDArray[np.float64]:
-    """Return where a track is at times, straight between its points; NaN where it is not.
+def presence(
+    truth: Places, points: Sequence[TrackPoint], time_ns: NDArray[np.int64], tolerance_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where named targets and tracks are at times; NaN where they are not.
 
-    Shape (n, 2).
+    Returns
+    -------
+    Shapes (n, n_named, 2) and (n, n_tracks, 2) [m], by name and by number.
     """
-    known = found_places(sorted(points, key=lambda point: point.time_ns))
-    # Counted from the first point, nanoseconds are exact in floating point.
-    since = (time_ns - known.time_ns[0]).astype(np.float64)
-    knots = (known.time_ns - known.time_ns[0]).astype(np.float64)
-    after = np.clip(np.searchsorted(knots, since), 0, len(knots) - 1)
-    before = np.maximum(np.where(knots[after] == since, after, after - 1), 0)
-    near = np.minimum(np.abs(since - knots[before]), np.abs(since - knots[after]))
-    between = (since >= knots[before]) & (since <= knots[after])
-    held = between & (knots[after] - knots[before] <= HOLD_S * NS_PER_S)
-    there = held | (near <= tolerance_s * NS_PER_S)
-    places = np.column_stack([np.interp(since, knots, column) for column in known.xy.T])
-    places[~there] = np.nan
-    return places
+    ordered = sorted(points, key=lambda point: point.time_ns)
+    named = [truth.of(name) for name in truth.names() if name]
+    found = [
+        found_places([p for p in ordered if p.track == number]) for number in numbers_of(points)
+    ]
+    targets, tracks = (
+        np.array([one.at(time_ns, HOLD_S, tolerance_s) for one in each]).reshape(
+            -1, len(time_ns), 2
+        )
+        for each in (named, found)
+    )
+    return targets.swapaxes(0, 1), tracks.swapaxes(0, 1)
+
+
+def numbers_of(points: Sequence[TrackPoint]) -> list[int]:
+    """Return the numbers of the tracks, in order."""
+    return sorted({point.track for point in points})
+
+
+def _there(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    return places[~np.isnan(places[:, 0])]
 
 
 def _moment(time_ns: int, targets: NDArray[np.float64], tracks: NDArray[np.float64]) -> Moment:

@@ -4,6 +4,7 @@ Source: the thesis on footstep localisation, chapter 6: model (6.1) and (6.2), o
 recursion (6.4). The state is the place before and the present one, (x', y', x, y). A walker who
 stands still makes no step, so that the clock stands still too. The thesis does not say where the
 filter starts: here both places are the first fix, and the one before is unknown within a pace.
+Nor does it follow a walker whose step is missed, or who turns about: see :class:`Motion`.
 """
 
 from __future__ import annotations
@@ -44,12 +45,47 @@ class WalkModel:
     @property
     def q(self) -> Array:
         """Covariance of the prediction's error, shape (4, 4) [m^2]; only the present place errs."""
-        return np.diag([0.0, 0.0, self.sigma_q**2, self.sigma_q**2])
+        return _present(self.sigma_q)
 
     @property
     def r(self) -> Array:
         """Covariance of a fix, shape (2, 2) [m^2]."""
         return self.sigma_r**2 * np.eye(2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """How the state goes on from one fix to the next.
+
+    Attributes
+    ----------
+    f, q
+        Shapes (4, 4): the transition, and the covariance of its error [m^2].
+    ticks
+        How many steps it takes.
+    """
+
+    f: Array
+    q: Array
+    ticks: int = 1
+
+    @classmethod
+    def ahead(cls, model: WalkModel, ticks: int = 1) -> Motion:
+        """Go straight on by some ticks of the clock: one, and one for each step that was missed."""
+        f, q = F, model.q
+        for _ in range(ticks - 1):
+            f, q = F @ f, F @ q @ F.T + model.q
+        return cls(f, q, ticks)
+
+    @classmethod
+    def turned(cls, reach_m: float = PACE_M, ticks: int = 1) -> Motion:
+        """Go anywhere: so many steps from the present place, each of ``reach_m`` per axis."""
+        f = np.kron(np.array([[0.0, 1.0], [0.0, 1.0]]), np.eye(2))
+        return cls(f, _present(reach_m * ticks), ticks)
+
+
+def _present(sigma_m: float) -> Array:
+    return np.diag([0.0, 0.0, sigma_m**2, sigma_m**2])
 
 
 def first_spread(noise: Array, pace_m: float = PACE_M) -> Array:
@@ -86,8 +122,8 @@ class StepFilter:
         self._filter = KalmanFilter(dim_x=4, dim_z=2)
         self._filter.x = np.concatenate([place, place])
         self._filter.P = np.array(spread, np.float64)
-        self._filter.F, self._filter.H = F, H
-        self._filter.Q = model.q
+        self._filter.H = H
+        self._straight = Motion.ahead(model)
 
     @property
     def state(self) -> Array:
@@ -104,21 +140,39 @@ class StepFilter:
         """What a metre of innovation moved the state by in the last step, shape (4, 2)."""
         return np.array(self._filter.K, np.float64)
 
-    def distance(self, place: Array, noise: Array) -> float:
+    def distance(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Return the Mahalanobis distance of a fix from the predicted next step.
 
         Parameters
         ----------
         place, noise
             The fix, shape (2,) [m], and its covariance, shape (2, 2) [m^2].
+        motion
+            How it gets there; None: straight on.
         """
-        state, spread = self._filter.get_prediction()
-        innovation = place - H @ state
-        expected = H @ spread @ H.T + noise
+        innovation, expected = self._innovation(place, noise, motion)
         return float(np.sqrt(innovation @ np.linalg.solve(expected, innovation)))
 
-    def step(self, place: Array, noise: Array) -> float:
+    def surprise(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
+        """Return minus twice the logarithm of a fix's likelihood; 0 where nothing is surer.
+
+        That is the square of :meth:`distance`, and what a vaguer prediction spreads the
+        likelihood over, in comparison to one that errs by nothing.
+        """
+        _, expected = self._innovation(place, noise, motion)
+        ratio = np.linalg.det(expected) / np.linalg.det(noise)
+        return self.distance(place, noise, motion) ** 2 + float(np.log(ratio))
+
+    def step(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Predict the next step and take its fix in; return the NIS (2 degrees of freedom)."""
-        self._filter.predict()
+        motion = motion or self._straight
+        self._filter.predict(F=motion.f, Q=motion.q)
         self._filter.update(place, R=noise)
         return float(self._filter.mahalanobis**2)
+
+    def _innovation(self, place: Array, noise: Array, motion: Motion | None) -> tuple[Array, Array]:
+        """Return how far off the prediction a fix is, shape (2,), and the covariance of that."""
+        motion = motion or self._straight
+        spread = motion.f @ self._filter.P @ motion.f.T + motion.q
+        innovation: Array = place - H @ motion.f @ self._filter.x
+        return innovation, H @ spread @ H.T + noise

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .kalman import F
-
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from .kalman import WalkModel
+    from .kalman import Motion
 
     Array = NDArray[np.float64]
 
 
-def smoothed(states: Array, spreads: Array, model: WalkModel) -> tuple[Array, Array]:
+def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[Array, Array]:
     """Return the states of a track as all of its fixes tell them.
 
     Parameters
@@ -29,8 +29,8 @@ def smoothed(states: Array, spreads: Array, model: WalkModel) -> tuple[Array, Ar
         Shape (n, 4): the filter's after each step [m].
     spreads
         Shape (n, 4, 4): their covariances [m^2].
-    model
-        With which they were filtered.
+    motions
+        How each was predicted; the first is none of them, so that its motion does not count.
 
     Returns
     -------
@@ -43,5 +43,7 @@ def smoothed(states: Array, spreads: Array, model: WalkModel) -> tuple[Array, Ar
     if n < 2:
         return states.copy(), spreads.copy()
     smoother = KalmanFilter(dim_x=4, dim_z=2)
-    found, covariances, _, _ = smoother.rts_smoother(states, spreads, [F] * n, [model.q] * n)
+    found, covariances, _, _ = smoother.rts_smoother(
+        states, spreads, [motion.f for motion in motions], [motion.q for motion in motions]
+    )
     return np.asarray(found, np.float64), np.asarray(covariances, np.float64)

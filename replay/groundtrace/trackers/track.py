@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,18 +18,34 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .kalman import StepFilter, WalkModel
+    from .kalman import Motion, StepFilter
 
     Array = NDArray[np.float64]
+
+#: The pace of a walker is known from so many intervals on, and judged by the last of them.
+LEAST_PACES, PACES = 2, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
-    """The state after a step, shape (4,) [m], its covariance, shape (4, 4) [m^2], and its NIS."""
+    """The state after a step.
+
+    Attributes
+    ----------
+    time_ns
+        When.
+    state, spread
+        Shape (4,) [m], and its covariance, shape (4, 4) [m^2].
+    motion
+        How it was predicted.
+    nis
+        Of its fix; NaN for a first step.
+    """
 
     time_ns: int
     state: Array
     spread: Array
+    motion: Motion
     nis: float
 
 
@@ -59,9 +75,17 @@ class Track:
         """Time of its last step."""
         return self.steps[-1].time_ns
 
-    def take(self, time_ns: int, nis: float) -> None:
+    @property
+    def pace_s(self) -> float | None:
+        """Usual time between its last steps [s]; None while there are too few to tell."""
+        times = [step.time_ns for step in self.steps[-1 - PACES :]]
+        if len(times) <= LEAST_PACES:
+            return None
+        return float(np.median(np.diff(times))) / NS_PER_S
+
+    def take(self, time_ns: int, motion: Motion, nis: float) -> None:
         """Remember what the filter says now."""
-        self.steps.append(Step(time_ns, self.filter.state, self.filter.spread, nis))
+        self.steps.append(Step(time_ns, self.filter.state, self.filter.spread, motion, nis))
 
 
 def filtered_points(track: Track, stage: str, first: int) -> list[TrackPoint]:
@@ -70,12 +94,13 @@ def filtered_points(track: Track, stage: str, first: int) -> list[TrackPoint]:
     return _points(track.steps[first:], before, track.number, stage)
 
 
-def smoothed_points(track: Track, stage: str, model: WalkModel) -> list[TrackPoint]:
+def smoothed_points(track: Track, stage: str) -> list[TrackPoint]:
     """Return all points of a track, smoothed, under a stage of their own."""
     states = np.stack([step.state for step in track.steps])
     spreads = np.stack([step.spread for step in track.steps])
-    found = zip(track.steps, *smoothed(states, spreads, model), strict=True)
-    steps = [Step(step.time_ns, state, spread, step.nis) for step, state, spread in found]
+    motions = [step.motion for step in track.steps]
+    found = zip(track.steps, *smoothed(states, spreads, motions), strict=True)
+    steps = [replace(step, state=state, spread=spread) for step, state, spread in found]
     return _points(steps, None, track.number, stage + SMOOTHED)
 
 
@@ -96,8 +121,12 @@ def _points(
 
 
 def _velocity(step: Step, before_ns: int | None) -> tuple[float, float]:
-    """Return the way from the place before over the time it took [m/s]; NaN for a first step."""
+    """Return the way from the place before over the time it took [m/s]; NaN for a first step.
+
+    The place before is one tick ago: where steps were missed that is not where the last fix was.
+    """
     if before_ns is None:
         return float("nan"), float("nan")
-    vx, vy = (step.state[2:] - step.state[:2]) * NS_PER_S / (step.time_ns - before_ns)
+    tick_s = (step.time_ns - before_ns) / NS_PER_S / step.motion.ticks
+    vx, vy = (step.state[2:] - step.state[:2]) / tick_s
     return float(vx), float(vy)

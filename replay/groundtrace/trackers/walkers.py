@@ -1,7 +1,9 @@
 """Several walkers, each with a step-clocked Kalman filter, told apart by where they go.
 
 Source: the thesis on footstep localisation, chapter 6, for each walker; it has one only. Fixes
-and predicted steps are assigned one to one inside a gate, as many as can be, the nearest first.
+and predicted steps are assigned one to one inside a gate, see :mod:`.association`. Two walkers may
+set their feet down at any times, but of one walker two impacts within the least pace and at one
+place are heel and toe: the second joins no track and begins none.
 """
 
 from __future__ import annotations
@@ -16,9 +18,9 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Level
 from ..parameters import gate, measured
-from ..score.assignment import assign
 from .api import TrackerParameters
-from .kalman import StepFilter, WalkModel, first_spread
+from .association import Foot, Limits, Observed, fit, foot_of, nearest, paired
+from .kalman import Motion, StepFilter, WalkModel, first_spread
 from .track import Track, filtered_points, smoothed_points
 
 if TYPE_CHECKING:
@@ -29,8 +31,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Fix, TrackPoint
 
     from ..detector import Emits
-
-    Array = NDArray[np.float64]
 
 #: A track counts from its second fix on, which must be among three that could be its own.
 START_FIXES, START_CHANCES = 2, 3
@@ -50,9 +50,9 @@ class WalkersParameters(TrackerParameters):
     max_distance: Annotated[
         float, gate("1", "Largest Mahalanobis distance from the predicted step.", gt=0)
     ] = 3.7
-    least_pace_s: Annotated[
-        float, measured("s", "Least time between two steps of a walker.", ge=0)
-    ] = 0.25
+    least_pace_s: Annotated[float, gate("s", "Least time between two steps of a walker.", ge=0)] = (
+        0.25
+    )
     end_s: Annotated[float, measured("s", "A track without a fix for so long ends.", gt=0)] = 2.0
     smooth: Annotated[bool, measured("", "Also give each track smoothed, when it ends.")] = True
 
@@ -62,15 +62,24 @@ class Walkers:
 
     Parameters = WalkersParameters
     emits: Emits = "track"
-    columns = (Quantity("distance", "1"), Quantity("x", "m"), Quantity("y", "m"))
-    gates = (Level("distance", "1", "max_distance", at_least=False),)
+    columns = (
+        Quantity("distance", "1"),
+        Quantity("since", "s"),
+        Quantity("x", "m"),
+        Quantity("y", "m"),
+    )
+    gates = (
+        Level("distance", "1", "max_distance", at_least=False),
+        Level("since", "s", "least_pace_s"),
+    )
 
     def __init__(self, parameters: WalkersParameters) -> None:
         self.parameters = parameters
         self.model = WalkModel(parameters.sigma_q, parameters.sigma_r)
         self.stage = ""
         self._tracks: list[Track] = []
-        self._owner: dict[int, Track] = {}
+        self._steps: dict[int, tuple[Track, Motion]] = {}
+        self._again: set[int] = set()
         self._count = 0
 
     def start(self, stage: str) -> None:
@@ -85,34 +94,45 @@ class Walkers:
         return self._ended(over)
 
     def measure(self, fixes: Sequence[Fix]) -> NDArray[np.float32]:
-        """Assign fixes to predicted steps.
+        """Find whose steps the fixes are.
 
         Returns
         -------
-        Shape (n, 3). The distance is that from the step a fix is assigned to, else from the
-        nearest step that is left over: 0 where there are no tracks yet, infinite where all are
-        taken.
+        Shape (n, 4). Distance and time of a fix are those from the track whose next step it is,
+        else from the nearest track; that may have another step within the least pace, from the
+        place of which the distance is then. Where there are no tracks they are 0 and infinite.
         """
-        cost = self._distances(fixes)
-        pairs = assign(cost.astype(np.float64), self.parameters.max_distance)
-        self._owner = {int(row): self._tracks[column] for row, column in pairs}
-        left = np.ones(len(self._tracks), np.bool_)
-        left[pairs[:, 1]] = False
-        nearest = np.min(cost[:, left], axis=1, initial=np.inf)
-        nearest[pairs[:, 0]] = cost[pairs[:, 0], pairs[:, 1]]
-        if not self._tracks:
-            nearest[:] = 0.0
-        return np.array([(d, f.x_m, f.y_m) for d, f in zip(nearest, fixes, strict=True)], "f4")
+        limits = Limits(self.parameters.max_distance, self.parameters.least_pace_s)
+        seen = [self._observed(fix) for fix in fixes]
+        fits = [[fit(track, one, self.model, limits) for track in self._tracks] for one in seen]
+        owner = paired(fits, self._tracks, limits)
+        self._steps, self._again = {}, set()
+        feet = {column: foot_of(track) for column, track in enumerate(self._tracks)}
+        rows = np.zeros((len(fixes), 2), np.float32)
+        for row, column in owner.items():
+            found, one = fits[row][column], seen[row]
+            if found is not None:
+                self._steps[row] = (self._tracks[column], found.motion)
+                rows[row] = found.distance, feet[column].since_s(one)
+                feet[column] = Foot(one.time_ns, one.place, one.noise)
+        for row, one in enumerate(seen):
+            if row not in owner:
+                rows[row] = nearest(one, feet, fits[row], limits)
+                if rows[row, 0] <= limits.max_distance and rows[row, 1] < limits.least_pace_s:
+                    self._again.add(row)
+                else:
+                    feet[len(feet)] = Foot(one.time_ns, one.place, one.noise)
+        places = np.array([(fix.x_m, fix.y_m) for fix in fixes])
+        return np.column_stack([rows, places]).astype(np.float32)
 
     def follow(self, fixes: Sequence[Fix], accepted: NDArray[np.bool_]) -> list[TrackPoint]:
-        """Take a step with each fix that belongs to a track; begin tracks with the others."""
+        """Take a step with each fix that belongs to a track; begin tracks with strangers."""
         points: list[TrackPoint] = []
         begun: list[Track] = []
         for row, fix in enumerate(fixes):
-            owner = self._owner.get(row)
-            if owner is not None and accepted[row]:
-                points += self._step(owner, fix)
-            else:
+            if row in self._steps and accepted[row]:
+                points += self._step(*self._steps[row], fix)
+            elif row not in self._again:
                 self._missed(fix)
                 begun.append(self._begin(fix))
         counted = [t for t in self._tracks if t.number or t.chances < START_CHANCES]
@@ -124,28 +144,18 @@ class Walkers:
         over, self._tracks = self._tracks, []
         return self._ended(over)
 
-    def _distances(self, fixes: Sequence[Fix]) -> NDArray[np.float32]:
-        """Return Mahalanobis distances, shape (n, n_tracks), of the precision that is stored."""
-        cost = np.full((len(fixes), len(self._tracks)), np.inf, np.float32)
-        pace_ns = self.parameters.least_pace_s * NS_PER_S
-        for row, fix in enumerate(fixes):
-            place, noise = self._observed(fix)
-            for column, track in enumerate(self._tracks):
-                if fix.time_ns - track.last_ns >= max(pace_ns, 1):
-                    cost[row, column] = track.filter.distance(place, noise)
-        return cost
-
-    def _observed(self, fix: Fix) -> tuple[Array, Array]:
-        """Return the place of a fix, shape (2,), and its covariance, shape (2, 2)."""
-        place = np.array([fix.x_m, fix.y_m])
+    def _observed(self, fix: Fix) -> Observed:
+        """Return a fix with the covariance that it is taken to have."""
+        place, noise = np.array([fix.x_m, fix.y_m]), self.model.r
         xx, xy, yy = fix.covariance
         known = np.isfinite(xx + xy + yy) and xx > 0 and xx * yy > xy**2
         if self.parameters.own_covariance and known:
-            return place, np.array([[xx, xy], [xy, yy]])
-        return place, self.model.r
+            noise = np.array([[xx, xy], [xy, yy]])
+        return Observed(fix.time_ns, place, noise)
 
-    def _step(self, track: Track, fix: Fix) -> list[TrackPoint]:
-        track.take(fix.time_ns, track.filter.step(*self._observed(fix)))
+    def _step(self, track: Track, motion: Motion, fix: Fix) -> list[TrackPoint]:
+        seen = self._observed(fix)
+        track.take(fix.time_ns, motion, track.filter.step(seen.place, seen.noise, motion))
         track.chances += 1
         first = len(track.steps) - 1
         if not track.number and len(track.steps) >= START_FIXES:
@@ -156,17 +166,18 @@ class Walkers:
     def _missed(self, fix: Fix) -> None:
         """Count a fix against the nearest track that does not count yet."""
         place = np.array([fix.x_m, fix.y_m])
-        free = [t for t in self._tracks if not t.number and t not in self._owner.values()]
+        stepped = [track for track, _ in self._steps.values()]
+        free = [t for t in self._tracks if not t.number and t not in stepped]
         if free:
-            nearest = min(free, key=lambda t: float(np.hypot(*(t.steps[-1].state[2:] - place))))
-            nearest.chances += 1
+            nearby = min(free, key=lambda t: float(np.hypot(*(t.steps[-1].state[2:] - place))))
+            nearby.chances += 1
 
     def _begin(self, fix: Fix) -> Track:
-        place, noise = self._observed(fix)
-        track = Track(StepFilter(self.model, place, first_spread(noise)), [])
-        track.take(fix.time_ns, float("nan"))
+        seen = self._observed(fix)
+        track = Track(StepFilter(self.model, seen.place, first_spread(seen.noise)), [])
+        track.take(fix.time_ns, Motion.ahead(self.model), float("nan"))
         return track
 
     def _ended(self, over: Sequence[Track]) -> list[TrackPoint]:
         kept = [t for t in over if t.number] if self.parameters.smooth else []
-        return [p for t in kept for p in smoothed_points(t, self.stage, self.model)]
+        return [p for t in kept for p in smoothed_points(t, self.stage)]
