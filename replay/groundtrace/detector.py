@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .gates import Gate
 
 #: What an accepted candidate becomes.
-Emits = Literal["pick", "step", "impact", "fix", "track", "bearing", "disagreement"]
+Emits = Literal["pick", "step", "impact", "fix", "track", "bearing", "disagreement", "heading"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +35,22 @@ class Frames:
 
     time_ns: NDArray[np.int64]
     value: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A decision function sample by sample.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    value
+        Shape (n, n_channels), in the unit of the detector's first ``trace`` quantity.
+    """
+
+    time_ns: NDArray[np.int64]
+    value: NDArray[np.float64]
 
 
 NO_FRAMES = Frames(np.empty(0, np.int64), np.empty((0, 0, 0), np.float32))
@@ -78,7 +94,9 @@ class Detector(Protocol):
     ``quantities`` are those of the channels it wants; it runs on every stream that has some.
     ``emits`` is what an accepted candidate becomes. ``columns`` are name and unit of what is
     measured of each candidate, first the peak of the decision function; ``trace`` the same of each
-    frame, first the decision function. ``gates`` stand in the order of the decision.
+    frame, first the decision function. ``gates`` stand in the order of the decision. A detector
+    may have a method ``curve`` without arguments that returns, as a :class:`Curve`, its decision
+    function over the samples that the last ``measure`` completed; viewers draw it around steps.
     """
 
     Parameters: type[Any]

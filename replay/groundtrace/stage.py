@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
-    from .detector import Measured
+    from .detector import Curve, Measured
 
 W = TypeVar("W", bound=Detector | Associator)
 
@@ -128,6 +128,16 @@ class DetectorStage:
             run = self._runs[item.topic]
             if run is not None:
                 yield from self._feed(run, item.select(run.columns))
+
+    def curve(self, topic: str) -> Curve | None:
+        """Return the decision function of what the last block of a topic completed.
+
+        None where the stage does not run on the topic, or its detector tells frames alone.
+        """
+        run = self._runs.get(topic)
+        tell = getattr(run.worker, "curve", None) if run is not None else None
+        curve: Curve | None = tell() if tell is not None else None
+        return curve
 
     def flush(self) -> Iterator[Event]:
         """End all runs."""

@@ -44,7 +44,7 @@ def results(*settings: str) -> Results:
     from groundtrace.engine import replay
 
     name = "room-walk.mcap" if settings[0].startswith("picks") else "waist-walk.mcap"
-    pipeline = "room-footsteps" if name.startswith("room") else "waist-steps"
+    pipeline = "room-footsteps" if name.startswith("room") else "waist-peaks"
     chain = build_pipeline(with_settings(load_pipeline(pipeline), settings))
     sink = EventList()
     with Recording.open(path_of(name)) as opened:
@@ -262,7 +262,7 @@ def test_a_replay_started_at_a_miss_stands_there(
     monkeypatch.setattr("groundtrace.commands.showing.has_display", lambda: True)
     setting = ("--set", "steps.height=2.0", "--at-miss", "2", "--spawn")
     try:
-        main(["replay", str(path_of("waist-walk.mcap")), *setting])
+        main(["replay", str(path_of("waist-walk.mcap")), "--pipeline", "waist-peaks", *setting])
     except SystemExit:
         skip_or_fail("viewer", "the viewer cannot draw here")
     (recording,) = connect(*viewers[0]).get_state().recordings

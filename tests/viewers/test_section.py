@@ -89,7 +89,7 @@ def test_shots_are_places_but_no_path(shots: Path) -> None:
     paths = rr.chunk.RrdReader(str(shots)).store().schema().entity_paths()
     assert "/map/site/truth/footfalls" in paths
     assert "/map/site/truth/path" not in paths
-    assert "/state/truth/pick" not in paths
+    assert "/state/1-truth/pick" not in paths
 
 
 def test_rooms_have_no_section(tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_verdicts_count_as_the_score_does() -> None:
 
 def test_the_lane_and_the_log_lead_to_the_missed_step(tmp_path: Path) -> None:
     path = write_room(tmp_path / "room.rrd")
-    times, states = read_back(path, "/state/score", "StateChange:state")
+    times, states = read_back(path, "/state/2-score", "StateChange:state")
     shown = [(t, s) for t, [s] in zip(times.tolist(), states, strict=True) if s]
     expected = ["missed" if k == 2 else "hit" for k in range(len(STEPS_S))]
     assert shown == [(round(t * 1e9), s) for t, s in zip(STEPS_S, expected, strict=True)]
@@ -66,4 +66,4 @@ def test_the_lane_and_the_log_lead_to_the_missed_step(tmp_path: Path) -> None:
 
 def test_a_replay_without_a_stage_for_steps_has_no_verdict(tmp_path: Path) -> None:
     paths = rr.chunk.RrdReader(str(write_walker(tmp_path / "w.rrd"))).store().schema()
-    assert "/state/score" not in paths.entity_paths()
+    assert "/state/2-score" not in paths.entity_paths()

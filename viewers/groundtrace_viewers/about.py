@@ -17,20 +17,30 @@ _READING = """\
 zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
 the waveform at the cursor follows it.
 * One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
-a wave arrives. Triangles on the map are shot points.
+a wave arrives; at a step its name says how long after the first arrival, and is grey where it has \
+none. Triangles on the map are shot points.
+* Lines across the room part regions with the same order of distances to the sensors. At a step \
+those are lit whose signs differ least from the measured ones; the page Signs says which signs do.
+* At stations of three axes: rays on the map point where a step's wave came from, with one sigma \
+to either side. Hodograms: motion from the station's arrival on, from above (x–y, with the bearing \
+in white) and from the side (r–z: away from the source, and up), one scale for both.
+* A yellow line joins two places of one step that localizers disagree about.
 * Places found are points on the map, of the last three seconds, a colour for each stage; the key \
 is above the site. The line about the newest is its one-sigma ellipse.
 * Tracks are lines that grow: filtered as the fixes came (light green, with the walker now and its \
-one-sigma ellipse), and smoothed by what came later (orange).
+one-sigma ellipse), and smoothed by what came later (orange); of several tracks each has its own \
+colours, and of several walkers each true path.
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
-since its peaks reach thousands; candidates beyond lie at its upper edge.
+since its peaks reach thousands; candidates beyond lie at its upper edge. Below the samples around \
+the cursor is the same at every sample, 0.1 s before to 0.1 s after each step.
+* Spectrogram at steps: 0.3 s before to 0.3 s after each, down to 45 dB below the loudest.
 * Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
 number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
 The next tab has true amplitudes.
 * Picks come from the last stage that picks; those of stages before it are its candidates.
-* Lanes: what each stage decided, and for a rejected candidate the first gate that failed; of \
-stages that find places only what they rejected. \
+* Lanes: what each stage decided, and for a rejected candidate the first gate that failed; \
+`places` has what stages that say where rejected, and where they disagree. \
 `truth` lanes come from the recording's labels. `score`: a step that was hit, missed or false, \
 within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
 * A curve that ends abruptly ends at a gap.

@@ -34,10 +34,11 @@ ROWS = (
 )
 WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.075, 0.048
-MOST_LANES = 6
+LANE_HEADING, LANE = 0.07, 0.046
+MOST_LANES = 8
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
 SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0)
+SPECTRUM_S = (0.05, 0.25)
 
 
 def blueprint(
@@ -61,9 +62,10 @@ def blueprint(
     below = detail if site else []
     overview = _overview(session.application, entities)
     stack = overview + _lanes(entities, overview + below) + below
-    side = (_map(site, entities) if site else detail) + _texts(entities)
+    unit = session.geometry.length_unit if session.geometry is not None else "m"
+    side = (_map(site, entities, unit) if site else detail) + _texts(entities)
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
-    shares = [2.0, 3.0] if site else [1.0, 2.0]
+    shares = [2.2, 3.0] if site else [1.0, 2.0]
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=shares[: len(columns)]),
         rrb.TimePanel(
@@ -104,12 +106,20 @@ def _parts(shown: Sequence[rrb.View], share: float) -> list[Part]:
 def _texts(entities: Sequence[Entity]) -> list[Part]:
     tabs = [views.log()] if _of(entities, "log") else []
     tabs += [views.table(e) for e in _of(entities, "table")]
-    return _parts([*tabs, views.page()], 2.0)
+    tabs.append(views.page())
+    of_step = [views.text(e) for e in _of(entities, "page")]
+    of_step += [views.hodograms(e) for e in _of(entities, "hodogram")]
+    if not of_step:
+        return _parts(tabs, 2.0)
+    import rerun.blueprint as rrb
+
+    halves = [*_tabbed(tabs), *_tabbed(of_step)]
+    return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), 2.0)]
 
 
-def _map(site: Bounds, entities: Sequence[Entity]) -> list[Part]:
+def _map(site: Bounds, entities: Sequence[Entity], unit: str) -> list[Part]:
     wide = (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
-    return [(views.site(site, entities), 0.5 if wide else 3.0)]
+    return [(views.site(site, entities, unit), 0.5 if wide else 3.0)]
 
 
 def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
@@ -119,10 +129,11 @@ def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
     ]
     signals = [views.plot(e) for e in seismic]
     tonal = [views.fixed(e, e.path, views.linked()) for e in _of(entities, "spectrogram")]
+    tonal += [views.fixed(e, e.path, views.around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
     decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
     if application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
-    return [*_parts(signals, 2.2), *_worn(entities), *_parts(tonal, 1.9), *decisions]
+    return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 
 
 def _is_other(entity: Entity) -> bool:
@@ -171,7 +182,9 @@ def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> li
         views.samples(e, _companions(e, entities), around, most)
         for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
-    return _parts([*sections, *shown], 6.0 if sections else 3.6)
+    parts = _parts([*sections, *shown], 6.0 if sections else 3.0)
+    decisions = [views.decision(e, span) for e in _of(entities, "decision")]
+    return parts + _parts(decisions, 2.3)
 
 
 def _companions(signal: Entity, entities: Sequence[Entity]) -> list[Entity]:

@@ -6,8 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .lanes import MARK_NS, coincident
-from .palette import ACCEPTED, REJECTED, REJECTION_COLOURS, STEP_COLOURS, THRESHOLD
+from .lanes import MARK_NS, PLACING, coincident
+from .palette import (
+    ACCEPTED,
+    DISAGREEMENT,
+    REJECTED,
+    REJECTION_COLOURS,
+    STEP_COLOURS,
+    THRESHOLD,
+)
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -25,6 +32,7 @@ CEILING = 4.0
 TOP_EDGE = 0.9
 #: With more channels than this the marks of candidates are smaller.
 FEW_CHANNELS = 12
+DISAGREE = "disagree"
 
 
 def decision_gate(spec: StageSpec) -> GateSpec | None:
@@ -94,11 +102,15 @@ class DetectorLog:
         self._decision: list[NDArray[np.float32]] = []
         self._candidates: list[CandidateBlock] = []
         self._undecided: list[tuple[int, bool, str]] = []
-        rejections = [f"rejected: {g.name}" for g in spec.gates]
+        shared = lanes.shared(spec.emits)
+        self._because = f"{spec.stage}: " if shared else "rejected: "
+        rejections = [f"{self._because}{g.name}" for g in spec.gates]
         shades = (REJECTION_COLOURS[i % len(REJECTION_COLOURS)] for i in range(len(rejections)))
         accepted = STEP_COLOURS if step_like(spec) else {"accepted": ACCEPTED}
-        states = {**accepted, **dict(zip(rejections, shades, strict=True))}
-        self._lane = lanes.of(spec.stage, spec.topic, states)
+        if spec.emits == "disagreement":
+            accepted, rejections = {DISAGREE: DISAGREEMENT}, []
+        states = {**accepted, **dict(zip(rejections, shades, strict=False))}
+        self._lane = lanes.of(spec.stage, spec.topic, states, spec.emits)
         if spec.trace:
             self._declare(colours)
             self._declare_threshold(span_ns)
@@ -195,8 +207,16 @@ class DetectorLog:
         ready = len(decided) if before_ns is None else int(np.searchsorted(times, before_ns))
         accepted = np.array([d[1] for d in decided[:ready]], np.bool_)
         for i in coincident(times[:ready], accepted, MARK_NS):
-            if not accepted[i]:
-                self._lane.add(int(times[i]), f"rejected: {decided[i][2]}")
-            elif not step_like(self._spec) and self._spec.emits != "fix":  # places are on the map
-                self._lane.add(int(times[i]), "accepted")
+            state = self._state(bool(accepted[i]), decided[i][2])
+            if state:
+                self._lane.add(int(times[i]), state)
         self._undecided = decided[ready:]
+
+    def _state(self, accepted: bool, gate: str) -> str:
+        """Return what the lane says of a candidate; nothing of what is shown elsewhere."""
+        if self._spec.emits == "disagreement":  # localizers that agree are as they should be
+            return DISAGREE if accepted else ""
+        if not accepted:
+            return f"{self._because}{gate}"
+        on_map = self._spec.emits in PLACING
+        return "" if on_map or step_like(self._spec) else "accepted"

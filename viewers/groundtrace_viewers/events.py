@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .lanes import Lane
-from .palette import IGNORED, IMPACT, LOSS, SPAN, STEP, STEP_COLOURS
+from .lanes import GAPS, Lane
+from .palette import IGNORED, IMPACT, LOSS, SPAN, STEP, STEP_COLOURS, WALKER_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ class LossLog:
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
         self._timeline = timeline
         self._lines = lines
-        self._lane = Lane(timeline, "/state/gaps", GAP_COLOURS)
+        self._lane = Lane(timeline, GAPS, GAP_COLOURS)
 
     def add(self, gap: Gap) -> None:
         """Take a gap."""
@@ -180,21 +181,26 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
     lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
 
 
-def log_truth(timeline: Timeline, labels: Iterable[Label]) -> None:
-    """Log a lane for every kind of label.
+def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/truth") -> None:
+    """Log a lane for every kind of label, below ``root``.
 
-    Places alone are on the map, and arrivals follow from the step or impact they belong to.
+    Places alone are on the map, and arrivals follow from the step or impact they belong to. Of
+    several targets the lane says which.
     """
     known = tuple(labels)
+    targets = sorted({x.target for x in known if x.target})
+    walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False)) if len(targets) > 1 else {}
     caused = any(x.kind in ("step", "impact") for x in known)
     lanes: dict[str, Lane] = {}
     for label in known:
         if label.kind == "waypoint" or (label.kind == "pick" and caused):
             continue
         name = "walking" if label.kind == "ignore" else label.kind
-        colours = {name: SPAN, "ignore": IGNORED} | STEP_COLOURS
-        lane = lanes.setdefault(name, Lane(timeline, f"/state/truth/{name}", colours))
+        colours = {name: SPAN, "ignore": IGNORED} | STEP_COLOURS | walkers
+        lane = lanes.setdefault(name, Lane(timeline, f"{root}/{name}", colours))
         shown = label.label if label.label in STEP_COLOURS else label.kind
+        if label.kind in ("step", "impact") and label.target in walkers:
+            shown = label.target
         lane.add(label.time_ns, shown, label.end_ns)
         if label.kind == "ignore":
             _resume(lane, label, known)

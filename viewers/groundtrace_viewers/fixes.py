@@ -23,7 +23,7 @@ POINTS, ELLIPSES = f"{FIXES}/points", f"{FIXES}/ellipses"
 KEY = f"{FIXES}/key"
 CORNERS = 33
 #: The key stands above the site, this far up the margin.
-MARGIN = 0.75
+MARGIN = 0.8
 
 
 def ellipse(fix: Fix) -> NDArray[np.float32]:
@@ -67,16 +67,11 @@ class FixLog:
         if stage in self._stages:
             return
         self._stages.append(stage)
-        (left, right), (low, high) = self._shown.x, self._shown.y
-        count = len(self._stages)
-        pad = 0.1 / 1.2 * max(right - left, high - low)
-        across = left + (right - left) * (np.arange(count) + 0.5) / count
-        up = np.full(count, high - (1 - MARGIN) * pad)
         key = rr.Points2D(
-            np.stack([across, up], axis=1),
+            self._shown.key(len(self._stages), MARGIN),
             labels=self._stages,
             show_labels=True,
-            colors=np.array([self._colour(s) for s in self._stages], np.uint32),
+            colors=np.array([self.colour(s) for s in self._stages], np.uint32),
             radii=-5.0,
         )
         self._timeline.static(KEY, key)
@@ -96,7 +91,7 @@ class FixLog:
         import rerun as rr
 
         times = [fix.time_ns for fix in fixes]
-        colours = np.full(len(fixes), self._colour(stage), np.uint32)
+        colours = np.full(len(fixes), self.colour(stage), np.uint32)
         points = rr.Points2D.columns(
             positions=np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32),
             colors=colours,
@@ -111,5 +106,6 @@ class FixLog:
             self._timeline.declare(Entity(path, "map"))
             self._timeline.send(path, times, columns)
 
-    def _colour(self, stage: str) -> int:
+    def colour(self, stage: str) -> int:
+        """Return the colour of the places of a stage that has begun."""
         return FIX_COLOURS[self._stages.index(stage) % len(FIX_COLOURS)]

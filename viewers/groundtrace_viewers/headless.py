@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("rrd", type=Path, help="the viewer's file")
     parser.add_argument("png", type=Path, help="where the picture goes")
     parser.add_argument("--at", type=float, help="cursor, since the first sample [s]")
-    parser.add_argument("--size", default="1600x900", help="of the picture [default: 1600x900]")
+    parser.add_argument("--size", default="1920x1080", help="of the picture [default: 1920x1080]")
     asked = parser.parse_args(arguments)
     width, _, height = asked.size.partition("x")
     if not (width.isdecimal() and height.isdecimal()):

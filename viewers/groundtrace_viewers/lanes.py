@@ -19,6 +19,12 @@ if TYPE_CHECKING:
 
 #: How long a moment is drawn: long enough to be seen with half a minute in view.
 MARK_NS = 100_000_000
+#: Where the lanes of a replay stand among each other: those of truth and score, then of stages by
+#: what they emit.
+TRUTH, SCORE, GAPS = "/state/1-truth", "/state/2-score", "/state/7-gaps"
+ORDER = {"step": 3, "impact": 3, "pick": 4, "fix": 5, "bearing": 5, "disagreement": 5, "track": 6}
+LAST = 6
+PLACING = frozenset({"fix", "bearing", "disagreement"})
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -49,6 +55,13 @@ class Lane:
         self._colours = colours
         self._marks: list[Mark] = []
         self._declared = False
+
+    def allow(self, colours: Mapping[str, int]) -> None:
+        """Let more states come."""
+        if not colours.keys() <= self._colours.keys():
+            self._colours = {**self._colours, **colours}
+            if self._declared:
+                self._declare()
 
     def add(self, start_ns: int, state: str, end_ns: int | None = None) -> None:
         """Take a mark; without an end it is a moment."""
@@ -102,19 +115,37 @@ class StageLanes:
     ----------
     timeline
         Where to.
+    ordered
+        Number the lanes in the order in which they are read, as the viewer sorts them by name, and
+        let all stages that say where share one.
     """
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: Timeline, *, ordered: bool = False) -> None:
         self._timeline = timeline
+        self._ordered = ordered
         self._lanes: dict[tuple[str, str], Lane] = {}
 
-    def of(self, stage: str, topic: str, colours: Mapping[str, int] = STEP_COLOURS) -> Lane:
-        """Return the lane of a stage on a topic; the first to ask says which states may come."""
+    def shared(self, emits: str) -> bool:
+        """Whether stages that emit this have one lane together."""
+        return self._ordered and emits in PLACING
+
+    def of(
+        self,
+        stage: str,
+        topic: str,
+        colours: Mapping[str, int] = STEP_COLOURS,
+        emits: str = "step",
+    ) -> Lane:
+        """Return the lane of a stage on a topic; whoever asks says which states may come."""
+        if self.shared(emits):
+            stage, topic = "places", ""
         key = (stage, topic)
         if key not in self._lanes:
             alone = all(other != stage for other, _ in self._lanes)
             where = "" if alone else "/" + topic.strip("/")
-            self._lanes[key] = Lane(self._timeline, f"/state/{stage}{where}", colours)
+            place = f"{ORDER.get(emits, LAST)}-" if self._ordered else ""
+            self._lanes[key] = Lane(self._timeline, f"/state/{place}{stage}{where}", colours)
+        self._lanes[key].allow(colours)
         return self._lanes[key]
 
     def flush(self, before_ns: int | None = None) -> None:

@@ -54,10 +54,23 @@ TRACE = 0xB4BCC6FF
 NORM = 0xF2F2F2FF
 #: Of places found, by the order of their stages.
 FIX_COLOURS = (0xFF6FB5FF, 0x2FE6D6FF, 0xFFFFFFFF, 0x9E7BD6FF)
+#: Of borders between regions, and of sensors without an arrival.
+FAINT = 0x424A55FF
+SILENT = 0x6A727CFF
 FILTERED_TRACK = 0xB6F23CFF
 SMOOTHED_TRACK = 0xFFA733FF
+#: Filtered and smoothed tracks, by the number of the track.
+TRACK_COLOURS = (
+    (FILTERED_TRACK, SMOOTHED_TRACK),
+    (0x35C9F0FF, 0x7F8CFFFF),
+    (0xFFE45CFF, 0xFF7A6BFF),
+    (0x3DDCA0FF, 0xC68CF0FF),
+)
+#: True paths of several walkers, by the order of their names.
+WALKER_COLOURS = (TRUTH, 0xE8C9A0FF, 0x9FD8C8FF, 0xF0A6C6FF)
 MISSED = 0xFF4D4DFF
 FALSE = 0xE85AD8FF
+DISAGREEMENT = 0xFFD23FFF
 STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
 
 #: Colours of rejections, by the place of the failing gate in the detector.
@@ -99,6 +112,12 @@ class SensorColours:
         if channel.quantity not in SEISMIC_QUANTITIES and channel.axis in AXIS_COLOURS:
             return AXIS_COLOURS[channel.axis]
         return self.of(channel.name)
+
+
+def dimmed(colour: int, part: float) -> int:
+    """Return a colour that is only so bright: ``part`` of each of its components."""
+    parts = [round(((colour >> shift) & 0xFF) * part) << shift for shift in (24, 16, 8)]
+    return sum(parts) | (colour & 0xFF)
 
 
 def heat(level: NDArray[np.floating]) -> NDArray[np.uint32]:

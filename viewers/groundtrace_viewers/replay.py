@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import (
+    Bearing,
     CandidateBlock,
+    Disagreement,
     Fix,
     Gap,
     Note,
@@ -19,24 +21,30 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .about import PAGE, about
 from .detector import DetectorLog, step_like
+from .disagreements import DisagreementLog
 from .events import LogLines, LossLog, PickLog, StepLog, log_note, log_truth
+from .fine_spectrogram import chosen
 from .fixes import FixLog
-from .lanes import StageLanes
-from .palette import SensorColours
+from .lanes import TRUTH, StageLanes
+from .palette import FIX_COLOURS, SensorColours
 from .section import Section
 from .sensor_map import SensorMap, bounds
 from .signals import SignalLog
 from .spectrogram import Spectrogram
+from .stepwise import Stepwise
 from .timeline import Timeline
 from .traces import Traces
 from .tracks import TrackLog
 from .verdict import log_verdicts, verdicts
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import rerun as rr
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import Stream
 
 #: How much of the recording is collected before events are logged.
@@ -45,6 +53,16 @@ LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
 LIVE_CHUNK_S = 0.5
+
+
+def lane_labels(session: Session) -> list[Label]:
+    """Return the labels that have lanes: of a room with steps not the walk as a whole.
+
+    It would say nothing more, unless parts of it are ignored.
+    """
+    kinds = {label.kind for label in session.labels}
+    needless = session.application == "room" and "step" in kinds and "ignore" not in kinds
+    return [x for x in session.labels if not (needless and x.kind == "walking")]
 
 
 class Replay:
@@ -58,9 +76,18 @@ class Replay:
         What is replayed.
     live
         True where somebody watches: smaller chunks.
+    channels
+        Whose spectrograms are shown; empty takes the first seismic channel's.
     """
 
-    def __init__(self, recording: rr.RecordingStream, session: Session, *, live: bool) -> None:
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        session: Session,
+        *,
+        live: bool,
+        channels: Sequence[str] = (),
+    ) -> None:
         import rerun as rr
 
         self.timeline = Timeline(recording, session.start_ns)
@@ -76,14 +103,14 @@ class Replay:
         self._traces = Traces()
         for stream in session.streams:
             self._begin(stream)
-        self._spectrogram_topic, self._spectrogram = self._tonal()
+        self._spectrogram_topic, self._spectrograms = self._tonal(channels)
         self._detectors: dict[tuple[str, str], DetectorLog] = {}
         self._picking: dict[str, str] = {}
         self._stepping: dict[str, str] = {}
         self._steps_ns: list[int] = []
         lines = LogLines(self.timeline)
         self._lines = lines
-        self._lanes = StageLanes(self.timeline)
+        self._lanes = StageLanes(self.timeline, ordered=True)
         self._picks = PickLog(self.timeline, self._colours, lines)
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
@@ -91,8 +118,20 @@ class Replay:
         self._map = SensorMap(self.timeline, session, self._colours) if shown else None
         self._fixes = FixLog(self.timeline, shown) if shown else None
         self._tracks = TrackLog(self.timeline, shown) if shown else None
-        log_truth(self.timeline, session.labels)
+        self._disagreements = self._differing()
+        self._stepwise = self._steps_in_room(channels)
+        log_truth(self.timeline, lane_labels(session), TRUTH)
         self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
+
+    def _differing(self) -> DisagreementLog:
+        site = self._session.geometry
+        unit = site.length_unit if site is not None else "m"
+        return DisagreementLog(self.timeline, self._lines, unit, on_map=self._map is not None)
+
+    def _steps_in_room(self, channels: Sequence[str]) -> Stepwise | None:
+        if self._session.application != "room":
+            return None
+        return Stepwise(self.timeline, self._session, self._colours, self._map, channels)
 
     def _begin(self, stream: Stream) -> None:
         """Prepare for a stream."""
@@ -102,12 +141,16 @@ class Replay:
         if self._session.application == "shots" and Section.fits(stream):
             self._sections[topic] = Section(self.timeline, stream, self._session.labels, recent)
 
-    def _tonal(self) -> tuple[str, Spectrogram | None]:
-        stream = next((s for s in self._session.streams if Spectrogram.fits(s)), None)
+    def _tonal(self, channels: Sequence[str]) -> tuple[str, list[Spectrogram]]:
+        fitting = [s for s in self._session.streams if Spectrogram.fits(s)]
+        stream = next((s for s in fitting if chosen(s, channels)), next(iter(fitting), None))
         if stream is None:
-            return "", None
+            return "", []
         duration_s = (self._session.end_ns - self._session.start_ns) / NS_PER_S
-        return stream.topic, Spectrogram(self.timeline, stream, duration_s)
+        columns: list[int | None] = [*chosen(stream, channels)] or [None]
+        return stream.topic, [
+            Spectrogram(self.timeline, stream, duration_s, column) for column in columns
+        ]
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event."""
@@ -125,6 +168,7 @@ class Replay:
             case StepEvent():
                 self._step(item)
             case Fix():
+                self._disagreements.fix(item)
                 if self._fixes is not None:
                     self._fixes.add(item)
             case TrackPoint():
@@ -132,6 +176,11 @@ class Replay:
                     self._tracks.add(item)
             case Gap():
                 self._gap(item)
+            case Bearing():
+                if self._stepwise is not None:
+                    self._stepwise.bearing(item)
+            case Disagreement():
+                self._disagreements.add(item)
             case Note():
                 log_note(self._lines, item, self.timeline.seconds(item.time_ns))
 
@@ -146,8 +195,11 @@ class Replay:
         self._traces.push(block)
         if block.topic in self._sections:
             self._sections[block.topic].advance(block.end_ns)
-        if self._spectrogram is not None and block.topic == self._spectrogram_topic:
-            self._spectrogram.write(block)
+        if block.topic == self._spectrogram_topic:
+            for spectrogram in self._spectrograms:
+                spectrogram.write(block)
+        if self._stepwise is not None:
+            self._stepwise.signal(block)
         if block.last_ns - self._flushed_ns >= self._flush_every_ns:
             self._flushed_ns = block.last_ns
             self._flush(block.start_ns - LAG_NS)
@@ -160,6 +212,9 @@ class Replay:
             self._stepping[spec.topic] = spec.stage
         elif spec.emits == "fix" and self._fixes is not None:
             self._fixes.begin(spec.stage)
+        if self._stepwise is not None:
+            colour = self._fixes.colour(spec.stage) if spec.emits == "fix" and self._fixes else 0
+            self._stepwise.stage(spec, colour or FIX_COLOURS[0])
         self._detector(spec)
 
     def _detector(self, spec: StageSpec) -> DetectorLog:
@@ -174,6 +229,8 @@ class Replay:
 
     def _gap(self, gap: Gap) -> None:
         self._losses.add(gap)
+        if self._stepwise is not None:
+            self._stepwise.gap(gap)
         for (_, topic), detector in self._detectors.items():
             if topic == gap.topic and not gap.bridged:
                 detector.interrupt(gap.start_ns)
@@ -184,6 +241,8 @@ class Replay:
             self.first_event_ns = time_ns
 
     def _pick(self, pick: Pick) -> None:
+        if self._stepwise is not None:
+            self._stepwise.pick(pick)
         if self._picking.get(pick.topic, pick.stage) != pick.stage:
             return
         self._answered(pick.time_ns)
@@ -200,6 +259,8 @@ class Replay:
         self._answered(step.time_ns)
         self._steps_ns.append(step.time_ns)
         self._steps.add(step, self._traces.of_step(step))
+        if self._stepwise is not None:
+            self._stepwise.step(step)
 
     def _flush(self, before_ns: int | None) -> None:
         for detector in self._detectors.values():
@@ -211,6 +272,8 @@ class Replay:
         self._lines.flush()
         for section in self._sections.values():
             section.flush()
+        if self._stepwise is not None:
+            self._stepwise.flush()
         if self._map is not None:
             self._map.flush()
         if self._fixes is not None:
@@ -224,8 +287,10 @@ class Replay:
             signal.close()
         for section in self._sections.values():
             section.advance()
-        if self._spectrogram is not None:
-            self._spectrogram.close()
+        for spectrogram in self._spectrograms:
+            spectrogram.close()
+        if self._stepwise is not None:
+            self._stepwise.close()
         truth = any(x.kind == "step" for x in self._session.labels)
         if truth and self._stepping and self._replayed_ns is not None:
             found = verdicts(self._session, self._steps_ns, self._replayed_ns)

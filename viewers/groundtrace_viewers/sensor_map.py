@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .palette import IMPACT, LEFT, OUTLINE, RIGHT, TRUTH
+from .arrivals_map import ArrivalSigns
+from .palette import IMPACT, LEFT, OUTLINE, RIGHT, WALKER_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace.sinks import Session
-    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.geometry import Geometry, Sensor
     from groundtrace_codecs.labels import Label
 
     from .palette import SensorColours
@@ -27,21 +29,75 @@ SITE = "/map/site"
 PATH = f"{SITE}/truth/path"
 FOOTFALLS = f"{SITE}/truth/footfalls"
 ARRIVALS = f"{SITE}/arrivals"
+NAMES = f"{SITE}/names"
 #: Above this many sensors only some are named: labels must not cover each other.
 MOST_NAMES = 16
 #: Radius of a sensor in screen points, how much larger one is that a wave reaches, and the width
 #: that a map may count on.
-RADIUS, LIT, MAP_POINTS = 6.0, 1.8, 480.0
+RADIUS, LIT, MAP_POINTS = 6.0, 1.4, 480.0
+#: Around the site, as parts of its extent: at the sides, and above and below.
+SIDE, MARGIN = 0.1, 0.16
 #: Side of a shot point's triangle and height of its name, as parts of the site's extent.
 TRIANGLE, NAME = 0.022, 0.09
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What of the site to show [m], y upwards."""
+    """What of the site to show [m], y upwards; above and below is room for the map's key."""
 
     x: tuple[float, float]
     y: tuple[float, float]
+
+    def key(self, count: int, height: float) -> NDArray[np.float64]:
+        """Return places in a row beside the site, shape (count, 2) [m].
+
+        Parameters
+        ----------
+        count
+            How many.
+        height
+            How far up the margin above the site; below it where negative.
+        """
+        (left, right), (low, high) = self.x, self.y
+        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
+        margin = MARGIN * extent
+        across = left + (right - left) * (np.arange(count) + 0.5) / count
+        up = (high if height > 0 else low) + (height - np.sign(height)) * margin
+        return np.stack([across, np.full(count, up)], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """The name of a sensor on the map, or of several at one place.
+
+    Attributes
+    ----------
+    name, colour
+        As shown.
+    x, y
+        Where [m].
+    channels
+        That are recorded there.
+    """
+
+    name: str
+    colour: int
+    x: float
+    y: float
+    channels: tuple[str, ...]
+
+
+def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
+    """Return one sign for each place with sensors, of the vertical sensor's colour."""
+    placed: dict[tuple[float, float], list[Sensor]] = {}
+    for sensor in geometry.sensors:
+        placed.setdefault((sensor.x, sensor.y), []).append(sensor)
+    found = []
+    for (x, y), sensors in placed.items():
+        main = next((s for s in sensors if s.axis == "z"), sensors[0])
+        channels = tuple(s.channel for s in sensors)
+        found.append(Sign(main.name, colours.of(main.channel), x, y, channels))
+    return found
 
 
 def places(session: Session) -> NDArray[np.float64]:
@@ -65,9 +121,11 @@ def bounds(session: Session) -> Bounds | None:
     if len(np.unique(known, axis=0)) < 2:
         return None
     low, high = known.min(axis=0), known.max(axis=0)
-    pad = 0.1 * float(np.max(high - low))
+    extent = float(np.max(high - low))
+    side, margin = SIDE * extent, MARGIN * extent
     return Bounds(
-        (float(low[0]) - pad, float(high[0]) + pad), (float(low[1]) - pad, float(high[1]) + pad)
+        (float(low[0]) - side, float(high[0]) + side),
+        (float(low[1]) - margin, float(high[1]) + margin),
     )
 
 
@@ -99,6 +157,11 @@ class SensorMap:
         Gives geometry and truth.
     colours
         Of the sensors.
+
+    Attributes
+    ----------
+    signs, names
+        The sensors that are named, and what their names say over time.
     """
 
     def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
@@ -109,12 +172,14 @@ class SensorMap:
         sensors = session.geometry.sensors if session.geometry else ()
         self._place = {s.channel: (s.x, s.y) for s in sensors}
         self._arrivals: list[tuple[int, str]] = []
+        self.signs: tuple[Sign, ...] = ()
         self._extent = float(np.ptp(places(session), axis=0).max())
         self._radius = marker_radius(list(self._place.values()), self._extent)
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
         timeline.declare(Entity(SITE, "map"), upwards)
         if session.geometry is not None:
             self._log_geometry(session.geometry)
+        self.names = ArrivalSigns(timeline, NAMES, self.signs, session.start_ns)
         self._log_places([x for x in session.labels if x.x_m is not None and x.y_m is not None])
 
     def _log_geometry(self, geometry: Geometry) -> None:
@@ -124,22 +189,22 @@ class SensorMap:
             ring = [*geometry.outline, geometry.outline[0]]
             line = rr.LineStrips2D([ring], colors=[OUTLINE], radii=-1.0)
             self._timeline.static(f"{SITE}/outline", line)
-        if geometry.sensors:
+        signs = signs_of(geometry, self._colours)
+        if signs:
             sensors = rr.Points2D(
-                [(s.x, s.y) for s in geometry.sensors],
-                colors=np.array([self._colours.of(s.channel) for s in geometry.sensors], np.uint32),
+                [(s.x, s.y) for s in signs],
+                colors=np.array([s.colour for s in signs], np.uint32),
                 radii=-self._radius,
             )
             self._timeline.static(f"{SITE}/sensors", sensors)
-            named = [geometry.sensors[i] for i in labelled(len(geometry.sensors))]
-            names = rr.Points2D(
-                [(s.x, s.y) for s in named],
-                labels=[s.name for s in named],
+            self.signs = tuple(signs[i] for i in labelled(len(signs)))
+            # what the names say is logged over time
+            names = rr.Points2D.from_fields(
+                positions=[(s.x, s.y) for s in self.signs],
                 show_labels=True,
-                colors=np.array([self._colours.of(s.channel) for s in named], np.uint32),
-                radii=-self._radius,
+                radii=[-self._radius],
             )
-            self._timeline.static(f"{SITE}/names", names)
+            self._timeline.static(NAMES, names)
         if geometry.sources:
             self._log_sources(geometry.sources)
 
@@ -172,24 +237,34 @@ class SensorMap:
         if not labels:
             return
         known = sorted(labels)
-        shades = {"left": LEFT, "right": RIGHT}
+        targets = sorted({x.target for x in known})
+        walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False))
+        feet = {"left": LEFT, "right": RIGHT} if len(targets) == 1 else {}
         columns = rr.Points2D.columns(
             positions=np.array([(x.x_m, x.y_m) for x in known], np.float32),
-            colors=np.array([shades.get(x.label, TRUTH) for x in known], np.uint32),
+            colors=np.array([feet.get(x.label, walkers[x.target]) for x in known], np.uint32),
             radii=np.full(len(known), -4.0),
         )
         self._timeline.declare(Entity(FOOTFALLS, "map"))
         self._timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
-        walked = [x for x in known if x.kind != "impact"]
-        if len(walked) > 1:
-            points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
-            strips = rr.LineStrips2D.columns(
-                strips=np.stack([points[:-1], points[1:]], axis=1),
-                colors=np.full(len(walked) - 1, TRUTH, np.uint32),
-                radii=np.full(len(walked) - 1, -1.2),
-            )
-            self._timeline.declare(Entity(PATH, "map"))
-            self._timeline.send(PATH, [x.time_ns for x in walked[1:]], strips)
+        for target in targets:
+            walked = [x for x in known if x.kind != "impact" and x.target == target]
+            path = f"{PATH}/{target}" if target else PATH
+            self._log_path(path, walked, walkers[target])
+
+    def _log_path(self, path: str, walked: Sequence[Label], colour: int) -> None:
+        import rerun as rr
+
+        if len(walked) < 2:
+            return
+        points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
+        strips = rr.LineStrips2D.columns(
+            strips=np.stack([points[:-1], points[1:]], axis=1),
+            colors=np.full(len(walked) - 1, colour, np.uint32),
+            radii=np.full(len(walked) - 1, -1.2),
+        )
+        self._timeline.declare(Entity(path, "map"))
+        self._timeline.send(path, [x.time_ns for x in walked[1:]], strips)
 
     def arrival(self, time_ns: int, channel: str) -> None:
         """Take the arrival of a wave at a sensor."""
@@ -200,6 +275,7 @@ class SensorMap:
         """Log what is pending."""
         import rerun as rr
 
+        self.names.flush()
         if not self._arrivals:
             return
         times = [t for t, _ in self._arrivals]

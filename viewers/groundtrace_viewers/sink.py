@@ -19,6 +19,7 @@ from .timeline import TIMELINE
 
 if TYPE_CHECKING:
     import subprocess
+    from collections.abc import Sequence
 
     import rerun as rr
 
@@ -40,6 +41,8 @@ class RerunSink:
         When the replay ends, serve it to browsers on this machine; :attr:`url` says where.
     port
         Of the viewer's data server (``spawn``) or of the page (``web``); 0 chooses a free one.
+    channels
+        Whose spectrograms are shown; empty takes the first seismic channel's.
 
     Attributes
     ----------
@@ -55,7 +58,13 @@ class RerunSink:
     """
 
     def __init__(
-        self, path: Path | None = None, *, spawn: bool = False, web: bool = False, port: int = 0
+        self,
+        path: Path | None = None,
+        *,
+        spawn: bool = False,
+        web: bool = False,
+        port: int = 0,
+        channels: Sequence[str] = (),
     ) -> None:
         if path is None and not spawn and not web:
             raise ViewerError("viewer: expected a file, spawn or web, found none of them")
@@ -67,6 +76,7 @@ class RerunSink:
         self._spawn = spawn
         self._web = web
         self._port = port or free_port()
+        self._channels = tuple(channels)
         self._session: Session | None = None
         self._recording: rr.RecordingStream | None = None
         self._replay: Replay | None = None
@@ -87,7 +97,7 @@ class RerunSink:
         )
         recording.set_sinks(*self._sinks())
         self._session, self._recording = session, recording
-        self._replay = Replay(recording, session, live=self._spawn)
+        self._replay = Replay(recording, session, live=self._spawn, channels=self._channels)
         if self._spawn:
             self._send_layout(follow=True)
 

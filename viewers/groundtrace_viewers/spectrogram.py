@@ -120,22 +120,40 @@ class BandLevels:
         end = (self._first + len(run) - cut.window) // cut.hop + 1
         keep = max(begin, end) * cut.hop
         frames = np.arange(begin, max(begin, end)) * cut.hop
-        levels = self._levels(run, frames - self._first)
+        levels = band_levels(run, frames - self._first, cut, self._taper)
         drop = min(max(0, keep - self._first), len(run))
         self._tail, self._first = run[drop:], self._first + drop
         middle = (frames + cut.window / 2) * block.stream.period_ns
         return block.anchor_ns + np.rint(middle).astype(np.int64), levels
 
-    def _levels(self, run: NDArray[np.float64], starts: NDArray[np.intp]) -> NDArray[np.float32]:
-        cut = self._cut
-        if not len(starts):
-            return np.empty((0, len(cut.edges) - 1), np.float32)
-        pieces = np.lib.stride_tricks.sliding_window_view(run, cut.window)[starts]
-        pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * self._taper
-        power = np.abs(np.fft.rfft(pieces, cut.transform)) ** 2
-        bands = np.add.reduceat(power[:, : cut.edges[-1]], cut.edges[:-1], axis=1)
-        bands /= np.diff(cut.edges)
-        return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
+
+def band_levels(
+    run: NDArray[np.float64],
+    starts: NDArray[np.intp],
+    cut: Resolution,
+    taper: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Return the levels of bands [dB], shape (n, n_bands).
+
+    Parameters
+    ----------
+    run
+        Shape (m,): samples.
+    starts
+        Shape (n,): where transforms begin in it.
+    cut
+        How it is cut.
+    taper
+        Shape (cut.window,): weights of a transform's samples.
+    """
+    if not len(starts):
+        return np.empty((0, len(cut.edges) - 1), np.float32)
+    pieces = np.lib.stride_tricks.sliding_window_view(run, cut.window)[starts]
+    pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * taper
+    power = np.abs(np.fft.rfft(pieces, cut.transform)) ** 2
+    bands = np.add.reduceat(power[:, : cut.edges[-1]], cut.edges[:-1], axis=1)
+    bands /= np.diff(cut.edges)
+    return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
 
 
 class Spectrogram:
@@ -146,14 +164,18 @@ class Spectrogram:
     timeline
         Where to.
     stream
-        The first seismic channel is taken, else the magnitude of the acceleration.
+        Of the signal.
     duration_s
         Of the recording [s].
+    column
+        Of a seismic channel; None takes the magnitude of the acceleration.
     """
 
-    def __init__(self, timeline: Timeline, stream: Stream, duration_s: float) -> None:
-        seismic = stream.columns_of(SEISMIC_QUANTITIES)
-        self._columns = seismic[:1] or stream.columns_of({"acceleration"})
+    def __init__(
+        self, timeline: Timeline, stream: Stream, duration_s: float, column: int | None
+    ) -> None:
+        seismic = [] if column is None else [column]
+        self._columns = seismic or stream.columns_of({"acceleration"})
         window_s, top_hz = (0.1, 250.0) if seismic else (1.28, 15.0)
         self._timeline = timeline
         self._cut = resolution(stream.rate_hz, window_s, top_hz, duration_s)
@@ -165,6 +187,8 @@ class Spectrogram:
         self._levels: list[NDArray[np.float32]] = []
         what = stream.channels[seismic[0]].name if seismic else "|acceleration|"
         self._path = f"/spectrogram/{stream.topic.strip('/')}"
+        if column is not None:
+            self._path += f"/{what}"
         self._declare(f"Spectrogram of {what} {stream.topic} [Hz]", duration_s)
 
     @staticmethod

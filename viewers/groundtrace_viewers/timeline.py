@@ -28,7 +28,8 @@ class Entity:
         Entity path, e.g. ``/envelope/seismic``.
     role
         What it is, which chooses its view: ``envelope``, ``signal``, ``norm``, ``spectrogram``,
-        ``section``, ``detector``, ``mark``, ``lane``, ``log``, ``table``, ``map``.
+        ``section``, ``detector``, ``decision``, ``spectrum``, ``hodogram``, ``mark``, ``lane``,
+        ``log``, ``table``, ``page``, ``map``.
     title
         Heading of its view.
     series

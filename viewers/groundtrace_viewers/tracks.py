@@ -11,7 +11,7 @@ from groundtrace_codecs.events import Fix
 from groundtrace_codecs.signals import NS_PER_S
 
 from .fixes import ellipse
-from .palette import FILTERED_TRACK, SMOOTHED_TRACK
+from .palette import TRACK_COLOURS
 from .sensor_map import SITE
 from .timeline import Entity
 
@@ -29,7 +29,9 @@ KEY = f"{TRACKS}/key"
 #: A walker is shown where it was last for so long after its last step [s].
 HOLD_S = 2.0
 #: The key stands below the site, this far down the margin.
-MARGIN = 0.3
+MARGIN = 0.55
+#: More would not fit below the site.
+MOST_NAMED = 4
 
 
 class TrackLog:
@@ -46,14 +48,14 @@ class TrackLog:
     def __init__(self, timeline: Timeline, shown: Bounds) -> None:
         self._timeline = timeline
         self._shown = shown
-        self._stages: list[str] = []
+        self._keys: list[tuple[str, int]] = []
         self._last: dict[tuple[str, int], TrackPoint] = {}
         self._pending: list[TrackPoint] = []
 
     def add(self, point: TrackPoint) -> None:
         """Take a point; those of a track come in the order of time."""
-        if point.stage not in self._stages:
-            self._stages.append(point.stage)
+        if (point.stage, point.track) not in self._keys:
+            self._keys.append((point.stage, point.track))
             self._name()
         self._pending.append(point)
 
@@ -88,7 +90,7 @@ class TrackLog:
         rows = len(known) - 1
         columns = rr.LineStrips2D.columns(
             strips=np.stack([places[:-1], places[1:]], axis=1),
-            colors=np.full(rows, _colour(key[0]), np.uint32),
+            colors=np.full(rows, _colour(*key), np.uint32),
             radii=np.full(rows, -1.8),
         )
         path = f"{LINES}/{key[0]}/{key[1]}"
@@ -101,18 +103,17 @@ class TrackLog:
             self._timeline.send(path, [p.time_ns for p in points], columns)
 
     def _name(self) -> None:
-        """Name the stages in the key."""
+        """Name the tracks in the key: by their stages, and where there are several by number."""
         import rerun as rr
 
-        (left, right), (low, high) = self._shown.x, self._shown.y
-        count = len(self._stages)
-        pad = 0.1 / 1.2 * max(right - left, high - low)
-        across = left + (right - left) * (np.arange(count) + 0.5) / count
+        known = sorted(self._keys)[:MOST_NAMED]
+        several = len({number for _, number in self._keys}) > 1
+        texts = [f"{stage} {number}" if several else stage for stage, number in known]
         key = rr.Points2D(
-            np.stack([across, np.full(count, low + (1 - MARGIN) * pad)], axis=1),
-            labels=self._stages,
+            self._shown.key(len(known), -MARGIN),
+            labels=texts,
             show_labels=True,
-            colors=np.array([_colour(s) for s in self._stages], np.uint32),
+            colors=np.array([_colour(*key) for key in known], np.uint32),
             radii=-5.0,
         )
         self._timeline.static(KEY, key)
@@ -126,7 +127,7 @@ def _drawn(path: str, points: list[TrackPoint]) -> list[tuple[str, list[Componen
     """Return where and how to log walkers: a point, and the line at one standard deviation."""
     import rerun as rr
 
-    colours = np.array([_colour(p.stage) for p in points], np.uint32)
+    colours = np.array([_colour(p.stage, p.track) for p in points], np.uint32)
     dots = rr.Points2D.columns(
         positions=np.array([(p.x_m, p.y_m) for p in points], np.float32),
         colors=colours,
@@ -148,5 +149,6 @@ def _place(point: TrackPoint) -> Fix:
     )
 
 
-def _colour(stage: str) -> int:
-    return SMOOTHED_TRACK if stage.endswith(SMOOTHED) else FILTERED_TRACK
+def _colour(stage: str, track: int) -> int:
+    filtered, smoothed = TRACK_COLOURS[(track - 1) % len(TRACK_COLOURS)]
+    return smoothed if stage.endswith(SMOOTHED) else filtered

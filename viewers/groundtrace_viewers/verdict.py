@@ -8,7 +8,7 @@ import numpy as np
 
 from groundtrace.score import match_steps
 
-from .lanes import Lane
+from .lanes import SCORE, Lane
 from .palette import ACCEPTED, FALSE, MISSED
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 #: Largest distance between a step and its detection, as the score has it.
 TOLERANCE_S = 0.12
-PATH = "/state/score"
 COLOURS = {"hit": ACCEPTED, "missed": MISSED, "false": FALSE}
 
 
@@ -59,7 +58,7 @@ def verdicts(
 
 def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[tuple[int, str]]) -> None:
     """Log the lane, and a line for every step that was missed or is false."""
-    lane = Lane(timeline, PATH, COLOURS)
+    lane = Lane(timeline, SCORE, COLOURS)
     for time_ns, verdict in found:
         lane.add(time_ns, verdict)
         if verdict != "hit":

@@ -5,7 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .about import PAGE
+from .disagreements import LINES as DISAGREEMENTS
 from .fixes import ELLIPSES, POINTS
+from .hodogram import ROOT as HODOGRAM
+from .hodogram import extent
 from .sensor_map import ARRIVALS, FOOTFALLS, PATH
 from .timeline import TIMELINE
 from .tracks import LINES
@@ -27,6 +30,7 @@ VISIBLE_S = {
     ARRIVALS: -0.25,
     POINTS: -3.0,
     ELLIPSES: -0.5,
+    DISAGREEMENTS: -0.5,
     LINES: None,
 }
 
@@ -110,6 +114,40 @@ def samples(
     )
 
 
+def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
+    """Return a picker's decision function around the cursor, with its threshold."""
+    import rerun.blueprint as rrb
+
+    threshold = f"/detector{entity.path.removeprefix('/decision')}/threshold"
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[entity.path, threshold],
+        name=entity.title,
+        axis_x=around(*span_s),
+        axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def hodograms(entity: Entity) -> rrb.View:
+    """Return the hodograms of all stations."""
+    import rerun.blueprint as rrb
+
+    across, up = extent(entity.series)
+    return rrb.Spatial2DView(
+        origin=HODOGRAM,
+        name=entity.title,
+        visual_bounds=rrb.VisualBounds2D(x_range=across, y_range=(-up[1], -up[0])),
+    )
+
+
+def text(entity: Entity) -> rrb.View:
+    """Return a page that changes over time."""
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=entity.path, name=entity.title)
+
+
 def lanes() -> rrb.View:
     """Return the state lanes on the common time axis."""
     import rerun.blueprint as rrb
@@ -144,14 +182,14 @@ def page() -> rrb.View:
     return rrb.TextDocumentView(origin=PAGE, name="About")
 
 
-def site(bounds: Bounds, entities: Sequence[Entity]) -> rrb.View:
-    """Return the map."""
+def site(bounds: Bounds, entities: Sequence[Entity], unit: str = "m") -> rrb.View:
+    """Return the map, its lengths in a unit."""
     import rerun.blueprint as rrb
 
     logged = [e.path for e in entities]
     return rrb.Spatial2DView(
         origin="/map",
-        name="Site [m]",
+        name=f"Site [{unit}]",
         # The view's y points down.
         visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0])),
         overrides={
