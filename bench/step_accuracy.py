@@ -1,0 +1,185 @@
+"""Steps of real recordings through one named pipeline, with its defaults: the table of steps.md.
+
+    python bench/step_accuracy.py --data FOLDER
+
+The folder holds ``mobgap``, ``oxford-step`` and ``rieck-stepcounter`` as published; what is absent
+is left out. Nothing is set but what the recordings say themselves.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy import signal
+
+from groundtrace.engine import replay
+from groundtrace.pipeline import build_pipeline, load_pipeline
+from groundtrace.score.matching import f1_of
+from groundtrace.score.steps import score_steps
+from groundtrace.source import Source
+from groundtrace_codecs.events import StepEvent
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_recordings import map_path
+
+FORCE = {"acceleration", "acceleration_magnitude"}
+PHONE = """format = "csv"
+time = {column = 0, unit = "ns"}
+[[stream]]
+topic = "/acc/phone"
+placement = "phone"
+columns = [
+  {column = 2, quantity = "acceleration", axis = "x", unit = "m/s2"},
+  {column = 3, quantity = "acceleration", axis = "y", unit = "m/s2"},
+  {column = 4, quantity = "acceleration", axis = "z", unit = "m/s2"},
+]
+"""
+
+
+@dataclass(frozen=True)
+class Walk:
+    """A recording, read once."""
+
+    items: tuple
+    labels: tuple
+    start_ns: int
+    end_ns: int
+
+    def steps(self, pipeline: str) -> np.ndarray:
+        """Return the times of the steps that a named pipeline finds [ns]."""
+        found = Steps()
+        replay(self.items, build_pipeline(load_pipeline(pipeline)), [found])
+        return np.array(sorted(found.times), np.int64)
+
+    def at(self, rate_hz: float) -> Walk:
+        """Return the walk sampled more slowly, what would alias taken out before."""
+        blocks = [b for b in self.items if isinstance(b, SignalBlock)]
+        stream, values = blocks[0].stream, np.concatenate([b.values for b in blocks])
+        edge = min(0.99, 1.1 * rate_hz / stream.rate_hz)
+        slow = signal.sosfiltfilt(signal.cheby2(8, 40, edge, output="sos"), values, axis=0)
+        count = int(len(values) * rate_hz / stream.rate_hz)
+        at = np.arange(count) * stream.rate_hz / rate_hz
+        picked = np.column_stack([np.interp(at, np.arange(len(slow)), c) for c in slow.T])
+        plain = tuple(replace(c, scale=1.0) for c in stream.channels)
+        block = SignalBlock(
+            replace(stream, rate_hz=rate_hz, channels=plain), blocks[0].anchor_ns, 0, picked
+        )
+        return replace(self, items=(block,))
+
+
+class Steps:
+    """A sink that keeps the times of steps."""
+
+    def __init__(self) -> None:
+        self.times: list[int] = []
+
+    def write(self, item: object) -> None:
+        if isinstance(item, StepEvent):
+            self.times.append(item.time_ns)
+
+
+def read(source: Path, map_path: Path) -> Walk:
+    """Import a recording and read its accelerometer."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "walk.mcap"
+        import_recording([source], path, map_path=map_path)
+        with Recording.open(path) as opened:
+            topic = next(s.topic for s in opened.streams if s.columns_of(FORCE))
+            items = tuple(Source(opened, topics=[topic]))
+            return Walk(items, opened.labels, opened.start_ns, opened.end_ns)
+
+
+def lower_back(folder: Path, pipeline: str) -> None:
+    """Initial contacts inside walking bouts, at the recorded rate and below."""
+    print("lower back (mobgap): F1 of initial contacts inside bouts, chance in brackets")
+    for path in sorted(folder.glob("*/*/data.mat")):
+        walk = read(path, map_path("mobgap-test11.toml"))
+        for rate_hz in (None, 30.0, 10.0, 6.0):
+            found = (walk if rate_hz is None else walk.at(rate_hz)).steps(pipeline)
+            ends = (walk.labels, found, walk.start_ns, walk.end_ns)
+            wide, narrow = (score_steps(*ends, tolerance) for tolerance in (0.25, 0.12))
+            print(
+                f"  {path.parent.parent.name}/{path.parent.name} "
+                f"{'100 Hz' if rate_hz is None else f'{rate_hz:g} Hz':>6}: "
+                f"{wide.f1:.3f} at 0.25 s ({wide.chance_f1_metronome:.2f}), "
+                f"{narrow.f1:.3f} at 0.12 s ({narrow.chance_f1_metronome:.2f}), "
+                f"{narrow.detected} of {narrow.truth}, latency {narrow.latency_ms.median:+.0f} ms"
+            )
+
+
+def carried(folder: Path, pipeline: str) -> None:
+    """Counts of phones carried in six ways, and F1 against the counted instants."""
+    print("phone (oxford-step validation): count, F1 at 0.25 s")
+    errors = []
+    for path in sorted((folder / "validation").glob("*.csv")):
+        walk = read(path, map_path("oxford-step-validation.toml"))
+        found = walk.steps(pipeline)
+        true = np.array([x.time_ns for x in walk.labels if x.kind == "step"], np.int64)
+        origin = walk.start_ns
+        f1 = f1_of((true - origin) / NS_PER_S, (found - origin) / NS_PER_S, 0.25)
+        errors.append(abs(len(found) / len(true) - 1))
+        print(f"  {path.stem.split('_')[1]:12} {len(found)} of {len(true)}, F1 {f1:.3f}")
+    if errors:
+        print(f"  mean count error {100 * np.mean(errors):.2f} %")
+
+
+def optimised(folder: Path, pipeline: str) -> None:
+    """Counts of the recordings with foot switches."""
+    print("phone (oxford-step optimisation): count")
+    table = folder / "optimisation" / "stats.csv"
+    rows = [x.split(",") for x in table.read_text().splitlines()[1:]] if table.is_file() else []
+    with tempfile.TemporaryDirectory() as place:
+        phone = Path(place) / "phone.toml"
+        phone.write_text(PHONE)
+        for name, true in ((row[0].strip(), int(row[-1])) for row in rows):
+            path = table.parent / name / "accelerometer.csv"
+            if path.is_file():
+                print(f"  {name:36} {len(read(path, phone).steps(pipeline))} of {true}")
+
+
+def on_wrist(folder: Path, pipeline: str) -> None:
+    """Counts while walking, and false steps while not."""
+    print("wrist (rieck-stepcounter, 25 Hz magnitude in counts): count")
+    by_kind: dict[str, list[tuple[int, int]]] = {}
+    seconds = 0.0
+    for path in sorted(folder.glob("l2-25hz-bw4/*.csv")):
+        walk = read(path, map_path("rieck-stepcounter.toml"))
+        true = next((round(x.value) for x in walk.labels if x.kind == "count"), 0)
+        kind = path.stem.rstrip("0123456789")
+        by_kind.setdefault(kind, []).append((len(walk.steps(pipeline)), true))
+        seconds += 0 if "walking" in kind else (walk.end_ns - walk.start_ns) / NS_PER_S
+    for kind, pairs in by_kind.items():
+        print(f"  {kind:16} {', '.join(f'{n} of {true}' for n, true in pairs)}")
+    walking = np.array([p for kind, pairs in by_kind.items() if "walking" in kind for p in pairs])
+    idle = [p for kind, pairs in by_kind.items() if "walking" not in kind for p in pairs]
+    if len(walking) and idle:
+        false = sum(max(0, n - true) for n, true in idle)
+        print(
+            f"  walking {walking[:, 0].sum()} of {walking[:, 1].sum()} "
+            f"({100 * (walking[:, 0].sum() / walking[:, 1].sum() - 1):+.1f} %); "
+            f"false {false} in {seconds / 60:.0f} min"
+        )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pipeline", default="waist-steps")
+    parser.add_argument(
+        "--data", type=Path, default=Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
+    )
+    options = parser.parse_args()
+    lower_back(options.data / "mobgap", options.pipeline)
+    carried(options.data / "oxford-step", options.pipeline)
+    optimised(options.data / "oxford-step", options.pipeline)
+    on_wrist(options.data / "rieck-stepcounter", options.pipeline)
+
+
+if __name__ == "__main__":
+    main()
