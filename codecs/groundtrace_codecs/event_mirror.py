@@ -64,7 +64,7 @@ def _line(
         case Pick():
             text = f"pick {event.channel} value={event.value:.4g}"
         case StepEvent():
-            kind = f"{event.kind} {event.foot}".strip()
+            kind = " ".join(filter(None, (event.kind, event.type, event.foot)))
             text = f"{kind} value={event.value:.4g} channels={event.channels}"
         case Fix():
             text = f"fix x={event.x_m:.3f} m y={event.y_m:.3f} m {event.method} picks={event.picks}"

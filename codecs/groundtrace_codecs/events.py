@@ -95,6 +95,8 @@ class StepEvent:
         Peak of the stage's decision function.
     channels
         How many channels saw it.
+    type
+        ``forward``, ``backward``, ``left`` or ``right``; empty where unknown.
     """
 
     time_ns: int
@@ -104,6 +106,7 @@ class StepEvent:
     stage: str
     value: float
     channels: int = 1
+    type: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from .errors import SchemaError
+from .geometry_toml import UNKNOWN_UNIT, geometry_table, geometry_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,6 +28,8 @@ class Sensor:
         Position [m].
     axis
         Direction of sensitivity: ``x``, ``y`` or ``z``.
+    clock_offset_s
+        How far its clock is ahead of the common one [s]: subtracted from its arrivals.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Sensor:
     y: float
     z: float = 0.0
     axis: str = "z"
+    clock_offset_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +53,23 @@ class Medium:
         Calibrated propagation velocity [m/s].
     theta_s
         Time scale of the perceived velocity law [s].
+    arrival_scale, arrival_exponent
+        k [s/m^p] and p of arrivals t = t0 + k d^p.
+    arrival_sigma_s
+        Standard deviation of an arrival [s].
     """
 
     thickness_m: float | None = None
     velocity_mps: float | None = None
     theta_s: float | None = None
+    arrival_scale: float | None = None
+    arrival_exponent: float | None = None
+    arrival_sigma_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """A site: metres, right-handed, z up.
+    """A site: right-handed, z up; metres, unless the unit of length is unknown.
 
     Attributes
     ----------
@@ -73,6 +83,9 @@ class Geometry:
         Named places of controlled impacts [m], e.g. shot points.
     medium
         What the waves run through.
+    unit
+        ``m``, or ``unknown``: then every length, also in the medium's values, is in the unknown
+        unit that the places were written in.
     """
 
     sensors: tuple[Sensor, ...] = ()
@@ -80,6 +93,12 @@ class Geometry:
     start: tuple[float, float] | None = None
     sources: tuple[tuple[str, float, float], ...] = ()
     medium: Medium = Medium()
+    unit: str = "m"
+
+    @property
+    def length_unit(self) -> str:
+        """What to write behind a length: ``m``, or ``units`` where the unit is unknown."""
+        return "units" if self.unit == UNKNOWN_UNIT else "m"
 
     def to_json(self) -> bytes:
         """Return the geometry as the JSON of a recording's ``site.json``."""
@@ -103,27 +122,18 @@ class Geometry:
     def from_toml(cls, path: Path) -> Geometry:
         """Read a geometry TOML: ``unit``, ``outline``, ``start``, ``[[sensor]]``, ``[medium]``.
 
+        Places in a known unit become metres; those in an ``unknown`` one stay.
+
         Raises
         ------
         SchemaError
-            Where the file is not TOML, has an unknown key, a wrong type, or a unit other than m.
+            Where the file is not TOML, has an unknown key, a wrong type, or an unknown unit.
         """
         try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise SchemaError(f"{path.name}: expected TOML, found: {error}") from error
-        unit = table.pop("unit", "m")
-        if unit != "m":
-            raise SchemaError(f"{path.name}: unit: expected 'm', found {unit!r}")
-        table["sensors"] = table.pop("sensor", [])
-        table["sources"] = table.pop("source", [])
-        unknown = sorted(set(table) - {"sensors", "sources", "outline", "start", "medium"})
-        if unknown:
-            raise SchemaError(
-                f"{path.name}: {unknown[0]}: expected one of unit, outline, start, sensor, source, "
-                f"medium, found an unknown key"
-            )
-        try:
-            return msgspec.convert(table, cls)
+            return msgspec.convert(geometry_table(path), cls)
         except msgspec.ValidationError as error:
             raise SchemaError(f"{path.name}: expected a geometry, found: {error}") from error
+
+    def to_toml(self) -> str:
+        """Return the geometry as a TOML that :meth:`from_toml` reads as the same."""
+        return geometry_text(msgspec.to_builtins(self))

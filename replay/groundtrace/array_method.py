@@ -38,15 +38,16 @@ class Window:
     Attributes
     ----------
     step_ns
-        The step's first arrival [ns].
+        The step's first arrival, by the clock of its channel [ns].
     start_ns, rate_hz
-        Time of the first sample, and the sampling rate.
+        Time of the first sample by the clock common to all, and the sampling rate.
     values
         Shape (n_samples, n_channels), in the channels' units. Samples that were never recorded
-        hold the nearest value that was.
+        hold the nearest value that was. A channel whose clock is known to be off is moved, by
+        whole samples (:func:`groundtrace.recall.whole_samples`).
     arrivals_s
-        Shape (n_channels,): the first pick of each channel in the window, after ``start_ns``; NaN
-        where a channel has none.
+        Shape (n_channels,): the first pick of each channel in the window, after ``start_ns`` and by
+        the common clock; NaN where a channel has none.
     """
 
     step_ns: int
@@ -62,11 +63,13 @@ class ArrayMethod(Protocol):
     Notes
     -----
     ``Parameters`` is a dataclass that derives from :class:`ArrayParameters`; ``quantities`` are
-    those of the channels it wants; ``columns`` and ``gates`` are as those of a detector.
+    those of the channels it wants; ``needs`` says in words what ``start`` looks for; ``columns``
+    and ``gates`` are as those of a detector.
     """
 
     Parameters: type[Any]
     quantities: frozenset[str]
+    needs: str = "channels of another kind"
     emits: Emits
     columns: tuple[Quantity, ...]
     gates: tuple[Gate, ...]

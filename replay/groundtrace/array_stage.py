@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import Bearing, Gap, Pick, StageSpec, StepEvent
+from groundtrace_codecs.events import Bearing, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
 from .array_method import Window
 from .gates import Carry, decided_block, gate_specs
+from .localizer_stage import clock_offsets
 from .recall import Recall
 from .stage import accepted_events
 
@@ -29,12 +30,16 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class _Run:
-    """An array method at work on one topic, once there are steps to look at."""
+    """An array method at work on one topic, once there are steps to look at.
+
+    ``lacking`` says what it cannot work without; it is said once, with the first step.
+    """
 
     columns: list[int]
     recall: Recall
     worker: ArrayMethod
     spec: StageSpec | None = None
+    lacking: str = ""
     carry: Carry = field(default_factory=Carry)
 
 
@@ -47,6 +52,8 @@ class ArrayStage:
         As those of :class:`groundtrace.stage.DetectorStage`.
     picking, stepping
         The stages whose picks and steps it takes.
+    window_s
+        How long after a step's first pick others still belong to it [s].
     geometry
         Where the sensors are; None where unknown.
 
@@ -54,7 +61,8 @@ class ArrayStage:
     -----
     :meth:`remember` hears each block before any stage processes it: a step that the block brings
     about is then found with its waveforms. What is found of a step comes before the step itself
-    reaches the stages behind, so that a localizer there has it.
+    reaches the stages behind, so that a localizer there has it. Where a stream or its site lacks
+    what the method needs, a note says so and nothing comes of it.
     """
 
     def __init__(
@@ -67,6 +75,7 @@ class ArrayStage:
         *,
         picking: str,
         stepping: str,
+        window_s: float,
         geometry: Geometry | None = None,
     ) -> None:
         self.name = name
@@ -76,6 +85,7 @@ class ArrayStage:
         self.topics = tuple(topics)
         self.picking = picking
         self.stepping = stepping
+        self.window_s = window_s
         self.geometry = geometry or Geometry()
         self._runs: dict[str, _Run | None] = {}
 
@@ -98,6 +108,9 @@ class ArrayStage:
             case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
                 if (run := self._running(topic)) is not None:
                     yield from self._examined(run, item.time_ns)
+                elif (run := self._runs.get(topic)) is not None and run.lacking:
+                    yield Note(item.time_ns, f"{topic}: {run.lacking}", "WARN", self.name)
+                    run.lacking = ""
             case Gap(reason="clock step", bridged=False, topic=topic):
                 if (run := self._running(topic)) is not None:
                     run.recall.forget()
@@ -120,10 +133,13 @@ class ArrayStage:
         allowed = not self.topics or any(fnmatch(block.topic, p) for p in self.topics)
         if not (columns and allowed):
             return None
-        before_ns, after_ns = (
-            round(s * NS_PER_S) for s in (self.parameters.before_s, self.parameters.after_s)
+        p = self.parameters
+        before, after, window = (
+            round(s * NS_PER_S) for s in (p.before_s, p.after_s, self.window_s)
         )
-        recall = Recall(block.stream.select(columns), before_ns, after_ns)
+        stream = block.stream.select(columns)
+        ahead_s = clock_offsets([c.name for c in stream.channels], self.geometry)
+        recall = Recall(stream, before, after, window, ahead_s)
         return _Run(columns, recall, self.kind(self.parameters))
 
     def _running(self, topic: str) -> _Run | None:
@@ -140,6 +156,8 @@ class ArrayStage:
             columns, emits = run.worker.columns, run.worker.emits
             run.spec = StageSpec(self.name, self.plugin, topic, names, columns, gates, (), emits)
             yield run.spec
+        else:
+            run.lacking = f"no {run.worker.emits}s: expected {run.worker.needs}, found none"
 
     def _examined(self, run: _Run, step_ns: int) -> Iterator[Event]:
         assert run.spec is not None  # asked for by _running

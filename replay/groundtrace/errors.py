@@ -3,6 +3,8 @@
 ::
 
     GroundtraceError
+    ├── BeliefError       masses are not what they must be, or a quantity is not defined for them
+    │   └── TotalConflictError  the sources contradict each other wholly
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
     ├── PluginError       a plugin is unknown or does not load
     ├── RecordingError    a recording lacks what was asked of it
@@ -16,6 +18,14 @@ from __future__ import annotations
 
 class GroundtraceError(Exception):
     """Root of everything the engine raises on purpose."""
+
+
+class BeliefError(GroundtraceError):
+    """Masses are not what they must be, or a quantity is not defined for them."""
+
+
+class TotalConflictError(BeliefError):
+    """The sources contradict each other wholly: nothing can be normalised."""
 
 
 class PipelineError(GroundtraceError):

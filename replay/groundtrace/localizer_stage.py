@@ -15,11 +15,12 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
 from .gates import Candidates, Carry, decided_block, gate_specs
+from .lengths import in_length_unit
 from .localizers.api import Site
 from .localizers.location import LEAST_PICKS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -43,20 +44,74 @@ class _Run:
     worker: Localizer
     spec: StageSpec
     channels: dict[str, int]
+    offsets_s: NDArray[np.float64]
     lacking: str
     told: bool = False
     carry: Carry = field(default_factory=Carry)
     picks: deque[Pick] = field(default_factory=deque)
 
-    def arrivals(self, step_ns: int, window_s: float) -> NDArray[np.float64]:
-        """Return the first arrival at each sensor within the window of a step [s], else NaN."""
-        times = np.full(len(self.channels), np.nan)
-        for pick in self.picks:
-            since = (pick.time_ns - step_ns) / NS_PER_S
-            index = self.channels[pick.channel]
-            if 0 <= since <= window_s and not times[index] <= since:
-                times[index] = since
-        return times
+
+def placed_channels(
+    channels: Sequence[str], geometry: Geometry
+) -> tuple[dict[str, int], NDArray[np.float64]]:
+    """Return the row of each channel whose place is known, and the places, shape (n, 2) [m].
+
+    Channels of several axes at one place are one sensor: that of z, which the waves of a step move
+    most, or of the first axis where there is no z.
+    """
+    known = {s.channel: s for s in geometry.sensors}
+    sensors = [known[name] for name in dict.fromkeys(channels) if name in known]
+    axis: dict[tuple[float, float, float], str] = {}
+    for s in sensors:
+        place = s.x, s.y, s.z
+        axis[place] = "z" if s.axis == "z" else axis.get(place, s.axis)
+    placed = [s for s in sensors if axis[s.x, s.y, s.z] == s.axis]
+    positions = np.array([(s.x, s.y) for s in placed], np.float64).reshape(-1, 2)
+    return {s.channel: index for index, s in enumerate(placed)}, positions
+
+
+def clock_offsets(channels: Iterable[str], geometry: Geometry) -> NDArray[np.float64]:
+    """Return how far the clock of each channel is ahead, 0 where unknown, shape (n,) [s]."""
+    ahead = {s.channel: s.clock_offset_s for s in geometry.sensors}
+    return np.array([ahead.get(name, 0.0) for name in channels], np.float64)
+
+
+def first_arrivals(
+    picks: Iterable[Pick],
+    channels: Mapping[str, int],
+    step_ns: int,
+    window_s: float,
+    offsets_s: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return the first arrival at each sensor within the window of a step [s], else NaN.
+
+    Parameters
+    ----------
+    picks
+        In any order; those of channels that have no place are left out.
+    channels
+        The row of each channel that has one.
+    step_ns, window_s
+        The step, and how long after it arrivals belong to it, by the clocks as they are.
+    offsets_s
+        Shape (n,): how far the clock of each channel is ahead [s]; subtracted from its arrival.
+    """
+    times = np.full(len(channels), np.nan)
+    for pick in picks:
+        since = (pick.time_ns - step_ns) / NS_PER_S
+        index = channels.get(pick.channel)
+        if index is not None and 0 <= since <= window_s and not times[index] <= since:
+            times[index] = since
+    return times if offsets_s is None else times - offsets_s
+
+
+def place_candidate(time_ns: int, location: Location) -> Candidates:
+    """Return a place as the candidate that a localizer's gates decide on."""
+    sigma = float(np.sqrt(np.trace(location.covariance) / 2))
+    value = [location.picks, location.residual, location.x, location.y, sigma]
+    return Candidates(
+        np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
+    )
 
 
 class LocalizerStage:
@@ -129,20 +184,20 @@ class LocalizerStage:
         if self.topics and not any(fnmatch(source.topic, p) for p in self.topics):
             return
         worker = self.kind(self.parameters)
-        known = {s.channel: (s.x, s.y) for s in self.geometry.sensors}
-        channels = [name for name in dict.fromkeys(source.channels) if name in known]
+        places, positions = placed_channels(source.channels, self.geometry)
         gates = gate_specs(worker.gates, self.parameters)
         spec = StageSpec(
             self.name, self.plugin, source.topic, ("all",), worker.columns, gates, (), worker.emits
         )
+        spec = in_length_unit(spec, self.geometry)
         lacking = "places of three or more sensors"
-        if len({known[name] for name in channels}) >= LEAST_PICKS:
-            positions = np.array([known[name] for name in channels], np.float64)
+        if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
             outline = np.array(self.geometry.outline, np.float64)
             medium = self.geometry.medium
-            lacking = worker.start(Site(positions, outline if len(outline) else None, medium))
-        places = {name: index for index, name in enumerate(channels)}
-        self._runs[source.topic] = _Run(worker, spec, places, lacking)
+            room = outline if len(outline) else None
+            lacking = worker.start(Site(positions, room, medium, self.geometry.length_unit))
+        ahead = clock_offsets(places, self.geometry)
+        self._runs[source.topic] = _Run(worker, spec, places, ahead, lacking)
         if not lacking:
             yield spec
 
@@ -161,18 +216,17 @@ class LocalizerStage:
             return
         while run.picks and run.picks[0].time_ns < time_ns:
             run.picks.popleft()
-        location = run.worker.locate(run.arrivals(time_ns, self.parameters.window_s))
+        arrivals = first_arrivals(
+            run.picks, run.channels, time_ns, self.parameters.window_s, run.offsets_s
+        )
+        location = run.worker.locate(arrivals)
         block = self._decided(run, time_ns, location)
         yield block
         if block.accepted[0]:
             yield self._fix(time_ns, location)
 
     def _decided(self, run: _Run, time_ns: int, location: Location) -> CandidateBlock:
-        sigma = float(np.sqrt(np.trace(location.covariance) / 2))
-        value = [location.picks, location.residual, location.x, location.y, sigma]
-        found = Candidates(
-            np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
-        )
+        found = place_candidate(time_ns, location)
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         return block
 

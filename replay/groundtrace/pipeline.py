@@ -29,7 +29,17 @@ if TYPE_CHECKING:
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
 #: Groups of plugins a stage may use.
-STAGE_GROUPS = ("detectors", "associators", "arrays", "localizers", "trackers")
+STAGE_GROUPS = (
+    "detectors",
+    "associators",
+    "classifiers",
+    "arrays",
+    "localizers",
+    "comparisons",
+    "trackers",
+    "navigators",
+    "headings",
+)
 
 
 @dataclass(frozen=True, slots=True)

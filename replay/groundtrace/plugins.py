@@ -16,9 +16,13 @@ if TYPE_CHECKING:
 GROUPS = (
     "detectors",
     "associators",
+    "classifiers",
     "arrays",
     "localizers",
+    "comparisons",
     "trackers",
+    "navigators",
+    "headings",
     "importers",
     "sinks",
     "views",

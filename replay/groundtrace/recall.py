@@ -37,11 +37,22 @@ class Recall:
         What the columns of the signal are.
     before_ns, after_ns
         Span of a window before and from a group's first pick on [ns].
+    together_ns
+        How long after its first pick others still belong to a group [ns].
+    ahead_s
+        How far the clock of each column is ahead of the common one, shape (n_channels,) [s].
+
+    Notes
+    -----
+    Windows are cut by the common clock: each column moved by whole samples. Steps are named, and
+    picks come, by the clocks as they are.
     """
 
     stream: Stream
     before_ns: int
     after_ns: int
+    together_ns: int
+    ahead_s: NDArray[np.float64]
     _blocks: deque[SignalBlock] = field(default_factory=deque)
     _picks: list[Pick] = field(default_factory=list)
     _kept: Cut | None = None
@@ -55,13 +66,14 @@ class Recall:
                 self._kept = self._cut(first_ns)
         horizon = block.end_ns - KEEP_NS
         if self._picks and self._kept is None:
-            horizon = min(horizon, self._picks[0].time_ns - self.before_ns)
+            spread_ns = round(float(np.ptp(self.ahead_s)) * NS_PER_S)
+            horizon = min(horizon, self._picks[0].time_ns - self.before_ns - spread_ns)
         while self._blocks and self._blocks[0].end_ns <= horizon:
             self._blocks.popleft()
 
     def pick(self, pick: Pick) -> None:
         """Take a pick: into the group under way, or as the first of the next."""
-        if self._picks and pick.time_ns - self._picks[0].time_ns > self.after_ns:
+        if self._picks and pick.time_ns - self._picks[0].time_ns > self.together_ns:
             self._picks, self._kept = [], None
         self._picks.append(pick)
 
@@ -77,23 +89,40 @@ class Recall:
         return self._cut(step_ns)
 
     def arrivals(self, step_ns: int, start_ns: int) -> NDArray[np.float64]:
-        """Return each channel's first pick from a step on, after a time [s], (n_channels,)."""
+        """Return each channel's first pick from a step on, after a time [s], (n_channels,).
+
+        By the common clock.
+        """
         found = np.full(len(self.stream.channels), np.nan)
         index = {c.name: i for i, c in enumerate(self.stream.channels)}
         for pick in self._picks:
-            since = (pick.time_ns - start_ns) / NS_PER_S
             place = index.get(pick.channel)
-            if place is not None and pick.time_ns >= step_ns and not found[place] <= since:
-                found[place] = since
+            if place is not None and pick.time_ns >= step_ns:
+                since = (pick.time_ns - start_ns) / NS_PER_S - self.ahead_s[place]
+                found[place] = np.fmin(found[place], since)
         return found
 
     def _cut(self, step_ns: int) -> Cut:
-        """Return the window, held where there is no signal."""
-        start_ns, end_ns = step_ns - self.before_ns, step_ns + self.after_ns
+        """Return the window of a step, held where there is no signal."""
+        first_s = np.nanmin([*self.arrivals(step_ns, step_ns), np.inf])
+        start_ns = step_ns - self.before_ns
+        if self.ahead_s.any() and np.isfinite(first_s):
+            start_ns += round(float(first_s) * NS_PER_S)
+        moved = whole_samples(self.ahead_s, self.stream.rate_hz)
+        low, high = int(moved.min(initial=0)), int(moved.max(initial=0))
         period_ns = self.stream.period_ns
-        values = np.full(
-            (round((end_ns - start_ns) / period_ns), len(self.stream.channels)), np.nan
-        )
+        count = round((self.before_ns + self.after_ns) / period_ns)
+        wide_ns, wide = self._samples(start_ns + round(low * period_ns), count + high - low)
+        if low == high:
+            return wide_ns, _held(wide)
+        columns = [wide[m - low : m - low + count, c] for c, m in enumerate(moved.tolist())]
+        return wide_ns - round(low * period_ns), _held(np.column_stack(columns))
+
+    def _samples(self, start_ns: int, count: int) -> Cut:
+        """Return samples from about a time on, NaN where there are none, by the clocks as are."""
+        period_ns = self.stream.period_ns
+        end_ns = start_ns + round(count * period_ns)
+        values = np.full((count, len(self.stream.channels)), np.nan)
         inside = [b for b in self._blocks if b.end_ns > start_ns and b.start_ns < end_ns]
         if inside:  # on the grid of the samples
             start_ns = inside[0].time_of(round((start_ns - inside[0].start_ns) / period_ns))
@@ -102,7 +131,12 @@ class Recall:
             first, last = max(0, -at), min(len(block), len(values) - at)
             if first < last:
                 values[at + first : at + last] = block.slice(first, last).values
-        return start_ns, _held(values)
+        return start_ns, values
+
+
+def whole_samples(ahead_s: NDArray[np.float64], rate_hz: float) -> NDArray[np.intp]:
+    """Return by how many samples channels are moved whose clocks are ahead, shape (n,)."""
+    return np.rint(ahead_s * rate_hz).astype(np.intp)
 
 
 def _held(values: NDArray[np.float64]) -> NDArray[np.float64]:

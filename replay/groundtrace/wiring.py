@@ -6,9 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from .array_stage import ArrayStage
+from .bearing_stage import BearingStage
+from .comparison_stage import ComparisonStage
 from .errors import PipelineError
+from .heading_stage import HeadingStage
+from .inertial.stage import NavigatorStage
+from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
 from .stage import AssociatorStage, DetectorStage
+from .step_type_stage import StepTypeStage
 from .tracker_stage import TrackerStage
 
 if TYPE_CHECKING:
@@ -28,7 +34,7 @@ class Before:
 
     Attributes
     ----------
-    picking, stepping, locating
+    picking, stepping, pointing, locating
         Names of the stages.
     window_s
         How long after a step's first arrival the stage that finds steps waits [s]; 0 for one that
@@ -37,6 +43,7 @@ class Before:
 
     picking: str = ""
     stepping: str = ""
+    pointing: str = ""
     window_s: float = 0.0
     locating: list[str] = field(default_factory=list)
 
@@ -45,15 +52,34 @@ class Before:
         key, _, _, parameters, _ = given
         if group == "associators":
             return AssociatorStage(*given, source=self.picking)
+        if group == "classifiers":
+            return StepTypeStage(*given, stepping=self.stepped(key))
         if group == "arrays":
             picking, stepping = self.located(key)
             self.recalled(key, parameters.after_s)
-            return ArrayStage(*given, picking=picking, stepping=stepping, geometry=geometry)
+            return ArrayStage(
+                *given,
+                picking=picking,
+                stepping=stepping,
+                window_s=self.window_s,
+                geometry=geometry,
+            )
+        if group == "localizers" and getattr(given[2], "takes", "pick") == "bearing":
+            pointing, stepping = self.pointed(key), self.stepping
+            return BearingStage(*given, pointing=pointing, stepping=stepping, geometry=geometry)
         if group == "localizers":
             picking, stepping = self.located(key)
             return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
+        if group == "comparisons":
+            sources = self.compared(key)
+            return ComparisonStage(*given, sources=sources, geometry=geometry)
+        if group == "headings":
+            return HeadingStage(*given)
         if group == "trackers":
+            given = (*given[:3], scaled_lengths(parameters, geometry), given[4])
             return TrackerStage(*given, source=self.tracked(key, parameters.source))
+        if group == "navigators":
+            return NavigatorStage(*given)
         return DetectorStage(*given)
 
     def add(self, key: str, emits: str, parameters: Any) -> None:
@@ -63,6 +89,8 @@ class Before:
         elif emits in ("step", "impact"):
             self.stepping = key
             self.window_s = getattr(parameters, "window_s", 0.0)
+        elif emits == "bearing":
+            self.pointing = key
         elif emits == "fix":
             self.locating.append(key)
 
@@ -77,6 +105,20 @@ class Before:
             )
         return self.picking, self.stepping
 
+    def stepped(self, key: str) -> str:
+        """Return whose steps a stage takes; refuse one with none to take."""
+        if not self.stepping:
+            raise PipelineError(f"{key}: expected a stage that gives steps before it, found none")
+        return self.stepping
+
+    def pointed(self, key: str) -> str:
+        """Return whose bearings a stage takes; refuse one with none to take."""
+        if not self.pointing:
+            raise PipelineError(
+                f"{key}: expected a stage that gives bearings before it, found none"
+            )
+        return self.pointing
+
     def recalled(self, key: str, after_s: float) -> None:
         """Refuse an array method that looks at signal later than a step is sure to be announced."""
         if after_s > self.window_s:
@@ -84,6 +126,13 @@ class Before:
                 f"{key}.after_s: expected at most the {self.window_s:g} s that "
                 f"{self.stepping} waits, found {after_s:g}"
             )
+
+    def compared(self, key: str) -> tuple[str, ...]:
+        """Return whose fixes a comparison takes: of all localizers; refuse fewer than two."""
+        if len(self.locating) < 2:
+            found = ", ".join(self.locating) or "none"
+            raise PipelineError(f"{key}: expected two localizers before it, found {found}")
+        return tuple(self.locating)
 
     def tracked(self, key: str, wanted: str) -> str:
         """Return whose fixes a tracker takes: of the stage it wants, else of the first."""

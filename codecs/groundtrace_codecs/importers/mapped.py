@@ -15,6 +15,7 @@ from ..signals import NS_PER_S, Channel, Stream
 from ..units import to_quantity
 from . import grid
 from .api import Imported
+from .orientation import orientation_labels
 from .references import Reference, references
 
 if TYPE_CHECKING:
@@ -80,6 +81,8 @@ def import_table(table: Table, map_: ImportMap) -> Imported:
         table.name, earliest, reads[0].timing.sample_times(), table.numbers, table.groups
     )
     labels, remarks = references(reference, map_.truth)
+    if map_.orientation is not None:
+        labels = tuple(sorted((*labels, *orientation_labels(reference, map_.orientation))))
     return Imported(
         sources=tuple(_source(r) for r in reads),
         start_ns=earliest,

@@ -98,6 +98,8 @@ class TruthMap(_Strict, frozen=True):
         Of ``time`` and ``end``, from the first sample.
     label, value, x, y
         Paths to as many cells as ``time`` has.
+    x_scale, y_scale
+        Factors from the file's numbers to metres; negative where an axis points the other way.
     increments_of
         Table column of a running count: an event at each row where it grows.
     total_of
@@ -122,12 +124,44 @@ class TruthMap(_Strict, frozen=True):
     value: str | None = None
     x: str | None = None
     y: str | None = None
+    x_scale: float = 1.0
+    y_scale: float = 1.0
     increments_of: str | int | None = None
     total_of: str | int | None = None
     missing: Literal["ignore", "error"] = "error"
     alternating: bool = False
     min_interval_s: float = 0.0
     margin_s: float = 0.12
+
+
+class OrientationMap(_Strict, frozen=True):
+    """A reference orientation in the file, one row for each sample of the first stream.
+
+    Attributes
+    ----------
+    quaternion
+        Path to unit quaternions (w, x, y, z) that turn the sensor's axes to x east, y north,
+        z up; NaN where the reference was blind.
+    axis
+        The sensor's axis whose direction in the horizontal plane is the true heading.
+    every_s
+        Time between true headings [s].
+    steepest_deg
+        An axis that rises or falls by more has no heading [deg].
+    field, field_unit
+        Path to the magnetic field, one column an axis, and its unit: where it is off by
+        ``disturbed_ut``, averaged over ``average_s``, it is disturbed. Without it nothing is said
+        of disturbances.
+    """
+
+    quaternion: str
+    axis: Literal["x", "y", "z", "-x", "-y", "-z"] = "x"
+    every_s: float = 0.02
+    steepest_deg: float = 75.0
+    field: str | None = None
+    field_unit: str = "uT"
+    disturbed_ut: float = 5.0
+    average_s: float = 0.1
 
 
 class ImportMap(_Strict, frozen=True):
@@ -141,6 +175,8 @@ class ImportMap(_Strict, frozen=True):
         The streams, at least one.
     truth
         Reference events in the file.
+    orientation
+        A reference orientation in the file.
     time, rate_hz
         Exactly one, unless each stream has its own.
     start
@@ -155,6 +191,7 @@ class ImportMap(_Strict, frozen=True):
     format: str
     stream: tuple[StreamMap, ...]
     truth: tuple[TruthMap, ...] = ()
+    orientation: OrientationMap | None = None
     time: TimeMap | None = None
     rate_hz: float | None = None
     start: float | str | StartMap | None = None

@@ -150,8 +150,8 @@ def _label(
         time_ns=_moment(truth, reference, time),
         kind=truth.kind,
         end_ns=_moment(truth, reference, ends[0]) if ends else None,
-        x_m=number.get("x"),
-        y_m=number.get("y"),
+        x_m=number["x"] * truth.x_scale if "x" in number else None,
+        y_m=number["y"] * truth.y_scale if "y" in number else None,
         value=number.get("value"),
         label=str(cells.get("label", "")).strip().lower(),
     )

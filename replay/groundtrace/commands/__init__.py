@@ -64,6 +64,12 @@ COMMANDS = {
         "Example: groundtrace sweep walk.results.mcap --grid steps.height=0.2:1:17 "
         "--grid steps.swing=0.4:1.6:13 --write best.toml --figure sweep.svg",
     ),
+    "calibrate": (
+        f"{HERE}.calibrating:calibrate",
+        "Estimate from all impacts how waves travel over the floor and how far the sensors' clocks "
+        "differ, with or without known places; say what cannot be told.\n\n"
+        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
+    ),
     "plugins": (
         f"{HERE}.listing:plugins",
         "List what is installed: detectors, associators, importers, sinks.\n\n"
@@ -83,8 +89,16 @@ SIMULATIONS = {
     ),
     "walk": (
         f"{HERE}.simulating:walk",
-        "A walker with an IMU at the waist; steps, walking spans and turns known.\n\n"
-        "Example: groundtrace simulate walk -o walk.mcap --duration-s 120",
+        "A walker with an IMU; steps of four types, turns, stops, places and headings known.\n\n"
+        "Example: groundtrace simulate walk -o walk.mcap --path loop --types --seed 7",
+    ),
+}
+ANALYSES = {
+    "room": (
+        f"{HERE}.analyzing:room",
+        "Tell how well a layout of sensors will locate: errors over the room, wrong signs, "
+        "ambiguous regions, what each sensor contributes, where one more would help.\n\n"
+        "Example: groundtrace analyze room room.toml --sigma-ms 0.5 --png room.png",
     ),
 }
 
@@ -108,6 +122,14 @@ def application() -> App:
     for name, (target, text) in SIMULATIONS.items():
         simulate.command(target, name=name, help=text)
     app.command(simulate)
+    analyze = App(
+        name="analyze",
+        help="Tell what a layout can do, before anyone records.\n\n"
+        "Example: groundtrace analyze room room.toml",
+    )
+    for name, (target, text) in ANALYSES.items():
+        analyze.command(target, name=name, help=text)
+    app.command(analyze)
     return app
 
 

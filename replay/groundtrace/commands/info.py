@@ -77,6 +77,7 @@ class RecordingInfo:
     damage: list[DamageInfo]
     truth: dict[str, int]
     geometry: dict[str, int] | None
+    length_unit: str | None
     metadata: list[str]
 
 
@@ -132,6 +133,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         damage=_damage(recording, start_ns),
         truth=dict(Counter(label.kind for label in recording.labels)),
         geometry=_geometry(recording.geometry),
+        length_unit=recording.geometry.length_unit if recording.geometry is not None else None,
         metadata=sorted(recording.metadata),
     )
 
@@ -208,7 +210,8 @@ def _print(found: RecordingInfo) -> None:
     if found.truth:
         print("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
     if found.geometry is not None:
-        print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()))
+        unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
+        print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit)
 
 
 def _stream_row(s: StreamInfo) -> tuple[str, ...]:

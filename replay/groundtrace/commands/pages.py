@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..explain import Counts, Remedy
-    from ..explain.account import Account, Chain, Moment
+    from ..explain.account import Account, Moment
+    from ..explain.candidates import Chain
     from ..explain.comparison import Comparison
 
 READING_WHY = """

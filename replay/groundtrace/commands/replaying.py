@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter, validators
 
+from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
@@ -43,6 +44,7 @@ def replay(
     recording: Path | None = None,
     *,
     pipeline: str = "",
+    geometry: Path | None = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
     to: Annotated[float | None, NOT_NEGATIVE] = None,
@@ -64,6 +66,8 @@ def replay(
         MCAP file.
     pipeline
         Name of a shipped pipeline (see groundtrace pipelines) or a TOML file.
+    geometry
+        Geometry TOML instead of the recording's own.
     set_
         A parameter of a stage, as stage.param=value; may be given several times.
     from_
@@ -95,7 +99,9 @@ def replay(
     spawn, rrd = _where_to_show(path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force)
     results = _results_path(path, out, force=force)
     shown: Any = None
+    site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with Recording.open(path) as opened:
+        opened.geometry = site or opened.geometry
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)
         span = _span(session, from_, to)
@@ -110,7 +116,7 @@ def replay(
         if at_miss is not None:
             at_ns = missed_step(results, at_miss)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
-            again = build_pipeline(chain.config)
+            again = build_pipeline(chain.config, opened.geometry)
             _run(Source(opened), again, [Around(shown, at_ns)], session, rate)
         damage = len(opened.damage)
     _report(session, chain, tally, results, rrd, damage, json=json)

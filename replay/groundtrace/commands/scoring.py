@@ -16,6 +16,7 @@ from .truth import truth_of
 
 if TYPE_CHECKING:
     from ..score import (
+        ClosureScore,
         ConsistencyScore,
         DisturbanceScore,
         HeadingScore,
@@ -73,7 +74,7 @@ def score(
     if json:
         print_json(_parts(figures))
     else:
-        _print(figures)
+        _print(figures, "m" if result.geometry is None else result.geometry.length_unit)
     if html is not None:
         say(f"page: {html}")
 
@@ -84,15 +85,15 @@ def _parts(figures: Score) -> dict[str, object]:
     return {name: part for name, part in named.items() if part is not None}
 
 
-def _print(figures: Score) -> None:
+def _print(figures: Score, unit: str) -> None:
     if figures.steps is not None:
         _print_steps(figures.steps)
     if figures.positions is not None:
-        _print_positions(figures.positions)
+        _print_positions(figures.positions, unit)
     if figures.picks is not None:
         _print_picks(figures.picks)
     if figures.track is not None:
-        _print_track(figures.track)
+        _print_track(figures.track, unit)
     if figures.heading is not None:
         _print_heading(figures.heading)
     if figures.disturbance is not None:
@@ -145,12 +146,12 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f}"
 
 
-def _print_positions(p: PositionScore) -> None:
+def _print_positions(p: PositionScore, unit: str) -> None:
     print(f"positions: {p.n} fixes of {p.stage} at {p.truth} true places")
     rows = [_position_row("all", p), *(_position_row(f"{e.group} picks", e) for e in p.by_picks)]
     if len(p.by_stage) > 1:
         rows += [_position_row(e.group, e) for e in p.by_stage]
-    print_table(("fixes", "n", "RMSE", "CEP50", "CEP95", "bias x", "bias y [m]"), rows)
+    print_table(("fixes", "n", "RMSE", "CEP50", "CEP95", "bias x", f"bias y [{unit}]"), rows)
 
 
 def _position_row(name: str, e: PositionScore | PositionErrors) -> tuple[str, ...]:
@@ -158,14 +159,29 @@ def _position_row(name: str, e: PositionScore | PositionErrors) -> tuple[str, ..
     return (name, str(e.n), *map(_number, values))
 
 
-def _print_track(t: TrackScore) -> None:
+def _print_track(t: TrackScore, unit: str) -> None:
     print(f"track: {t.tracks} of {t.stage} at {t.times} times")
-    print(f"  OSPA {t.ospa_m:.2f} m, GOSPA {t.gospa_m:.2f} m (cut-off {t.cutoff_m:g} m)")
-    print(f"  {t.missed} missed, {t.false} false, accuracy {_number(t.accuracy_m)} m")
+    cutoff = f"(cut-off {t.cutoff_m:g} {unit})"
+    print(f"  OSPA {t.ospa_m:.2f} {unit}, GOSPA {t.gospa_m:.2f} {unit} {cutoff}")
+    print(f"  {t.missed} missed, {t.false} false, accuracy {_number(t.accuracy_m)} {unit}")
     print(
         f"  completeness {t.completeness:.3f}, ambiguity {t.ambiguity:.2f}, "
         f"spuriousness {t.spuriousness:.3f}"
     )
+    if t.closure is not None:
+        _print_closure(t.closure, unit)
+
+
+def _print_closure(c: ClosureScore, unit: str) -> None:
+    print(
+        f"  walked {c.walked_m:.1f} {unit}, end {c.apart_m:.2f} {unit} from the start, "
+        f"truth {c.true_apart_m:.2f} {unit}: {c.percent:.2f} % of the way"
+    )
+    if c.aligned_rmse_m is not None:
+        print(
+            f"  turned and shifted onto the truth: RMSE {c.aligned_rmse_m:.2f} {unit}, "
+            f"end {_number(c.aligned_end_m)} {unit} off"
+        )
 
 
 def _print_heading(h: HeadingScore) -> None:

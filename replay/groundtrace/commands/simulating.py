@@ -14,6 +14,7 @@ from ..simulate import RoomOptions, Simulation, WalkOptions, simulate_room, simu
 
 # read by the command line at run time, like the types above
 from ..simulate.options import PathName, ShoeName  # noqa: TC001
+from ..simulate.walk_options import PlacementName, RouteName  # noqa: TC001
 from .output import existing, writable
 
 if TYPE_CHECKING:
@@ -139,11 +140,20 @@ def walk(
     *,
     out: Annotated[Path, OUT],
     seed: int = 2,
-    duration_s: float = 60.0,
+    duration_s: float | None = None,
     rate_hz: float = 100.0,
+    placement: PlacementName = "waist",
+    path: RouteName | None = None,
+    types: Annotated[bool, FLAG] = False,
+    person: int | None = None,
+    with_idle: Annotated[bool, FLAG] = False,
+    gnss: Annotated[bool, FLAG] = False,
+    disturbances: int | None = None,
+    hard_iron_ut: float | None = None,
+    soft_iron: float | None = None,
     force: Annotated[bool, FLAG] = False,
 ) -> None:
-    """Make a walker with an IMU at the waist, with steps, walking spans and turns known.
+    """Make a walker with an IMU, with steps, walking spans, headings and places known.
 
     Parameters
     ----------
@@ -152,13 +162,49 @@ def walk(
     seed
         Of everything random.
     duration_s
-        Length [s].
+        Length [s]; once along the path, 120 of a random one, 60 without any other option.
     rate_hz
         Sampling rate of the IMU, 6 to 400 Hz.
+    placement
+        Where the IMU is worn; its axes lie ahead, left, up within 20 degrees at waist, trunk and
+        foot (the right one), anyhow in the trouser pocket (phone) and at the wrist.
+    path
+        Where to walk; epfl is a loop of 260 m with strong magnetic disturbances on its second
+        straight. Random, where --types, --person, --with-idle or --placement ask for a person
+        other than the bundled recording's and no path is given.
+    types
+        Stop for backward, left and right steps on the way. The label of a step in the truth is
+        its type then, and its foot a note. A side step is the lead foot's; its second contact
+        is of kind trailing.
+    person
+        Seed of the person (cadence, vigour, manner, sensor), where not --seed.
+    with_idle
+        Stop for sitting down, reaching, handling the sensor, riding in a vehicle.
+    gnss
+        Add positions once a second.
+    disturbances
+        Number of stretches of 2 to 10 m that disturb the magnetic field by 10 to 60 uT.
+    hard_iron_ut
+        Constant field of the carrier in the sensor's axes [uT], 0 to 100.
+    soft_iron
+        By how much the carrier stretches the field along one axis, 0 to 0.3.
     force
         Overwrite an existing file.
     """
-    options = WalkOptions(seed=seed, duration_s=duration_s, rate_hz=rate_hz)
+    options = WalkOptions(
+        seed=seed,
+        duration_s=duration_s,
+        rate_hz=rate_hz,
+        placement=placement,
+        path=path,
+        types=types,
+        person=person,
+        with_idle=with_idle,
+        gnss=gnss,
+        disturbances=disturbances,
+        hard_iron_t=None if hard_iron_ut is None else hard_iron_ut / 1e6,
+        soft_iron=soft_iron,
+    )
     _write(simulate_walk(options), out, force=force)
 
 

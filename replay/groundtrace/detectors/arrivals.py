@@ -16,7 +16,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates
 from .cells import CellReducer, LocalMaxima, NoiseLevel, NoiseRatio, Rise
 from .frames import FrameTrace
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from .cells import Cells
 
 COLUMNS = (Quantity("ratio", "1"), Quantity("uncertainty", "s"))
 
@@ -153,6 +155,7 @@ class ArrivalTracker:
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
         self._history = _History(channels)
+        self._reached: tuple[Cells, NDArray[np.float64]] | None = None
         self._waiting: list[Rise] = []  # maxima whose AIC windows are open
         self._held = Candidates.empty(len(COLUMNS))
         self._back = round(settings.back_s * rate_hz)
@@ -176,10 +179,23 @@ class ArrivalTracker:
         self._history.append(times, signal, drive)
         cells = self._cells.add(times, recorded, drive, level)
         ratio = self._ratio(cells.level)
+        self._reached = (cells, ratio)
         frames = self._trace.add(
             cells.time_ns, ratio, cells.peak, cells.power, cells.high, cells.low
         )
         return Measured(self._candidates(ratio, final=False), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the decision function over the samples of the last complete cells.
+
+        Its largest value within a cell is the cell's ratio, which candidates have.
+        """
+        if self._reached is None:
+            return None
+        cells, ratio = self._reached
+        scale = np.divide(ratio, cells.level, out=np.zeros_like(ratio), where=cells.level > 0)
+        value = cells.samples * scale[:, :, None]
+        return Curve(cells.sample_ns, value.reshape(len(value), -1).T)
 
     def finish(self) -> Measured:
         """End the run: the last cells count although nothing follows them."""

@@ -35,6 +35,8 @@ class Cells:
     level, peak, power, high, low
         Shape (n_channels, n): largest level of the decision function, largest absolute value and
         mean square of the filtered signal, maximum and minimum of the recorded signal.
+    sample_ns, samples
+        Shape (n * length,) and (n_channels, n, length): the level sample by sample.
     """
 
     time_ns: NDArray[np.int64]
@@ -43,6 +45,8 @@ class Cells:
     power: NDArray[np.float64]
     high: NDArray[np.float64]
     low: NDArray[np.float64]
+    sample_ns: NDArray[np.int64]
+    samples: NDArray[np.float64]
 
 
 class CellReducer:
@@ -73,6 +77,8 @@ class CellReducer:
             np.einsum("ckl,ckl->ck", folded[0], folded[0]) / self.length,
             folded[2].max(axis=2),
             folded[2].min(axis=2),
+            times[:whole],
+            folded[1],
         )
 
 

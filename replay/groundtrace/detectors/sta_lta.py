@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
-from ..detector import Emits, Measured, joined
+from ..detector import Curve, Emits, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
@@ -81,6 +81,10 @@ class StaLtaPicker:
     def measure(self, block: SignalBlock) -> Measured:
         """Average the squared slope and look for arrivals."""
         return self._measure(*self.state.slope(block.sample_times(), planar(block)))
+
+    def curve(self) -> Curve | None:
+        """Return the ratio over the samples that the last ``measure`` completed."""
+        return self.state.tracker.curve()
 
     def finish(self) -> Measured:
         """End the run; the smoothing sees the last sample repeated."""

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from ..detector import Emits, Measured
+    from ..detector import Curve, Emits, Measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +117,10 @@ class VarianceChangePicker:
         band = state.band(recorded)
         level = state.average(band * band)
         return state.tracker.add(block.sample_times(), recorded, band, band, level)
+
+    def curve(self) -> Curve | None:
+        """Return the ratio over the samples that the last ``measure`` completed."""
+        return self.state.tracker.curve()
 
     def finish(self) -> Measured:
         """End the run."""

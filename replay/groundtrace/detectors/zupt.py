@@ -42,14 +42,18 @@ class ZeroVelocityParameters:
         float, measured("rad/s", "Turning by this, the statistic is 1.", gt=0)
     ] = 0.3
     gravity: Annotated[float, measured("m/s2", "Of a sensor that stands still.", gt=0)] = 9.80665
+    share: Annotated[
+        float, measured("1", "Or while at most this part of the last stride's motion.", ge=0, lt=1)
+    ] = 0.03
+    stride_s: Annotated[float, measured("s", "A stride takes at most so long.", gt=0)] = 1.5
     lead_s: Annotated[
         float, measured("s", "Initial contact precedes the interval by this.", ge=0)
     ] = 0.15
     floor: Annotated[
         float, measured("1", "An interval lasts while its stillness is at least this.", gt=0, lt=1)
-    ] = 0.15
-    stillness: Annotated[float, gate("1", "Least stillness reached in it.", ge=0, le=1)] = 0.5
-    duration_s: Annotated[float, gate("s", "Shortest interval that is a stance.", ge=0)] = 0.1
+    ] = 0.33
+    stillness: Annotated[float, gate("1", "Least stillness reached in it.", ge=0, le=1)] = 0.4
+    duration_s: Annotated[float, gate("s", "Shortest interval that is a stance.", ge=0)] = 0.05
     motion: Annotated[float, gate("1", "Least motion before it that is a step.", ge=0)] = 10.0
     refractory_s: Annotated[float, gate("s", "Least time between two steps of a foot.", ge=0)] = 0.4
 
@@ -64,6 +68,7 @@ class _Interval(NamedTuple):
 class _State:
     columns: tuple[list[int], list[int]]  # of the accelerometer and of the gyroscope
     statistic: ZeroVelocityStatistic
+    peak: RecentPeak
     trace: FrameTrace
     under_way: _Interval | None
     motion: float  # largest statistic since the last interval
@@ -78,7 +83,9 @@ class ZeroVelocityDetector:
     intervals, also those that are no steps (standing from the beginning, say), for navigation that
     wants to know when the velocity is zero: one begins ``lead_s`` after its candidate's time and
     lasts ``duration``.
-    ``stillness`` is ``1 / (1 + T)`` of the statistic T, and ``motion`` the largest T before it.
+    ``stillness`` is ``1 / (1 + T / s)`` of the statistic T, and ``motion`` the largest T before
+    it. The scale s is 1 for slow feet; a fast foot may roll on while it stands, so that there an
+    interval lasts while T is at most ``share`` of the largest T in the last ``stride_s``.
     Without a gyroscope the statistic is that of the accelerometer alone. An interval comes out
     when it has ended.
     """
@@ -104,6 +111,7 @@ class ZeroVelocityDetector:
         self.state = _State(
             columns,
             ZeroVelocityStatistic(stream.rate_hz, self.parameters),
+            RecentPeak(stream.rate_hz, self.parameters.stride_s),
             FrameTrace(stream.rate_hz, 1),
             under_way=None,
             motion=0.0,
@@ -117,7 +125,7 @@ class ZeroVelocityDetector:
         state = self.state
         acceleration, rotation = (planar(block.select(c)) for c in state.columns)
         t = state.statistic(acceleration, rotation)
-        still = 1 / (1 + t)
+        still = 1 / (1 + t / self._scale(t))
         norm = np.sqrt(np.einsum("cn,cn->n", acceleration, acceleration))[None, :]
         times = block.sample_times()
         frames = state.trace.add(times, still[None, :], t[None, :], (t * t)[None, :], norm, norm)
@@ -133,6 +141,11 @@ class ZeroVelocityDetector:
         ended = [] if state.under_way is None else [(state.under_way, state.end_ns)]
         state.under_way = None
         return Measured(self._candidates(ended), state.trace.finish())
+
+    def _scale(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the statistic is divided by: 1 unless the foot swings so fast."""
+        p = self.parameters
+        return np.maximum(1.0, p.share * self.state.peak(t) / (1 / p.floor - 1))
 
     def _intervals(
         self, times: NDArray[np.int64], t: NDArray[np.float64], still: NDArray[np.float64]
@@ -162,6 +175,32 @@ class ZeroVelocityDetector:
             np.zeros(len(ended), np.int32),
             np.array(rows, np.float32).reshape(-1, len(self.columns)),
         )
+
+
+class RecentPeak:
+    """The largest value of the last stride, up to each sample, over blocks.
+
+    A fast foot rolls on while it stands, about in proportion to how wildly it swings: what is
+    still for a runner is a swing for a patient. So limits go by this peak.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate [Hz].
+    stride_s
+        How far it looks back [s].
+    """
+
+    def __init__(self, rate_hz: float, stride_s: float) -> None:
+        self._past = np.full(max(1, round(stride_s * rate_hz)) - 1, -np.inf)
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take the next values, shape (n,); return the peaks, shape (n,)."""
+        reach = len(self._past) + 1
+        joined = np.concatenate([self._past, values])
+        self._past = joined[len(joined) - reach + 1 :]
+        windows = np.lib.stride_tricks.sliding_window_view(joined, reach)
+        return np.asarray(windows.max(axis=1))
 
 
 class ZeroVelocityStatistic:

@@ -33,11 +33,14 @@ class Site:
         Shape (k, 2): corners of the room [m]; None where unknown.
     medium
         What the waves run through.
+    length_unit
+        ``m``, or ``units`` where the unit of all these lengths is unknown.
     """
 
     positions: NDArray[np.float64]
     outline: NDArray[np.float64] | None
     medium: Medium
+    length_unit: str = "m"
 
 
 @dataclass(frozen=True, slots=True)

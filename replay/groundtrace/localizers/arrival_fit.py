@@ -6,7 +6,7 @@ over the room costs a few products of arrays, and no start value can lead astray
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 NODES, FINER = 55, 9
 #: Passes of reweighting, and refinements about the best node, each four times as fine.
 PASSES, REFINEMENTS = 2, 2
+#: Losses of so many impacts times nodes are held at once.
+CELLS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,10 +71,20 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Best:
-    """The best place found: its node, its loss [s^2], and the loss of all nodes, shape (q,)."""
+    """The best places found of m impacts.
 
-    place: Array
-    loss: float
+    Attributes
+    ----------
+    places
+        Shape (m, 2) [m].
+    loss
+        Shape (m,): least loss [s^2].
+    losses
+        Shape (m, q): loss at every node of the lattice [s^2].
+    """
+
+    places: Array
+    loss: Array
     losses: Array
 
 
@@ -99,9 +111,10 @@ def _lattice(positions: bytes, outline: bytes | None, exponent: float) -> Lattic
 
 
 def distances(one: Array, other: Array) -> Array:
-    """Return the distances of places, shape (m, 2), to others, shape (q, 2); shape (m, q) [m]."""
-    apart: Array = np.hypot(*(one[:, None] - other).transpose(2, 0, 1))
-    return apart
+    """Return the distances of places, shape (..., m, 2), to others, (..., q, 2), (..., m, q)."""
+    square: Array = (one[..., :, None, 0] - other[..., None, :, 0]) ** 2
+    square += (one[..., :, None, 1] - other[..., None, :, 1]) ** 2
+    return np.sqrt(square, out=square)
 
 
 def losses(u: Array, times_s: Array, model: Model) -> Array:
@@ -110,24 +123,23 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     Parameters
     ----------
     u
-        Shape (n, q): d^p.
+        Shape (n, q), or (m, n, q) for nodes of their own for every impact: d^p.
     times_s
-        Shape (n,), finite.
+        Shape (m, n), finite.
     model
         Its slope, and the threshold of the loss.
 
     Returns
     -------
-    Shape (q,) [s^2]: twice Huber's loss, which is the mean square of the residuals where none is
+    Shape (m, q) [s^2]: twice Huber's loss, which is the mean square of the residuals where none is
     beyond the threshold. A slope that is fitted is at least 0: waves do not arrive before they
     leave.
     """
-    t = times_s[:, None]
-    left = _residuals(u, t, np.ones_like(t), model.slope)
     threshold = model.threshold_s
     if not np.isfinite(threshold):
-        plain: Array = np.einsum("nq,nq->q", left, left) / len(t)
-        return plain
+        return _squares(u, times_s, model.slope)
+    t = times_s[..., None]
+    left = _residuals(u, t, np.ones_like(t), model.slope)
     for _ in range(PASSES):
         size = np.abs(left)
         left = _residuals(u, t, threshold / np.maximum(size, threshold), model.slope)
@@ -135,61 +147,92 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     inner = np.minimum(size, threshold)
     size *= 2
     size -= inner
-    loss: Array = np.einsum("nq,nq->q", inner, size) / len(t)
+    loss: Array = np.einsum("mnq,mnq->mq", inner, size) / t.shape[-2]
     return loss
 
 
-def _residuals(u: Array, t: Array, weight: Array, slope: float | None) -> Array:
-    """Return t - t0 - k u with the best t0 and k under weights, shape (n, q)."""
-    whole = weight.sum(axis=0)
-    weighted = weight * u
-    u_mean = weighted.sum(axis=0) / whole
-    t_mean = (weight * t).sum(axis=0) / whole
+def _squares(u: Array, times_s: Array, slope: float | None) -> Array:
+    """Return the mean square of the residuals: without weights it needs but one product."""
+    offset = u - u.mean(axis=-2, keepdims=True)
+    late = times_s - times_s.mean(axis=-1, keepdims=True)
+    along = late @ offset if u.ndim == 2 else np.einsum("mn,mnq->mq", late, offset)
+    square = np.einsum("...nq,...nq->...q", offset, offset)
     if slope is None:
-        square = np.einsum("nq,nq->q", weighted, u) - whole * u_mean**2
-        along = (t[:, 0] @ weighted) - whole * u_mean * t_mean
+        taken = np.maximum(along, 0.0)
+        taken *= taken
+        taken /= np.maximum(square, np.finfo(np.float64).tiny)
+    else:
+        taken = slope * (2 * along - slope * square)
+    loss: Array = np.einsum("mn,mn->m", late, late)[:, None] - taken
+    loss /= times_s.shape[-1]
+    # rounding may leave less than nothing
+    return np.maximum(loss, 0.0, out=loss)
+
+
+def _residuals(u: Array, t: Array, weight: Array, slope: float | None) -> Array:
+    """Return t - t0 - k u with the best t0 and k under weights, shape (m, n, q)."""
+    whole = weight.sum(axis=-2)
+    weighted = weight * u
+    u_mean = weighted.sum(axis=-2) / whole
+    t_mean = (weight * t).sum(axis=-2) / whole
+    if slope is None:
+        square = np.einsum("...nq,...nq->...q", weighted, u) - whole * u_mean**2
+        along = np.einsum("mn,mnq->mq", t[..., 0], weighted) - whole * u_mean * t_mean
         square = np.maximum(square, np.finfo(np.float64).tiny)
         k = np.maximum(along / square, 0.0)
     else:
         k = np.full_like(u_mean, slope)
-    left: Array = t - k * u
-    left -= t_mean - k * u_mean
+    left: Array = t - k[..., None, :] * u
+    left -= (t_mean - k * u_mean)[..., None, :]
     return left
 
 
+def heard_by(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
+    """Return a lattice for the sensors that have an arrival, shape (n,)."""
+    return area if heard.all() else replace(area, u=area.u[heard])
+
+
 def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
-    """Return the place of least loss: the best node, then the best of ever finer ones about it.
+    """Return the places of least loss: the best node, then the best of ever finer ones about it.
 
     Parameters
     ----------
     area
-        Lattice of all sensors of the layout.
+        Lattice of these sensors.
     sensors
         Shape (n, 2) [m].
     times_s
-        Shape (n,); NaN where a sensor has no arrival.
+        Shape (m, n): arrivals of each impact, all finite.
     model
         Of the arrivals.
     """
-    heard = np.isfinite(times_s)
-    times, here = times_s[heard] - times_s[heard].min(), sensors[heard]
-    every = losses(area.u if heard.all() else area.u[heard], times, model)
-    place, loss = area.nodes[int(np.argmin(every))], float(every.min())
+    times = times_s - times_s.min(axis=1, keepdims=True)
+    every, row = losses(area.u, times, model), np.arange(len(times))
+    best = every.argmin(axis=1)
+    place, loss = area.nodes[best], every[row, best]
     step, ticks = area.spacing, np.linspace(-1, 1, FINER)
     cross = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
     for _ in range(REFINEMENTS):
-        nodes = place + step * cross
-        nodes = nodes[shapely.intersects_xy(area.room, *nodes.T)]
-        if len(nodes):
-            finer = losses(distances(here, nodes) ** model.exponent, times, model)
-            if float(finer.min()) < loss:
-                place, loss = nodes[int(np.argmin(finer))], float(finer.min())
+        nodes = place[:, None] + step * cross
+        inside = shapely.intersects_xy(area.room, nodes[..., 0], nodes[..., 1])
+        finer = losses(distances(sensors, nodes) ** model.exponent, times, model)
+        finer[~inside] = np.inf
+        best = finer.argmin(axis=1)
+        better = finer[row, best] < loss
+        place = np.where(better[:, None], nodes[row, best], place)
+        loss = np.where(better, finer[row, best], loss)
         step *= 2 / (FINER - 1)
     return Best(place, loss, every)
 
 
-def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> float:
-    """Return the standard deviation of an arrival that the residuals tell of [s].
+def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
+    """Return arrivals, shape (m, n), in blocks whose losses are held at once."""
+    rows = max(1, CELLS // len(area.nodes))
+    return [times_s[i : i + rows] for i in range(0, len(times_s), rows)]
+
+
+def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> Array:
+    """Return the standard deviation of an arrival that the residuals tell of, shape (m,) [s].
 
     Parameters
     ----------
@@ -200,7 +243,8 @@ def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> float:
     least_s
         The least to answer [s].
     """
-    return max(least_s, float(np.sqrt(best.loss * picks / max(picks - unknowns, 1))))
+    found: Array = np.maximum(least_s, np.sqrt(best.loss * picks / max(picks - unknowns, 1)))
+    return found
 
 
 def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:
@@ -215,10 +259,17 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     sigma_s
         Standard deviation of an arrival [s].
     """
-    weight = np.exp(-(excess - excess.min()) / (2 * sigma_s**2))
-    share = weight / weight.sum()
+    share = shares(excess, np.asarray(sigma_s))
     mean = share @ area.nodes
     offset = area.nodes - mean
     # nodes stand for squares
     covariance = (offset * share[:, None]).T @ offset + area.spacing**2 / 12 * np.eye(2)
     return mean, covariance
+
+
+def shares(excess: Array, sigma_s: Array) -> Array:
+    """Return how likely each node is, shape (..., q), for :func:`moments`' excess and sigma."""
+    least = excess.min(axis=-1, keepdims=True)
+    weight = np.exp(-(excess - least) / (2 * sigma_s[..., None] ** 2))
+    share: Array = weight / weight.sum(axis=-1, keepdims=True)
+    return share

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import PipelineError
-from .arrival_fit import Model, distances, lattice, moments, noise_s, search
+from .arrival_fit import (
+    Model,
+    distances,
+    heard_by,
+    in_blocks,
+    lattice,
+    moments,
+    noise_s,
+    search,
+)
 from .location import LEAST_PICKS, Location, nowhere
 
 if TYPE_CHECKING:
@@ -50,15 +59,33 @@ def locate(
     -------
     The place; its residual is the root mean square of what the arrivals are off [s].
     """
-    picks = int(np.isfinite(times_s).sum())
+    heard = np.isfinite(times_s)
+    picks = int(heard.sum())
     if picks < LEAST_PICKS:
         return nowhere(picks)
-    area = lattice(positions, outline)
-    best = search(area, positions, times_s, Model(1.0, 1.0 / velocity_mps))
-    noise = noise_s(best, picks, UNKNOWNS, sigma_s)
-    _, covariance = moments(area, best.losses * picks, noise)
-    x, y = best.place
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss)), picks)
+    area = heard_by(lattice(positions, outline), heard)
+    best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
+    noise = float(noise_s(best, picks, UNKNOWNS, sigma_s)[0])
+    _, covariance = moments(area, best.losses[0] * picks, noise)
+    x, y = best.places[0]
+    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+
+
+def places(
+    positions: Array, times_s: Array, velocity_mps: float, outline: Array | None = None
+) -> Array:
+    """Return the places of many impacts, shape (m, 2) [m], as :func:`locate` does of one.
+
+    Parameters
+    ----------
+    positions, velocity_mps, outline
+        As of :func:`locate`.
+    times_s
+        Shape (m, n): arrivals [s], all finite.
+    """
+    area, model = lattice(positions, outline), Model(1.0, 1.0 / velocity_mps)
+    found = [search(area, positions, block, model).places for block in in_blocks(area, times_s)]
+    return np.concatenate([np.empty((0, 2)), *found])
 
 
 def calibrated_velocity(sources: Array, positions: Array, times_s: Array) -> float:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.events import Fix
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -43,6 +45,12 @@ class Location:
     def found(self) -> bool:
         """Whether there is a place."""
         return bool(np.isfinite(self.x))
+
+    def fix(self, time_ns: int, method: str, stage: str) -> Fix:
+        """Return the place as the fix of a moment, found by a method in a stage."""
+        (xx, xy), (_, yy) = self.covariance.tolist()
+        spread = (xx, xy, yy)
+        return Fix(time_ns, self.x, self.y, spread, self.residual, method, self.picks, stage)
 
 
 def nowhere(picks: int) -> Location:

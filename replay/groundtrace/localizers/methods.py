@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 from ..parameters import gate, measured
-from . import hyperbolic, power_law, sign_model, so_tdoa
+from . import hyperbolic, power_law, self_calibrating, sign_model, so_tdoa
 from .api import LocalizerParameters, columns, gates
+from .running_sigma import RunningSigma
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,6 +52,8 @@ class SoTdoa:
         """Find the regions."""
         self.regions = so_tdoa.known_regions(site.positions, site.outline)
         self.theta_s = site.medium.theta_s or THETA_S
+        if self.parameters.sign_sigma_s > 0 and site.length_unit != "m":
+            return "a known unit of length (or sign_sigma_s = 0)"
         return ""
 
     def locate(self, times_s: Times) -> Location:
@@ -71,9 +74,9 @@ class HyperbolicParameters(LocalizerParameters):
     velocity_mps: Annotated[
         float, measured("m/s", "Calibrated velocity; 0 takes the geometry's.", ge=0)
     ] = 0.0
-    sigma_s: Annotated[float, measured("s", "Least error of an arrival reckoned with.", gt=0)] = (
-        5e-4
-    )
+    sigma_s: Annotated[
+        float, measured("s", "Error of an arrival until the places found tell it.", gt=0)
+    ] = 5e-4
 
 
 class Hyperbolic:
@@ -91,12 +94,17 @@ class Hyperbolic:
         """Settle the velocity."""
         self.site = site
         self.velocity_mps = self.parameters.velocity_mps or site.medium.velocity_mps or 0.0
-        return "" if self.velocity_mps > 0 else "a velocity (of the medium, or velocity_mps)"
+        first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
+        self.sigma = RunningSigma(first_s, hyperbolic.UNKNOWNS)
+        unit = " in units/s" if site.length_unit != "m" else ""
+        return "" if self.velocity_mps > 0 else f"a velocity{unit} (of the medium, or velocity_mps)"
 
     def locate(self, times_s: Times) -> Location:
         """Return the place that fits best."""
-        site, sigma = self.site, self.parameters.sigma_s
-        return hyperbolic.locate(site.positions, times_s, self.velocity_mps, site.outline, sigma)
+        site, sigma = self.site, self.sigma.value_s
+        found = hyperbolic.locate(site.positions, times_s, self.velocity_mps, site.outline, sigma)
+        self.sigma.learn(found)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +117,11 @@ class PowerLawParameters(LocalizerParameters):
     exponent: Annotated[
         float, measured("1", "Power of distance that arrivals grow with.", gt=0, le=2)
     ] = power_law.EXPONENT
-    sigma_s: Annotated[float, measured("s", "Least error of an arrival reckoned with.", gt=0)] = (
-        5e-4
-    )
+    sigma_s: Annotated[
+        float, measured("s", "Error of an arrival until the places found tell it.", gt=0)
+    ] = 5e-4
     huber: Annotated[
-        float, measured("1", "Residuals beyond so many sigma_s count linearly.", gt=0)
+        float, measured("1", "Residuals beyond so many sigma_s, as given, count linearly.", gt=0)
     ] = power_law.HUBER
 
 
@@ -131,11 +139,71 @@ class PowerLaw:
     def start(self, site: Site) -> str:
         """Remember the site."""
         self.site = site
+        first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
+        self.sigma = RunningSigma(first_s, power_law.UNKNOWNS)
         return ""
 
     def locate(self, times_s: Times) -> Location:
         """Return the place that fits best."""
-        p, site = self.parameters, self.site
-        return power_law.locate(
-            site.positions, times_s, site.outline, p.exponent, p.sigma_s, p.huber
+        p, site, sigma = self.parameters, self.site, self.sigma.value_s
+        # the threshold is of the parameters: a place must not depend on those before it
+        huber = p.huber * p.sigma_s / sigma
+        found = power_law.locate(site.positions, times_s, site.outline, p.exponent, sigma, huber)
+        self.sigma.learn(found)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class SelfCalibratingParameters(LocalizerParameters):
+    """Parameters of :class:`SelfCalibrating`."""
+
+    max_residual_s: Annotated[
+        float, gate("s", "Largest root of the mean loss of the arrivals.", ge=0)
+    ] = 0.003
+    least_impacts: Annotated[
+        int, measured("1", "Impacts before the scale of the floor is shared.", ge=3)
+    ] = 6
+    memory: Annotated[int, measured("1", "Impacts looked back on.", ge=6)] = 64
+    exponent: Annotated[
+        float, measured("1", "Exponent where the geometry names none.", gt=0, le=2)
+    ] = power_law.EXPONENT
+    exponent_deviation: Annotated[
+        float, measured("1", "How far the exponent may stray; 0 keeps it.", ge=0)
+    ] = 0.1
+    sigma_s: Annotated[
+        float, measured("s", "Error of an arrival until the impacts tell it.", gt=0)
+    ] = 5e-4
+    huber: Annotated[
+        float, measured("1", "Residuals beyond so many deviations count linearly.", gt=0)
+    ] = power_law.HUBER
+
+
+class SelfCalibrating:
+    """A power law whose scale and exponent are learnt from the impacts so far."""
+
+    Parameters = SelfCalibratingParameters
+    emits: Emits = "fix"
+    columns = columns("s")
+    gates = gates("s", "max_residual_s")
+
+    def __init__(self, parameters: SelfCalibratingParameters) -> None:
+        self.parameters = parameters
+
+    def start(self, site: Site) -> str:
+        """Begin with what the geometry knows of the floor."""
+        p = self.parameters
+        self.running = self_calibrating.running_floor(
+            site.positions,
+            site.outline,
+            site.medium,
+            p.exponent,
+            p.exponent_deviation,
+            p.least_impacts,
+            p.memory,
         )
+        return ""
+
+    def locate(self, times_s: Times) -> Location:
+        """Return the place that fits best, and learn from it."""
+        p = self.parameters
+        return self_calibrating.locate(self.running, times_s, p.sigma_s, p.huber)

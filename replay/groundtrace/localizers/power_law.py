@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .arrival_fit import Model, lattice, moments, noise_s, search
+from .arrival_fit import Model, heard_by, in_blocks, lattice, moments, noise_s, search, shares
 from .location import LEAST_PICKS, Location, nowhere
 
 if TYPE_CHECKING:
@@ -56,12 +56,44 @@ def locate(
     The place; its residual is the root of the mean loss [s]. Up to four arrivals leave a curve of
     places that all fit: then the place is its middle.
     """
-    picks = int(np.isfinite(times_s).sum())
+    heard = np.isfinite(times_s)
+    picks = int(heard.sum())
     if picks < LEAST_PICKS:
         return nowhere(picks)
-    area = lattice(positions, outline, exponent)
-    best = search(area, positions, times_s, Model(exponent, None, huber * sigma_s))
-    noise = noise_s(best, picks, UNKNOWNS, sigma_s)
-    mean, covariance = moments(area, best.losses * picks, noise)
-    x, y = best.place if picks > UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss)), picks)
+    area = heard_by(lattice(positions, outline, exponent), heard)
+    model = Model(exponent, None, huber * sigma_s)
+    best = search(area, positions[heard], times_s[None, heard], model)
+    noise = float(noise_s(best, picks, UNKNOWNS, sigma_s)[0])
+    mean, covariance = moments(area, best.losses[0] * picks, noise)
+    x, y = best.places[0] if picks > UNKNOWNS else mean
+    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+
+
+def places(
+    positions: Array,
+    times_s: Array,
+    outline: Array | None = None,
+    exponent: float = EXPONENT,
+    sigma_s: float = 5e-4,
+) -> Array:
+    """Return the places of many impacts, shape (m, 2) [m], as :func:`locate` with huber = inf.
+
+    Least squares cost a product of arrays for all impacts, any threshold an array for each.
+
+    Parameters
+    ----------
+    positions, outline, exponent, sigma_s
+        As of :func:`locate`.
+    times_s
+        Shape (m, n): arrivals [s], all finite.
+    """
+    area, model = lattice(positions, outline, exponent), Model(exponent)
+    picks, found = len(positions), [np.empty((0, 2))]
+    for block in in_blocks(area, times_s):
+        best = search(area, positions, block, model)
+        if picks > UNKNOWNS:
+            found.append(best.places)
+        else:
+            noise = noise_s(best, picks, UNKNOWNS, sigma_s)
+            found.append(shares(best.losses * picks, noise) @ area.nodes)
+    return np.concatenate(found)

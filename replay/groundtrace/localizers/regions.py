@@ -109,6 +109,37 @@ def find_regions(sensors: Array, room: shapely.Polygon) -> Regions:
     )
 
 
+def borders(regions: Regions, room: shapely.Polygon) -> list[Array]:
+    """Return the lines between regions inside a room, each of shape (2, 2) [m]."""
+    low, high = np.array(room.bounds).reshape(2, 2)
+    origin, extent = (low + high) / 2, float(np.max(high - low))
+    lines, _ = _lines((regions.sensors - origin) / extent, regions.first, regions.second)
+    normal, along = lines[:, :2], lines[:, [1, 0]] * np.array([-1.0, 1.0])
+    foot = normal * lines[:, 2:]
+    reach = 2.0 + np.abs(lines[:, 2:])
+    ends = np.stack([foot - reach * along, foot + reach * along], axis=1) * extent + origin
+    inside = shapely.get_parts(shapely.intersection(shapely.linestrings(ends), room))
+    found = inside[shapely.length(inside) > TOLERANCE * extent]
+    return [shapely.get_coordinates(line) for line in found]
+
+
+def corners(regions: Regions, row: int, room: shapely.Polygon) -> list[Array]:
+    """Return the closed rings around one region, each of shape (k, 2) [m].
+
+    There is one, unless walls cut the region in several.
+    """
+    part = shapely.get_coordinates(room.convex_hull)[:-1]
+    for i, j, sign in zip(regions.first, regions.second, regions.signs[row], strict=True):
+        squares = np.sum((part[:, None] - regions.sensors[[i, j]]) ** 2, axis=2)
+        height = sign * (squares[:, 0] - squares[:, 1])
+        height[np.abs(height) <= TOLERANCE * room.length**2] = 0.0
+        if (height < 0).any():
+            part = _halves(part, height)[0]
+    shape = shapely.intersection(shapely.Polygon(part), room)
+    pieces = [piece for piece in shapely.get_parts(shape) if piece.area > 0]
+    return [shapely.get_coordinates(piece.exterior) for piece in pieces]
+
+
 def _lines(
     sensors: Array, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> tuple[Array, NDArray[np.intp]]:

@@ -32,6 +32,30 @@ def arrivals(distance_m: Array, theta_s: float) -> Array:
     return times
 
 
+def chance_wrong(
+    times_s: Array, first: NDArray[np.intp], second: NDArray[np.intp], sigma_s: float
+) -> Array:
+    """Return the chance of each sign of a time difference to be measured wrong, (5.26) corrected.
+
+    Parameters
+    ----------
+    times_s
+        Shape (..., n): true arrivals [s].
+    first, second
+        Shape (n_pairs,): sensors of each pair.
+    sigma_s
+        Standard deviation of a difference [s]: sqrt 2 times that of an arrival.
+
+    Returns
+    -------
+    Shape (..., n_pairs), at most 0.5.
+    """
+    from scipy.special import ndtr
+
+    chance: Array = ndtr(-np.abs(times_s[..., first] - times_s[..., second]) / sigma_s)
+    return chance
+
+
 def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) -> Location:
     """Return the mean of all regions, weighted by area and likelihood of the signs.
 
@@ -68,10 +92,7 @@ def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) 
 
 def _chance_right(regions: Regions, theta_s: float, sigma_s: float) -> Array:
     """Return the chance of each sign to be measured right, shape (q, n_pairs); at most 1 - 1e-3."""
-    from scipy.special import ndtr
-
     apart = np.linalg.norm(regions.centres[:, None] - regions.sensors, axis=2)
     times = arrivals(apart, theta_s)
-    tau = np.abs(times[:, regions.first] - times[:, regions.second])
-    right: Array = np.clip(ndtr(tau / (np.sqrt(2) * sigma_s)), 0.5, 1 - 1e-3)
-    return right
+    wrong = chance_wrong(times, regions.first, regions.second, np.sqrt(2) * sigma_s)
+    return 1 - np.maximum(wrong, 1e-3)

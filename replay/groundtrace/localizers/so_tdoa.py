@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 #: Regions count less by this factor for every sign more that contradicts them; for the covariance.
 #: The more signs contradict even the best region, the less one more sign says.
 NEAR = 0.25
+#: Distances of so many impacts times regions are held at once.
+CELLS = 2_000_000
 
 
 def locate(positions: Array, times_s: Array, outline: Array | None = None) -> Location:
@@ -67,31 +69,62 @@ def among(regions: Regions, times_s: Array) -> Location:
     signs, compared = measured_signs(regions, times_s)
     wrong = distances(regions, signs, compared)
     best = wrong == wrong.min()
-    x, y = regions.centres[best].mean(axis=0)
+    x, y = mean_of_nearest(regions, wrong)
     weight = regions.areas * NEAR ** ((wrong - wrong.min()) / (1 + wrong.min() / 2))
     covariance = spread(regions, weight, np.array([x, y]))
     residual = float(wrong.min()) / max(int(compared.sum()), 1)
     return Location(float(x), float(y), covariance, residual, picks, int(best.sum()))
 
 
+def places(regions: Regions, times_s: Array) -> Array:
+    """Return the places of many impacts, as :func:`among` does of one.
+
+    Parameters
+    ----------
+    regions
+        Of the room.
+    times_s
+        Shape (m, n): arrivals [s], all finite.
+
+    Returns
+    -------
+    Shape (m, 2) [m].
+    """
+    rows = max(1, CELLS // max(len(regions), 1))
+    blocks = (times_s[i : i + rows] for i in range(0, len(times_s), rows))
+    found = [
+        mean_of_nearest(regions, distances(regions, *measured_signs(regions, block)))
+        for block in blocks
+    ]
+    return np.concatenate([np.empty((0, 2)), *found])
+
+
+def mean_of_nearest(regions: Regions, wrong: Array) -> Array:
+    """Return the mean of the centres of least distance (5.10), shape (..., 2) for (..., q)."""
+    best = wrong == wrong.min(axis=-1, keepdims=True)
+    mean: Array = best @ regions.centres / best.sum(axis=-1, keepdims=True)
+    return mean
+
+
 def measured_signs(regions: Regions, times_s: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Return sign(t_i - t_j) of all pairs, and which of them are measured and tell regions apart.
 
-    Two arrivals at the same time have the sign 0.
+    Two arrivals at the same time have the sign 0. Shape (..., n_pairs) for arrivals (..., n).
     """
     with np.errstate(invalid="ignore"):
-        signs = np.sign(times_s[regions.first] - times_s[regions.second])
+        signs = np.sign(times_s[..., regions.first] - times_s[..., regions.second])
     compared = np.isfinite(signs) & (regions.signs != 0).any(axis=0)
     return np.where(compared, signs, 0.0), compared
 
 
 def distances(regions: Regions, signs: Array, compared: NDArray[np.bool_]) -> Array:
-    """Return the Hamming distance (5.6) of each region over the compared pairs, shape (q,).
+    """Return the Hamming distance (5.6) of each region over the compared pairs, shape (..., q).
 
     A sign of 0 is as far from +1 as from -1: it counts a half.
     """
-    agreement = regions.signs.astype(np.float64) @ signs
-    return (float(compared.sum()) - agreement) / 2
+    agreement = signs @ regions.signs.T.astype(np.float64)
+    apart: Array = (compared.sum(axis=-1, keepdims=True) - agreement) / 2
+    return apart
 
 
 def spread(regions: Regions, weight: Array, about: Array) -> Array:

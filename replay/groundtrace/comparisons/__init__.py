@@ -1,0 +1,1 @@
+"""Comparisons: what several localizers say of the same step."""

@@ -1,0 +1,154 @@
+"""The stage that tells types of steps: forward, backward, left or right."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
+from groundtrace_codecs.signals import SignalBlock
+
+from .gates import Carry, decided_block, gate_specs
+from .steptypes.axes import BodyAxes
+from .steptypes.follower import Follower
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.events import Event
+
+    from .steptypes.classifier import StepTypes
+
+
+@dataclass(slots=True)
+class _Run:
+    """The steps of one topic; ``follower`` is None where its stream does not do."""
+
+    spec: StageSpec
+    follower: Follower | None
+    carry: Carry = field(default_factory=Carry)
+
+
+class StepTypeStage:
+    """Tells the types of the steps that one stage finds in accelerations of three axes.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+    stepping
+        The stage whose steps it takes.
+
+    Notes
+    -----
+    Each step has one candidate for each type. That of the accepted one is given as a step again,
+    with its type and of this stage; a step without an accepted type is not given again. Steps come
+    out in the order of time. A gap that is not bridged ends all walks.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[StepTypes],
+        parameters: Any,
+        topics: Sequence[str] = (),
+        *,
+        stepping: str,
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self.stepping = stepping
+        self._sources: set[str] = set()
+        self._early: dict[str, list[StepEvent]] = {}  # steps of a topic not heard of yet
+        self._runs: dict[str, _Run] = {}
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Take signal and steps; give the steps whose types are known."""
+        match item:
+            case StageSpec(stage=stage, topic=topic) if stage == self.stepping:
+                if not self.topics or any(fnmatch(topic, p) for p in self.topics):
+                    self._sources.add(topic)
+            case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
+                if topic in self._sources:
+                    yield from self._step(item)
+            case SignalBlock() if len(item) and item.topic in self._sources:
+                yield from self._hear(item)
+            case Gap(bridged=False, topic=topic) if topic in self._runs:
+                yield from self._end(self._runs[topic])
+
+    def flush(self) -> Iterator[Event]:
+        """Give the steps that waited for others."""
+        for run in self._runs.values():
+            yield from self._end(run)
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+        return copy.deepcopy((self._sources, self._early, self._runs))
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._sources, self._early, self._runs = copy.deepcopy(saved)
+
+    def _step(self, step: StepEvent) -> Iterator[Event]:
+        run = self._runs.get(step.topic)
+        if run is None:
+            self._early.setdefault(step.topic, []).append(step)
+        elif run.follower is not None:
+            run.follower.step(step)
+            yield from self._told(run)
+
+    def _hear(self, block: SignalBlock) -> Iterator[Event]:
+        run = self._runs.get(block.topic)
+        if run is None:
+            self._runs[block.topic] = run = self._begin(block)
+            if run.follower is None:
+                text = f"{block.topic}: no types of steps: expected accelerations along x, y and z"
+                yield Note(block.start_ns, text, "WARN", self.name)
+            else:
+                yield run.spec
+        if run.follower is not None:
+            run.follower.hear(block)
+            yield from self._told(run)
+
+    def _begin(self, block: SignalBlock) -> _Run:
+        worker = self.kind(self.parameters)
+        spec = StageSpec(
+            self.name,
+            self.plugin,
+            block.topic,
+            worker.channels,
+            worker.columns,
+            gate_specs(worker.gates, self.parameters),
+            (),
+            worker.emits,
+        )
+        follower = Follower(worker) if BodyAxes.fits(block.stream) else None
+        for step in self._early.pop(block.topic, []):
+            if follower is not None:
+                follower.step(step)
+        return _Run(spec, follower)
+
+    def _end(self, run: _Run) -> Iterator[Event]:
+        if run.follower is not None:
+            yield from self._told(run, final=True)
+            run.follower.end()
+            run.carry = Carry()
+
+    def _told(self, run: _Run, *, final: bool = False) -> Iterator[Event]:
+        if run.follower is None:
+            return
+        for step, found in run.follower.told(final=final):
+            block, run.carry = decided_block(run.spec, found, self.kind, self.parameters, run.carry)
+            yield block
+            for row in np.flatnonzero(block.accepted)[:1]:
+                name = run.spec.channels[int(block.channel[row])]
+                value = float(block.value[row, 0])
+                yield replace(step, stage=self.name, type=name, value=value)
