@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check test build wheel bench proto screenshot clean
+.PHONY: demo dev fmt check test build wheel bench accept proto screenshot clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -50,6 +50,11 @@ wheel: build ## the wheel works alone: in a fresh environment, away from the sou
 bench: dev
 	$(BIN)/python bench/replay_speed.py
 	$(BIN)/python bench/sweep_speed.py
+	$(BIN)/python bench/room_tables.py
+
+accept: dev ## real recordings through the named pipelines (GROUNDTRACE_DATA)
+	$(BIN)/python bench/step_accuracy.py
+	$(BIN)/python bench/foot_accuracy.py
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \

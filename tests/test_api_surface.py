@@ -28,10 +28,15 @@ SURFACE = {
     "groundtrace_codecs.importers": """
         ImportMap ImportReport Imported Importer choose import_recording importers load_map""",
     "groundtrace": "__version__",
+    "groundtrace.belief": """
+        Criterion Frame RULES Rule appriou_1 appriou_2 bayesian belief certain check_masses conflict
+        decision dempster discount disjunctive dubois_prade dubois_prade_model florea graded
+        ignorance neighbour over_ignorance pignistic plausibility scores simple_support smets
+        specialised trapezoid yager""",
     "groundtrace.conformance": """
         BLOCK_SIZES FAULTS Outcome TOLERANCE assert_same check_description check_detector
         check_faults check_gap check_gates check_state outcome rechunked run""",
-    "groundtrace.detector": "Associator Detector Emits Frames Measured NO_FRAMES joined",
+    "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
     "groundtrace.gates": """
         Candidates Carry Decisions Gate Level Refractory decide decided_block gate_specs""",
     "groundtrace.parameters": """

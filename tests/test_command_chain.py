@@ -83,10 +83,10 @@ def test_spawn_without_a_display_writes_the_file_and_says_so(
 def test_a_torn_recording_replays_and_says_what_is_damaged(capsys: Capture) -> None:
     whole = WALK.read_bytes()
     Path("torn.mcap").write_bytes(whole[: len(whole) // 2])
-    ran = done(capsys, "replay", "torn.mcap", "--pipeline", "waist-steps", "--no-viewer")
+    ran = done(capsys, "replay", "torn.mcap", "--pipeline", "waist-peaks", "--no-viewer")
     assert re.search(r"damage: \d places were skipped; see groundtrace info torn.mcap", ran.out)
     torn = decisions(Path("torn.results.mcap"))["steps"]
-    done(capsys, "replay", WALK, "--no-viewer", "--out", "whole.mcap")
+    done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "whole.mcap")
     found = decisions(Path("whole.mcap"))["steps"]
     kept = len(torn.times)
     assert 0.2 * len(found.times) < kept < len(found.times)
@@ -153,7 +153,7 @@ def test_three_placed_waveforms_choose_the_room_and_an_accelerometer_the_waist(
 
 
 def test_score_takes_truth_from_a_csv(capsys: Capture) -> None:
-    done(capsys, "replay", WALK, "--no-viewer", "--out", "r.mcap")
+    done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "r.mcap")
     own = done(capsys, "score", "r.mcap", "--json").document
     with Recording.open(WALK) as recording:
         write_truth_csv(Path("truth.csv"), recording.labels, recording.start_ns)
@@ -219,7 +219,7 @@ def test_a_table_with_a_map_is_imported_replayed_and_scored(capsys: Capture) -> 
 def test_a_printed_pipeline_is_a_pipeline_that_decides_the_same(
     name: str, room: Path, capsys: Capture
 ) -> None:
-    recording = WALK if name == "waist-steps" else room
+    recording = WALK if name.startswith(("waist", "foot")) else room
     printed = done(capsys, "pipelines", name).out
     Path("mine.toml").write_text(printed, "utf-8")
     assert load_pipeline("mine.toml").name == name
@@ -232,8 +232,10 @@ def test_a_printed_pipeline_is_a_pipeline_that_decides_the_same(
 
 def test_a_setting_changes_the_decisions_and_is_kept_with_the_results(capsys: Capture) -> None:
     high = ("--set", "steps.height=2.0", "--set", "steps.swing=3")
-    done(capsys, "replay", WALK, "--no-viewer", "--out", "r.mcap", *high)
-    done(capsys, "replay", WALK, "--no-viewer", "--out", "all.mcap")
+    done(
+        capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "r.mcap", *high
+    )
+    done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "all.mcap")
     assert "height = 2.0 " in read_results(Path("r.mcap")).provenance.pipeline
     few, many = (decisions(Path(name))["steps"] for name in ("r.mcap", "all.mcap"))
     assert np.array_equal(few.times, many.times)

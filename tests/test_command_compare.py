@@ -34,7 +34,7 @@ def walks(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("walks")
     for name, height in (("a.mcap", 2.0), ("b.mcap", 0.4)):
         out = ("--out", str(folder / name), "--set", f"steps.height={height}")
-        main(["replay", str(WALK), "--no-viewer", *out])
+        main(["replay", str(WALK), "--pipeline", "waist-peaks", "--no-viewer", *out])
     return folder / "a.mcap", folder / "b.mcap"
 
 
@@ -64,7 +64,18 @@ def test_a_result_equals_itself(pair: tuple[Path, Path], capsys: Capture) -> Non
 def test_one_more_step_is_no_more_than_chance_explains(
     pair: tuple[Path, Path], capsys: Capture
 ) -> None:
-    done(capsys, "replay", WALK, "--no-viewer", "--out", "c.mcap", "--set", "steps.height=0.6")
+    done(
+        capsys,
+        "replay",
+        WALK,
+        "--pipeline",
+        "waist-peaks",
+        "--no-viewer",
+        "--out",
+        "c.mcap",
+        "--set",
+        "steps.height=0.6",
+    )
     text = done(capsys, "compare", "c.mcap", pair[1]).out
     assert "1 only B right" in text
     assert "p = 1 (no more than chance explains)" in text
@@ -92,9 +103,19 @@ def test_the_json_is_as_its_schema_says_with_and_without_truth(
 def test_a_real_recording_is_compared(data: Path, capsys: Capture) -> None:
     source = data / "mobgap" / "HA" / "001" / "data.mat"
     done(capsys, "import", source, "-o", "ha.mcap", "--map", "mobgap-test11")
-    done(capsys, "replay", "ha.mcap", "--no-viewer", "--out", "a.mcap")
+    done(capsys, "replay", "ha.mcap", "--pipeline", "waist-peaks", "--no-viewer", "--out", "a.mcap")
     lower = ("--set", "steps.height=0.3", "--set", "steps.swing=0.6")
-    done(capsys, "replay", "ha.mcap", "--no-viewer", "--out", "b.mcap", *lower)
+    done(
+        capsys,
+        "replay",
+        "ha.mcap",
+        "--pipeline",
+        "waist-peaks",
+        "--no-viewer",
+        "--out",
+        "b.mcap",
+        *lower,
+    )
     found = done(capsys, "compare", "a.mcap", "b.mcap", "--json").document
     check_schema("compare", found)
     for side, name in (("a", "A"), ("b", "B")):
@@ -124,7 +145,18 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
     assert said.startswith("a.mcap and room.mcap: expected results of one recording, found ")
     assert "waist-walk.mcap (" in said
     assert "room-walk.mcap (" in said
-    done(capsys, "replay", WALK, "--no-viewer", "--to", 20, "--out", "part.mcap")
+    done(
+        capsys,
+        "replay",
+        WALK,
+        "--pipeline",
+        "waist-peaks",
+        "--no-viewer",
+        "--to",
+        20,
+        "--out",
+        "part.mcap",
+    )
     assert "same part of waist-walk.mcap" in run(capsys, "compare", pair[0], "part.mcap").error
     assert run(capsys, "compare", pair[0], "absent.mcap").error == (
         "absent.mcap: expected a results file, found no such file"

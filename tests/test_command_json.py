@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
-COMMANDS = ("compare", "import", "info", "replay", "score", "sweep", "why")
+COMMANDS = ("analyze", "compare", "import", "info", "replay", "score", "sweep", "why")
 CSV_MAP = """
 format = "csv"
 time = {column = "t", unit = "s"}
@@ -115,12 +115,29 @@ def test_info_and_replay_of_a_torn_recording_are_as_their_schemas_say(
 
 
 def test_scores_that_are_undefined_are_null(capsys: pytest.CaptureFixture[str]) -> None:
-    replay = ("replay", path_of("waist-walk.mcap"), "--no-viewer", "--out", "none.mcap")
+    replay = (
+        "replay",
+        path_of("waist-walk.mcap"),
+        "--pipeline",
+        "waist-peaks",
+        "--no-viewer",
+        "--out",
+        "none.mcap",
+    )
     done(capsys, *replay, "--set", "steps.height=1000")
     score = done(capsys, "score", "none.mcap", "--json").document
     check("score", score)
     assert score["steps"]["detected"] == 0
     assert score["steps"]["latency_ms"] is None
+
+
+def test_calibrate_is_as_its_schema_says(capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copy(path_of("room-walk.mcap"), "room.mcap")
+    found = done(capsys, "calibrate", "room.mcap", "--json").document
+    check("calibrate", found)
+    assert found["known_places"]
+    assert found["geometry"] is None
+    assert found["positions"]["rmse_after"] < found["positions"]["rmse_before"]
 
 
 def test_import_is_as_its_schema_says(capsys: pytest.CaptureFixture[str]) -> None:

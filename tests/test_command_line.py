@@ -135,7 +135,7 @@ def test_wrong_usage_exits_with_2(arguments: Sequence[str], capsys: Capture) -> 
     ],
 )
 def test_a_setting_that_cannot_be_is_one_line(setting: str, said: str, capsys: Capture) -> None:
-    ran = run(capsys, "replay", WALK, "--no-viewer", "--set", setting)
+    ran = run(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--set", setting)
     assert ran.error.startswith(said)
     assert list(Path().iterdir()) == []
 

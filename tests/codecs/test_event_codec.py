@@ -82,7 +82,7 @@ SINGLES: list[Event] = [
     Gap("/seismic", START_NS + 5, START_NS + 5, "clock step", 0, bridged=True),
     Note(START_NS, "calibrated ü", "WARN", "detect"),
     Pick(START_NS + 1, "G1", "/seismic", "detect", float("inf"), 12.5),
-    StepEvent(START_NS + 2, "step", "left", "/imu/waist", "zc", 3.5, 4),
+    StepEvent(START_NS + 2, "step", "left", "/imu/waist", "zc", 3.5, 4, "backward"),
     StepEvent(START_NS + 3, "impact", "", "/seismic", "zc", -0.5),
 ]
 
@@ -142,7 +142,7 @@ def test_single_events_are_mirrored_in_words(tmp_path: Path) -> None:
     assert [(line.level, line.name, line.message) for line in lines] == [
         (3, "detect", "calibrated ü"),
         (2, "detect", "pick G1 value=12.5"),
-        (2, "zc", "step left value=3.5 channels=4"),
+        (2, "zc", "step backward left value=3.5 channels=4"),
         (2, "zc", "impact value=-0.5 channels=1"),
         (3, "source", "gap /seismic clock step: 0 lost in 0 s"),
         (3, "source", "gap /seismic missing: 20000 lost in 1 s"),

@@ -70,7 +70,7 @@ def test_a_wrong_map_is_refused_in_one_line(tmp_path: Path, text: str, message: 
 
 def test_every_map_that_ships_loads() -> None:
     maps = sorted(Path(str(files("groundtrace_recordings"))).glob("maps/*.toml"))
-    assert len(maps) == 4
+    assert maps
     for path in maps:
         assert load_map(path).stream
 

@@ -38,7 +38,7 @@ class Walk:
 
     def results(self, *settings: str) -> Results:
         """Replay it with parameters of the waist pipeline changed."""
-        chain = build_pipeline(with_settings(load_pipeline("waist-steps"), settings))
+        chain = build_pipeline(with_settings(load_pipeline("waist-peaks"), settings))
         sink = EventList()
         replay(self.items, chain, [sink])
         origin = Provenance(self.name, "ab" * 32, self.start_ns, self.end_ns, chain.recipe())

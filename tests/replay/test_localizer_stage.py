@@ -14,7 +14,7 @@ from groundtrace.explain.grid import parse_axis
 from groundtrace.explain.redecide import Redecider
 from groundtrace.localizer_stage import LocalizerStage
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline, load_pipeline
-from groundtrace.plugins import load, plugins
+from groundtrace.plugins import load
 from groundtrace.source import Source
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
@@ -25,7 +25,7 @@ from groundtrace_recordings import path_of
 if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
 
-METHODS = [plugin.name for plugin in plugins("localizers")]
+METHODS = ("hyperbolic", "power-law", "self-calibrating", "so-tdoa")
 START_NS = 1_700_000_000_000_000_000
 NAMES = tuple(f"G{i + 1}" for i in range(9))
 SITE = Geometry(
@@ -194,7 +194,7 @@ def test_steps_are_decided_again_as_if_there_were_no_localizers() -> None:
         found = [e for item in Source(opened, stop_ns=stop_ns) for e in chain.process(item)]
         found += chain.flush()
         start_ns, end_ns = opened.start_ns, opened.end_ns
-    assert {f.stage for f in fixes(found)} == {"so-tdoa", "hyperbolic", "power-law"}
+    assert {f.stage for f in fixes(found)} == set(METHODS)
     stages = stage_evidence(found, [s.key for s in config.stage])
     evidence = Evidence("w", config, stages, (), (), start_ns, end_ns)
     steps = [e.time_ns for e in found if isinstance(e, StepEvent)]

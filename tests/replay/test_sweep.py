@@ -70,7 +70,7 @@ def walk_of(name: str, pipeline: str, topic: str) -> Walk:
 
 @pytest.fixture(scope="module")
 def waist() -> Walk:
-    return walk_of("waist-walk.mcap", "waist-steps", "/imu/waist")
+    return walk_of("waist-walk.mcap", "waist-peaks", "/imu/waist")
 
 
 @pytest.fixture(scope="module")

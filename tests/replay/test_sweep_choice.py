@@ -16,7 +16,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 @pytest.fixture(scope="module")
 def waist() -> PipelineConfig:
-    return resolved(load_pipeline("waist-steps"))
+    return resolved(load_pipeline("waist-peaks"))
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def walk(capsys: pytest.CaptureFixture[str]) -> Path:
     """Results of the bundled walk, the recording beside them."""
     shutil.copy(path_of("waist-walk.mcap"), "walk.mcap")
-    done(capsys, "replay", "walk.mcap", "--no-viewer")
+    done(capsys, "replay", "walk.mcap", "--pipeline", "waist-peaks", "--no-viewer")
     return Path("walk.results.mcap")
 
 
@@ -83,11 +83,13 @@ def test_every_ranked_setting_gives_its_figures_in_a_fresh_replay(
     found = swept(capsys, walk, *HEIGHT, *SWING, "--top", 4)
     assert found["rate"]["settings"] == 39
     assert found["rate"]["through"] == "gates"
-    assert counts(found["now"]) == scored(capsys, "walk.mcap")
+    assert counts(found["now"]) == scored(capsys, "walk.mcap", "--pipeline", "waist-peaks")
     for ranked in found["top"]:
-        assert counts(ranked) == scored(capsys, "walk.mcap", *sets(ranked))
+        assert counts(ranked) == scored(
+            capsys, "walk.mcap", "--pipeline", "waist-peaks", *sets(ranked)
+        )
     for point in found["front"]:
-        _, false, missed = scored(capsys, "walk.mcap", *sets(point))
+        _, false, missed = scored(capsys, "walk.mcap", "--pipeline", "waist-peaks", *sets(point))
         assert (missed, false) == (point["missed"], point["false"])
     assert found["left_out"] is None
     assert found["notes"] == []
@@ -117,7 +119,9 @@ def test_the_signal_path_is_measured_again_beside_gates(
     assert found["rate"]["measurements"] == 2
     assert [p["remeasured"] for p in found["parameters"]] == [True, False]
     for ranked in found["top"]:
-        assert counts(ranked) == scored(capsys, "walk.mcap", *sets(ranked))
+        assert counts(ranked) == scored(
+            capsys, "walk.mcap", "--pipeline", "waist-peaks", *sets(ranked)
+        )
 
 
 def test_the_recording_is_looked_for_beside_the_results_and_where_it_is_said(
@@ -138,7 +142,7 @@ def test_a_recording_is_swept_with_a_pipeline_as_its_results_are(
 ) -> None:
     error = run(capsys, "sweep", "walk.mcap", *HEIGHT).error
     assert error.startswith("walk.mcap: expected --pipeline NAME")
-    fresh = swept(capsys, "walk.mcap", *HEIGHT, "--pipeline", "waist-steps")
+    fresh = swept(capsys, "walk.mcap", *HEIGHT, "--pipeline", "waist-peaks")
     stored = swept(capsys, walk, *HEIGHT)
     for document in (fresh, stored):
         del document["rate"]
@@ -161,13 +165,15 @@ def test_of_several_recordings_each_is_left_out(
     for seed in (3, 4):
         walked = ("--seed", seed, "--duration-s", 20)
         done(capsys, "simulate", "walk", "-o", f"w{seed}.mcap", *walked)
-        done(capsys, "replay", f"w{seed}.mcap", "--no-viewer", "--pipeline", "waist-steps")
+        done(capsys, "replay", f"w{seed}.mcap", "--pipeline", "waist-peaks", "--no-viewer")
     results = (walk, "w3.results.mcap", "w4.results.mcap")
     found = swept(capsys, *results, *HEIGHT)
     assert found["recordings"] == ["walk.mcap", "w3.mcap", "w4.mcap"]
     assert [x["recording"] for x in found["left_out"]["recordings"]] == found["recordings"]
     for left in found["left_out"]["recordings"]:
-        assert counts(left) == scored(capsys, left["recording"], *sets(left))
+        assert counts(left) == scored(
+            capsys, left["recording"], "--pipeline", "waist-peaks", *sets(left)
+        )
     alone = [counts(swept(capsys, result, *HEIGHT)["now"]) for result in results]
     assert counts(found["now"]) == tuple(map(sum, zip(*alone, strict=True)))
     done(capsys, "replay", "w3.mcap", "--no-viewer", "--force", "--set", "steps.swing=2")
@@ -183,7 +189,9 @@ def test_random_settings_are_the_same_for_the_same_seed(
     for document in (first, again):
         del document["rate"]
     assert first == again
-    assert counts(first["best"]) == scored(capsys, "walk.mcap", *sets(first["best"]))
+    assert counts(first["best"]) == scored(
+        capsys, "walk.mcap", "--pipeline", "waist-peaks", *sets(first["best"])
+    )
 
 
 def test_the_table_prints_settings_that_replay_takes(
@@ -193,7 +201,9 @@ def test_the_table_prints_settings_that_replay_takes(
     lines = ran.out.splitlines()
     assert lines[0] == "walk.mcap: 74 true steps, 21 settings"
     replay = next(line for line in lines if line.startswith("replay with "))
-    right, false, missed = scored(capsys, "walk.mcap", *replay.split()[2:])
+    right, false, missed = scored(
+        capsys, "walk.mcap", "--pipeline", "waist-peaks", *replay.split()[2:]
+    )
     assert re.match(rf"1 .* {right} +{false} +{missed} ", lines[2])
     assert lines[-1].endswith("recorded seconds per second")
 

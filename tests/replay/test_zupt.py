@@ -82,7 +82,7 @@ def test_stance_at_the_waist_is_not_taken_for_steps() -> None:
 def test_only_the_angular_rate_counts_where_the_acceleration_is_not_trusted() -> None:
     walk = foot()
     shaken = np.array(walk.block.samples)
-    shaken[:, 0] += np.random.default_rng(1).normal(0, 6.0, len(shaken))
+    shaken[:, 0] += np.random.default_rng(1).normal(0, 12.0, len(shaken))
     noisy = replace(walk, block=replace(walk.block, samples=shaken))
     assert detected(noisy).accepted.sum() < 8
     assert detected(noisy, acceleration_sigma=1e3).accepted.sum() == 8

@@ -1,0 +1,195 @@
+"""The stage that looks at the waveforms around steps: the same windows whatever the blocks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from replay_blocks import START_NS, stream_of
+
+from groundtrace.array_method import ArrayParameters, Window
+from groundtrace.array_stage import ArrayStage
+from groundtrace.errors import PipelineError
+from groundtrace.gates import Candidates
+from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
+from groundtrace_codecs.events import CandidateBlock, Gap, Pick, Quantity, StageSpec, StepEvent
+from groundtrace_codecs.signals import SignalBlock
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+MS = 1_000_000
+STREAM = stream_of(3)  # 1 kHz: a sample every ms
+NAMES = ("G1", "G2", "G3")
+STEPPED = StageSpec("steps", "coincidence", "/s", ("all",), (), (), (), "step")
+
+
+class Witness:
+    """Keeps the windows it is shown; one candidate a channel, at its pick."""
+
+    Parameters = ArrayParameters
+    quantities = frozenset({"seismic"})
+    emits = "pick"
+    columns = (Quantity("first", "1"), Quantity("last", "1"))
+    gates = ()
+
+    def __init__(self, parameters: ArrayParameters) -> None:  # noqa: ARG002
+        self.windows: list[Window] = []
+
+    def start(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
+        return tuple(c.name for c in stream.channels)
+
+    def examine(self, window: Window) -> Candidates:
+        self.windows.append(window)
+        heard = np.flatnonzero(np.isfinite(window.arrivals_s))
+        times = window.start_ns + np.rint(window.arrivals_s[heard] * 1e9).astype(np.int64)
+        ends = window.values[[0, -1]].T[heard]
+        return Candidates(times, heard.astype(np.int32), ends.astype(np.float32))
+
+
+def stage() -> ArrayStage:
+    parameters = ArrayParameters(before_s=0.02, after_s=0.03)
+    names = {"picking": "picks", "stepping": "steps"}
+    return ArrayStage("arrivals", "witness", Witness, parameters, **names, window_s=0.05)
+
+
+def ramp(first: int, count: int, anchor_ns: int = START_NS) -> SignalBlock:
+    """Samples that say which they are: 3 k, 3 k + 1, 3 k + 2 in the three channels."""
+    samples = 3.0 * np.arange(first, first + count)[:, None] + np.arange(3)
+    return SignalBlock(STREAM, anchor_ns, first, samples)
+
+
+def pick(channel: int, at_ms: float) -> Pick:
+    return Pick(START_NS + round(at_ms * MS), f"G{channel}", "/s", "picks", 1e-4, 9.0)
+
+
+def step(at_ms: float) -> StepEvent:
+    return StepEvent(START_NS + round(at_ms * MS), "step", "", "/s", "steps", 3.0, 3)
+
+
+def fed(runner: ArrayStage, items: Sequence[Any]) -> list[Any]:
+    """What comes of blocks, which are remembered first, and events."""
+    events = []
+    for item in items:
+        if isinstance(item, SignalBlock):
+            runner.remember(item)
+        events += list(runner.process(item))
+    return events + list(runner.flush())
+
+
+def shown(runner: ArrayStage) -> list[Window]:
+    run = runner._runs["/s"]
+    assert run is not None
+    return run.worker.windows  # type: ignore[attr-defined]
+
+
+ARRIVALS = [pick(2, 500.0), pick(1, 501.5), pick(3, 540.0)]
+
+
+def test_a_step_is_shown_with_its_waveforms_and_first_arrivals() -> None:
+    runner = stage()
+    fed(runner, [STEPPED, ramp(0, 2000), STEPPED, *ARRIVALS, pick(2, 503.0), step(500.0)])
+    (window,) = shown(runner)
+    assert window.step_ns - window.start_ns == 20 * MS
+    assert window.values[:, 0].tolist() == (3.0 * np.arange(480, 530)).tolist()
+    assert window.arrivals_s == pytest.approx([0.0215, 0.020, 0.060])
+
+
+def test_its_picks_come_before_the_step_reaches_the_stages_behind() -> None:
+    items = [ramp(0, 2000), STEPPED, *ARRIVALS, step(500.0)]
+    spec, block, *picks = fed(stage(), items)
+    assert isinstance(spec, StageSpec)
+    assert (spec.stage, spec.channels, spec.emits) == ("arrivals", NAMES, "pick")
+    assert isinstance(block, CandidateBlock)
+    assert [(p.channel, p.stage, p.time_ns) for p in picks] == [
+        (p.channel, "arrivals", p.time_ns) for p in sorted(ARRIVALS, key=lambda p: p.channel)
+    ]
+
+
+@pytest.mark.parametrize("size", [1, 7, 200, 2000, 200_000])
+@pytest.mark.parametrize("later_s", [0.1, 2.9, 170.0])
+def test_a_step_announced_late_is_shown_the_same_window_whatever_the_blocks(
+    size: int, later_s: float
+) -> None:
+    runner, at = stage(), 600 + round(later_s * 1000)
+    coming = [(540 + 300, [*ARRIVALS]), (at, [step(500.0)])]  # picks come 0.3 s late
+    total, events, done = max(at, 1000) + size, [], 0
+    size = max(size, total // 2000)  # enough blocks of a sample near the step
+    for first in range(0, total, size):
+        block = ramp(first, size)
+        runner.remember(block)
+        if not first:
+            events += list(runner.process(STEPPED))
+        while done < 2 and coming[done][0] <= first + size:
+            for event in coming[done][1]:
+                events += list(runner.process(event))
+            done += 1
+    (window,) = shown(runner)
+    assert window.values[:, 0].tolist() == (3.0 * np.arange(480, 530)).tolist()
+    assert window.arrivals_s == pytest.approx([0.0215, 0.020, 0.060])
+
+
+def test_what_no_step_can_ask_for_is_forgotten() -> None:
+    runner = stage()
+    fed(runner, [ramp(0, 100), STEPPED, *[ramp(100 * k, 100) for k in range(1, 100)]])
+    run = runner._runs["/s"]
+    assert run is not None
+    assert sum(len(b) for b in run.recall._blocks) <= 3100
+
+
+def test_samples_that_were_never_recorded_hold_the_nearest() -> None:
+    runner = stage()
+    lost = Gap("/s", START_NS + 495 * MS, START_NS + 505 * MS, "missing", 10)
+    fed(runner, [ramp(0, 495), STEPPED, lost, ramp(505, 500), *ARRIVALS, step(500.0)])
+    column = shown(runner)[0].values[:, 0]
+    assert column[:15].tolist() == (3.0 * np.arange(480, 495)).tolist()
+    assert set(column[15:25].tolist()) == {3.0 * 494, 3.0 * 505}
+    assert column[25:].tolist() == (3.0 * np.arange(505, 530)).tolist()
+
+
+def test_a_window_over_the_ends_of_the_recording_holds_the_nearest() -> None:
+    runner = stage()
+    fed(runner, [ramp(0, 20), STEPPED, pick(1, 10.0), step(10.0)])
+    column = shown(runner)[0].values[:, 0]
+    assert column.tolist() == (3.0 * np.clip(np.arange(-10, 40), 0, 19)).tolist()
+
+
+def test_after_a_clock_step_nothing_from_before_is_shown() -> None:
+    runner = stage()
+    back = Gap("/s", START_NS + 1000 * MS, START_NS, "clock step", 0)
+    again = ramp(0, 1000)
+    again = SignalBlock(STREAM, START_NS, 0, again.samples + 1e6)
+    items = [ramp(0, 1000), STEPPED, *ARRIVALS, step(500.0), back, again, pick(1, 700), step(700)]
+    fed(runner, items)
+    _, after = shown(runner)
+    assert (after.values > 1e6).all()
+    assert np.isfinite(after.arrivals_s).tolist() == [True, False, False]
+
+
+def test_a_stage_saved_between_pick_and_step_goes_on_elsewhere() -> None:
+    one, other = stage(), stage()
+    fed(one, [ramp(0, 2000), STEPPED, *ARRIVALS[:2]])
+    other.restore(one.save())
+    fed(one, [pick(2, 900.0), step(900.0)])  # what the first does later is not seen by the second
+    events = fed(other, [ARRIVALS[2], step(500.0)])
+    assert [type(e).__name__ for e in events] == ["CandidateBlock", "Pick", "Pick", "Pick"]
+
+
+def test_other_topics_and_stages_are_left_alone() -> None:
+    runner = stage()
+    foreign = Pick(START_NS + 500 * MS, "G1", "/t", "picks", 1e-4, 9.0)
+    other = StageSpec("steps", "coincidence", "/t", ("all",), (), (), (), "step")
+    assert fed(runner, [other, ramp(0, 1000), foreign, step(500.0)]) == []
+
+
+def test_a_window_longer_than_a_step_waits_is_refused() -> None:
+    stages = (
+        StageConfig("toa-cv"),
+        StageConfig("coincidence"),
+        StageConfig("gcc-phat", parameters={"after_s": 0.2}),
+    )
+    with pytest.raises(PipelineError, match=r"gcc-phat.after_s: expected at most the 0.05 s"):
+        build_pipeline(PipelineConfig("p", stage=stages))
+    with pytest.raises(PipelineError, match="gcc-phat: expected a stage that gives picks"):
+        build_pipeline(PipelineConfig("p", stage=stages[2:]))

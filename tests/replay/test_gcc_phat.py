@@ -1,0 +1,178 @@
+"""Arrivals by correlating all pairs: delays of waves known, and what contradicts itself refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from groundtrace.array_method import Window
+from groundtrace.detectors.gcc_phat import CLOSURE, COLUMNS, HEIGHT, ONSET, SHIFT, GccPhat
+from groundtrace.detectors.pair_delays import REFERENCE_HZ, Delays, consistent
+from groundtrace.gates import Candidates, decide
+from groundtrace.parameters import describe
+from groundtrace_codecs.geometry import Geometry, Sensor
+from groundtrace_codecs.signals import NS_PER_S, Channel, Stream
+
+BEFORE_S, AFTER_S, STEP_NS = 0.02, 0.05, 1_700_000_000 * NS_PER_S
+PLACES = np.array([(x, y) for y in (0.0, 3.0, 6.0) for x in (0.0, 3.0, 6.0)])
+NAMES = tuple(f"G{i}" for i in range(1, 10))
+SITE = Geometry(tuple(Sensor(n, n, *p) for n, p in zip(NAMES, PLACES.tolist(), strict=True)))
+SLAB_M2S = 183.0
+
+
+def method(rate_hz: float = 20_000.0, **given: Any) -> GccPhat:
+    stream = Stream("/s", tuple(Channel(n, "ground_velocity", "m/s") for n in NAMES), rate_hz)
+    made = GccPhat(GccPhat.Parameters(before_s=BEFORE_S, after_s=AFTER_S, **given))
+    assert made.start(stream, SITE) == NAMES
+    return made
+
+
+def waves(
+    distance_m: np.ndarray, rate_hz: float = 20_000.0, *, slab: bool = True, at_s: float = 0.0
+) -> np.ndarray:
+    """A pulse of 30 to 700 Hz after so many metres, shape (n, n_channels): unit peak at 3 m."""
+    n = round((BEFORE_S + AFTER_S) * rate_hz)
+    frequency = np.fft.rfftfreq(8 * n, 1 / rate_hz)
+    omega = 2 * np.pi * frequency
+    top = min(700.0, 0.4 * rate_hz)
+    band = np.clip((frequency - 15) / 30, 0, 1) * np.clip((top - frequency) / 100, 0, 1)
+    turn = np.sqrt(omega / SLAB_M2S) if slab else omega / 1000.0
+    phase = np.multiply.outer(distance_m, turn) + omega * (BEFORE_S + at_s)
+    traces = np.fft.irfft(band * np.exp(-1j * phase), axis=1)[:, :n]
+    return (traces / np.abs(traces).max(axis=1, keepdims=True) * np.sqrt(3 / distance_m)[:, None]).T
+
+
+def window(
+    values: np.ndarray, distance_m: np.ndarray, rate_hz: float = 20_000.0, snr: float = 50.0
+) -> Window:
+    """The waveforms in noise, onsets picked late by up to 0.5 ms."""
+    rng = np.random.default_rng(1)
+    noisy = values + rng.standard_normal(values.shape) / snr
+    picked = distance_m / 1500.0 + rng.uniform(0, 5e-4, len(distance_m))
+    picked = picked - picked.min() + BEFORE_S
+    return Window(STEP_NS, STEP_NS - round(BEFORE_S * NS_PER_S), rate_hz, noisy, picked)
+
+
+def away(x: float, y: float) -> np.ndarray:
+    return np.hypot(*(PLACES - (x, y)).T)
+
+
+def arrivals(made: GccPhat, found: Candidates) -> np.ndarray:
+    """Accepted arrivals [s], NaN where a channel has none; none has two."""
+    decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
+    times = np.full(len(NAMES), np.nan)
+    for row in np.flatnonzero(decisions.accepted):
+        assert np.isnan(times[found.channel[row]])
+        times[found.channel[row]] = (found.time_ns[row] - STEP_NS) / NS_PER_S
+    return times
+
+
+def fitted(times: np.ndarray, distance_m: np.ndarray) -> float:
+    """What arrivals are off the best line over distance, in metres (rms)."""
+    slope, offset = np.polyfit(distance_m, times, 1)
+    return float(np.sqrt(np.mean((times - offset - slope * distance_m) ** 2)) / slope)
+
+
+@pytest.mark.parametrize("rate_hz", [2_000.0, 4_000.0, 20_000.0])
+@pytest.mark.parametrize(("slab", "power"), [(True, 0.5), (False, 1.0)])
+def test_arrivals_grow_with_distance_whether_waves_disperse_or_not(
+    rate_hz: float, slab: bool, power: float
+) -> None:
+    distance = away(1.3, 4.1)
+    made = method(rate_hz, dispersion=power)
+    found = made.examine(window(waves(distance, rate_hz, slab=slab), distance, rate_hz))
+    times = arrivals(made, found)
+    assert np.isfinite(times).all()
+    assert times.min() >= 0.0
+    assert fitted(times, distance) < 0.05
+    assert (np.diff(found.time_ns) >= 0).all()
+
+
+def test_without_dispersion_delays_are_those_of_the_waves() -> None:
+    distance = away(1.3, 4.1)
+    made = method(dispersion=1.0)
+    clean = window(waves(distance, slab=False), distance, snr=1e4)
+    times = arrivals(made, made.examine(clean))
+    # a fifth of a sample
+    assert times - times.min() == pytest.approx((distance - distance.min()) / 1000.0, abs=1e-5)
+
+
+def test_a_channel_that_no_onset_was_picked_at_gains_an_arrival() -> None:
+    distance = away(1.3, 4.1)
+    given = window(waves(distance), distance)
+    given.arrivals_s[[2, 5]] = np.nan
+    made = method()
+    times = arrivals(made, made.examine(given))
+    assert np.isfinite(times).all()
+    assert fitted(times, distance) < 0.05
+
+
+def test_a_dead_channel_and_one_of_noise_alone_get_none() -> None:
+    distance = away(1.3, 4.1)
+    values = waves(distance)
+    values[:, 4] = 0.0
+    given = window(values, distance)
+    given.values[:, 7] = 0.0
+    given.arrivals_s[[4, 7]] = np.nan
+    made = method()
+    times = arrivals(made, made.examine(given))
+    assert np.flatnonzero(np.isnan(times)).tolist() == [4, 7]
+    assert fitted(times[np.isfinite(times)], distance[np.isfinite(times)]) < 0.05
+
+
+def test_where_nothing_agrees_the_onsets_go_out_as_they_came() -> None:
+    distance = away(1.3, 4.1)
+    noise = np.random.default_rng(2).standard_normal((1400, 9)) * np.linspace(0.1, 5, 1400)[:, None]
+    given = window(noise, distance)
+    made = method()
+    found = made.examine(given)
+    decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
+    assert (found.value[decisions.accepted, ONSET] == 1).all()
+    assert arrivals(made, found) == pytest.approx(given.arrivals_s - BEFORE_S, abs=1e-9)
+
+
+def test_two_walkers_at_once_contradict_each_other_more_than_one() -> None:
+    one, other = away(1.3, 4.1), away(5.0, 1.0)
+    alone = method().examine(window(waves(one), one))
+    both = method().examine(window(waves(one) + 0.9 * waves(other, at_s=0.004), one))
+    height, closure = (
+        [float(np.median(f.value[f.value[:, ONSET] == 0, c])) for f in (alone, both)]
+        for c in (HEIGHT, CLOSURE)
+    )
+    assert height[1] < 0.8 * height[0]
+    assert closure[1] > 5 * closure[0]
+
+
+def test_gates_tell_by_how_much_and_onsets_give_way_to_what_stands() -> None:
+    distance = away(1.3, 4.1)
+    made = method()
+    found = made.examine(window(waves(distance), distance))
+    decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
+    onset = found.value[:, ONSET] == 1
+    assert onset.sum() == len(NAMES)
+    assert decisions.accepted.tolist() == (~onset).tolist()
+    assert np.isinf(decisions.gate_value[onset, :3]).all()
+    shift = np.abs(found.value[~onset, SHIFT]).max()
+    assert (decisions.gate_value[onset, 3] <= shift + 1e-6).all()
+    strict = method(min_height=0.99)
+    decisions, _ = decide(found, COLUMNS, strict.gates, strict.parameters)
+    assert decisions.accepted.tolist() == onset.tolist()
+    assert {g.parameter for g in made.gates} <= {i.name for i in describe(made.Parameters)}
+
+
+def test_pairs_locked_on_to_an_echo_hardly_move_the_arrivals() -> None:
+    true = np.array([0.0, 1e-3, 2e-3, 4e-3, 5e-3])
+    first, second = np.triu_indices(5, 1)
+    delay = true[first] - true[second]
+    delay[[1, 6]] += 8e-3
+    found, misfit = consistent(Delays(first, second, delay, np.ones(10), np.ones(10)), 5)
+    assert found == pytest.approx(true - true.mean(), abs=1e-4)
+    assert np.flatnonzero(np.abs(misfit) > 1e-3).tolist() == [1, 6]
+
+
+def test_an_array_of_two_is_not_enough() -> None:
+    stream = Stream("/s", tuple(Channel(n, "seismic", "count") for n in NAMES[:2]), 1000.0)
+    assert GccPhat(GccPhat.Parameters()).start(stream, Geometry()) == ()
+    assert REFERENCE_HZ == 100.0

@@ -1,0 +1,127 @@
+"""The heading estimator on a sensor whose orientation is known."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from turning_sensor import RATE_HZ, errors_deg, run, turning
+
+from groundtrace.heading.estimator import HeadingEstimator
+from groundtrace.heading.parameters import HeadingParameters
+
+
+def rmse(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(errors**2)))
+
+
+@pytest.mark.parametrize("kind", ["error-state", "exponential", "kalman"])
+def test_every_filter_finds_the_heading_in_an_undisturbed_field(kind: str) -> None:
+    case = turning()
+    found = run(case, HeadingParameters(filter=kind))  # type: ignore[arg-type]
+    assert rmse(errors_deg(case, found)) < 1.5
+    assert not found.disturbed.any()
+
+
+def test_the_standard_deviation_covers_the_errors() -> None:
+    case = turning()
+    found = run(case)
+    normalised = (np.radians(errors_deg(case, found)) / found.sigma) ** 2
+    assert np.nanmean(normalised) < 2
+
+
+@pytest.mark.parametrize("portions", [1, 7, 200])
+def test_portions_of_any_size_give_exactly_the_same(portions: int) -> None:
+    case = turning(12.0)
+    whole, cut = run(case), run(case, portions=portions)
+    assert np.array_equal(whole.heading, cut.heading)
+    assert np.array_equal(whole.sigma, cut.sigma)
+    assert np.array_equal(whole.disturbed, cut.disturbed)
+
+
+def test_a_copy_made_in_the_middle_goes_on_as_the_original() -> None:
+    samples = turning(12.0).samples
+    one = HeadingEstimator(HeadingParameters(), RATE_HZ)
+    one.add(samples.rows(0, 605))
+    other = copy.deepcopy(one)
+    rest = samples.rows(605, len(samples))
+    for a, b in zip(one.add(rest), other.add(rest), strict=True):
+        assert np.array_equal(a.orientation, b.orientation)
+
+
+def test_the_bias_of_the_gyroscope_is_found_at_rest() -> None:
+    estimator = HeadingEstimator(HeadingParameters(), RATE_HZ)
+    frames = estimator.add(turning(10.0, rest_s=10.0).samples)
+    assert frames[-1].resting
+    assert frames[-1].bias == pytest.approx([0.004, -0.003, 0.005], abs=5e-4)
+
+
+def test_what_comes_later_changes_nothing_of_what_was_said() -> None:
+    case = turning(20.0)
+    early = run(replace(case, samples=case.samples.rows(0, 1000)))
+    assert np.array_equal(early.heading, run(case).heading[:1000])
+
+
+def test_a_magnet_on_the_sensor_is_disturbance_for_as_long_as_it_is_there() -> None:
+    case = turning().attached((20, -10, 12), 20.0, 45.0)
+    found = run(case)
+    on = (case.seconds >= 20) & (case.seconds < 45)
+    assert found.disturbed[on].mean() > 0.98
+    assert found.disturbed[~on].mean() < 0.03
+    assert rmse(errors_deg(case, found)) < 2.0
+
+
+def test_behind_a_magnet_on_the_sensor_the_compass_goes_on() -> None:
+    case = turning(120.0).attached((20, -10, 12), 20.0, 110.0)
+    drifting = replace(
+        case, samples=replace(case.samples, rate=case.samples.rate + np.array([0, 0, 0.0]))
+    )
+    # a gyroscope with wrong scale drifts while it turns, unless the compass holds it
+    drifting = replace(
+        drifting, samples=replace(drifting.samples, rate=drifting.samples.rate * 1.01)
+    )
+    learned = run(drifting)
+    gyro_only = replace(
+        drifting,
+        samples=replace(
+            drifting.samples,
+            field=np.where(((case.seconds > 20) & (case.seconds < 110))[:, None], np.nan,
+                           drifting.samples.field),
+        ),
+    )  # fmt: skip
+    assert rmse(errors_deg(case, learned)) < rmse(errors_deg(case, run(gyro_only)))
+
+
+def test_without_a_field_the_gyroscope_goes_on_and_knows_less_and_less() -> None:
+    case = turning(40.0)
+    field = np.where((case.seconds > 10)[:, None], np.nan, case.samples.field)
+    found = run(replace(case, samples=replace(case.samples, field=field)))
+    assert not found.disturbed.any()
+    assert rmse(errors_deg(case, found)) < 3.0
+    assert found.sigma[-1] > 1.5 * run(case).sigma[-1]
+
+
+def test_a_magnetometer_that_answers_late_is_found_out() -> None:
+    case = turning(40.0)
+    estimator = HeadingEstimator(HeadingParameters(), RATE_HZ)
+    field = np.roll(case.samples.field, 2, axis=0)
+    field[:2] = field[2]
+    estimator.add(replace(case.samples, field=field))
+    # two samples late, and half a sample as a sample stands for the middle of its interval
+    assert estimator.delay_s == pytest.approx(0.015, abs=0.004)
+
+
+def test_a_reference_taken_beside_a_magnet_is_replaced_when_the_sensor_turned() -> None:
+    case = turning(60.0, rest_s=10.0)
+    # a magnet beside the place of rest: constant in the earth frame
+    back = case.orientation * np.array([1, -1, -1, -1])
+    from groundtrace.heading.rotations import turned
+
+    beside = turned(back, np.broadcast_to([14e-6, 3e-6, 6e-6], (len(back), 3)))
+    field = case.samples.field + np.where((case.seconds < 10)[:, None], beside, 0.0)
+    found = run(replace(case, samples=replace(case.samples, field=field)))
+    late = case.seconds > 35
+    assert rmse(errors_deg(case, found)[late]) < 2.0
+    assert not found.disturbed[late].any()

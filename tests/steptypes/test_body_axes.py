@@ -1,0 +1,121 @@
+"""Ahead, right and up from a sensor in any orientation; the mounting told by walking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typed_walks import accelerations
+
+from groundtrace.conformance import rechunked
+from groundtrace.steptypes.axes import BodyAxes, axis_vector
+from groundtrace.steptypes.heading_axis import HeadingAxis, step_swing
+
+G = 9.80665
+
+
+def walked(seconds: float = 40.0) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and true acceleration ahead, to the right and up of a made-up walk."""
+    t = np.arange(round(100 * seconds)) / 100
+    turn = 2 * np.pi * 1.8 * t
+    ahead, right, up = np.cos(turn), 0.8 * np.sin(turn / 2), 2.0 * np.sin(turn)
+    return t, np.stack([ahead, right, up])
+
+
+def resolved(samples: np.ndarray, size: int = 10_000, **settings: object) -> np.ndarray:
+    blocks = accelerations(samples)
+    axes = BodyAxes(blocks[0].stream, **settings)
+    return np.concatenate([axes(b).values for b in rechunked(blocks, size)], axis=1)
+
+
+def worn(true: np.ndarray, mount: Rotation) -> np.ndarray:
+    """What a sensor measures whose axes lie ahead, left and up but for its mounting."""
+    body = np.stack([true[0], -true[1], true[2] + G], axis=1)
+    return mount.inv().apply(body)
+
+
+@pytest.mark.parametrize("pitch_deg", [-60.0, 0.0, 25.0])
+@pytest.mark.parametrize("roll_deg", [-170.0, -20.0, 40.0])
+def test_up_ahead_and_right_come_back_however_the_sensor_hangs(
+    pitch_deg: float, roll_deg: float
+) -> None:
+    _, true = walked()
+    mount = Rotation.from_euler("ZYX", (0.0, pitch_deg, roll_deg), degrees=True)
+    found = resolved(worn(true, mount))[:, 1000:]
+    assert np.sqrt(np.mean((found - true[:, 1000:]) ** 2)) < 0.1
+
+
+@pytest.mark.parametrize("forward", ["x", "-x", "y", "-y", "z", "-z"])
+def test_any_axis_may_look_ahead(forward: str) -> None:
+    _, true = walked()
+    ahead = axis_vector(forward)
+    up = np.roll(ahead, 1)
+    left = np.cross(up, ahead)
+    samples = np.outer(true[0], ahead) - np.outer(true[1], left) + np.outer(true[2] + G, up)
+    found = resolved(samples, forward=forward)[:, 1000:]
+    assert np.sqrt(np.mean((found - true[:, 1000:]) ** 2)) < 0.1
+
+
+def test_a_gyroscope_keeps_gravity_out_of_a_nodding_trunk() -> None:
+    t, true = walked()
+    pitch = np.radians(4.0) * np.sin(2 * np.pi * 1.8 * t + 1.0)
+    attitude = Rotation.from_euler("Y", pitch[:, None])
+    force = attitude.inv().apply(np.stack([true[0], -true[1], true[2] + G], axis=1))
+    rate = np.zeros_like(force)
+    rate[:, 1] = np.gradient(pitch, t) + 0.01  # and its offset
+    errors = [
+        np.sqrt(np.mean((resolved(samples)[0, 1000:] - true[0, 1000:]) ** 2))
+        for samples in (force, np.hstack([force, rate]))
+    ]
+    assert errors[0] > 0.4  # 4 degrees of gravity
+    assert errors[1] < 0.15
+
+
+def test_blocks_of_any_size_give_the_same_axes() -> None:
+    _, true = walked(10.0)
+    rng = np.random.default_rng(3)
+    samples = np.hstack([worn(true, Rotation.identity()), rng.normal(0, 0.2, (1000, 3))])
+    whole = resolved(samples)
+    for size in (1, 7, 200):
+        np.testing.assert_allclose(resolved(samples, size), whole, atol=1e-12)
+
+
+@pytest.mark.parametrize("mounted_deg", [-20.0, 0.0, 15.0])
+@pytest.mark.parametrize("lead", [0.25, -0.25])
+def test_the_mounting_is_the_principal_axis_of_what_goes_with_every_step(
+    mounted_deg: float, lead: float
+) -> None:
+    phase = np.arange(-80, 57) / 32
+    angle = np.radians(mounted_deg)
+    rng = np.random.default_rng(4)
+    axis = HeadingAxis()
+    for _ in range(20):
+        ahead = np.cos(2 * np.pi * (phase + lead)) + 0.1 * rng.normal(size=len(phase))
+        sway = 1.5 * np.sin(np.pi * phase + rng.choice([0.0, np.pi]))  # every second step
+        up = 2.0 * np.cos(2 * np.pi * phase)
+        turned = np.stack(
+            [
+                np.cos(angle) * ahead - np.sin(angle) * sway,
+                np.sin(angle) * ahead + np.cos(angle) * sway,
+                up,
+            ]
+        )
+        swing = step_swing(turned, phase)
+        assert swing is not None
+        axis.add(swing)
+    assert np.degrees(axis.angle_rad) == pytest.approx(mounted_deg, abs=3.0)
+    np.testing.assert_allclose(axis.turned(turned)[2], up)
+
+
+def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:
+    phase = np.arange(-80, 57) / 32
+    up = np.cos(2 * np.pi * phase)
+    axis = HeadingAxis()
+    swing = step_swing(np.stack([0.1 * up, 3.0 * up, up]), phase)
+    assert swing is not None
+    axis.add(swing)
+    assert axis.angle_rad == 0.0
+
+
+def test_without_a_vertical_swing_there_is_none() -> None:
+    assert step_swing(np.zeros((3, 137)), np.arange(-80, 57) / 32) is None
