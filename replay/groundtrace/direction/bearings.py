@@ -91,6 +91,7 @@ class Bearings(ArrayMethod):
 
     Parameters = BearingsParameters
     quantities = SEISMIC_QUANTITIES
+    needs = "stations of three axes in the geometry"
     emits: Emits = "bearing"
     columns = (
         Quantity("degree", "1"),

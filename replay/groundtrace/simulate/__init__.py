@@ -9,7 +9,8 @@ from __future__ import annotations
 from .options import RoomOptions
 from .room import simulate_room
 from .simulation import Simulation, write
-from .walk import WalkOptions, simulate_walk
+from .walk import simulate_walk
+from .walk_options import WalkOptions
 
 __all__ = [
     "RoomOptions",
