@@ -104,17 +104,12 @@ def calibrate(
             f"{subject.name}: geometry: expected one in the recording or --geometry FILE, "
             f"found none"
         )
-    settings = {
-        "ignore_places": ignore_places,
-        "offsets": offsets,
-        "exponent": subject.exponent() if exponent is None else exponent,
-    }
+    presumed = subject.exponent() if exponent is None else exponent
+    choices = package.Choices(ignore_places, offsets, presumed)
     if subject.again:
-        found, site = package.calibrate_replaying(
-            subject.replayed, site, subject.labels, **settings
-        )
+        found, site = package.calibrate_replaying(subject.replayed, site, subject.labels, choices)
     else:
-        found = package.calibrate_once(subject.replayed(site), site, subject.labels, **settings)
+        found = package.calibrate_once(subject.replayed(site), site, subject.labels, choices)
     if geometry_out is not None:
         text = package.calibrated_geometry(site, found).to_toml()
         geometry_out.write_text(text, encoding="utf-8")

@@ -16,7 +16,6 @@ from .truth import truth_of
 
 if TYPE_CHECKING:
     from ..score import (
-        ClosureScore,
         ConsistencyScore,
         DisturbanceScore,
         HeadingScore,
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
         StepScore,
         TrackScore,
     )
+    from ..score.closure import ClosureScore
     from ..score.picks import PickErrors
     from ..score.positions import PositionErrors
 
@@ -168,6 +168,9 @@ def _print_track(t: TrackScore, unit: str) -> None:
         f"  completeness {t.completeness:.3f}, ambiguity {t.ambiguity:.2f}, "
         f"spuriousness {t.spuriousness:.3f}"
     )
+    if t.identity is not None and len(t.identity.targets) > 1:
+        targets = len(t.identity.targets)
+        print(f"  {targets} targets: {t.identity.switches} switches, IDF1 {t.identity.idf1:.3f}")
     if t.closure is not None:
         _print_closure(t.closure, unit)
 

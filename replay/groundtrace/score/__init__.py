@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from .assignment import assign
-from .closure import ClosureScore, score_closure
 from .consistency import Consistency, ConsistencyScore, consistency, normalised_squares
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings
@@ -18,7 +17,6 @@ from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
 
 __all__ = [
-    "ClosureScore",
     "Confusion",
     "Consistency",
     "ConsistencyScore",
@@ -38,7 +36,6 @@ __all__ = [
     "match_steps",
     "normalised_squares",
     "ospa",
-    "score_closure",
     "score_disturbances",
     "score_events",
     "score_headings",

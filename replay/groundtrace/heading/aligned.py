@@ -1,0 +1,114 @@
+"""Angular velocity, specific force and magnetic field of one sensor on one clock.
+
+The gyroscope's samples set the times; the others are interpolated to them. A field may come in a
+stream of its own, at another rate, or not at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from .inertial_frames import Samples
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .rotations import Array
+
+#: After this long without a field the sensor goes on without one [ns].
+PATIENCE_NS = 2 * NS_PER_S
+#: A field is not interpolated over more than this, nor held for longer [ns].
+HOLD_NS = NS_PER_S // 5
+
+
+@dataclass(slots=True)
+class _Series:
+    """Samples that wait: times, shape (n,), and values, shape (n, 3)."""
+
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    values: Array = field(default_factory=lambda: np.empty((0, 3)))
+    began: bool = False
+
+    def add(self, time_ns: NDArray[np.int64], values: Array) -> None:
+        self.time_ns = np.concatenate([self.time_ns, time_ns])
+        self.values = np.concatenate([self.values, values])
+        self.began = self.began or bool(len(time_ns))
+
+    def forget_before(self, time_ns: int) -> None:
+        """Forget what lies before a time, but for the last sample."""
+        keep = max(int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1, 0)
+        self.time_ns, self.values = self.time_ns[keep:], self.values[keep:]
+
+    @property
+    def until_ns(self) -> int:
+        """Time of the last sample, or long ago [ns]."""
+        return int(self.time_ns[-1]) if len(self.time_ns) else -(2**62)
+
+    def at(self, times: NDArray[np.int64], hold_ns: int | None) -> Array:
+        """Return the values at times by straight lines; NaN farther than ``hold_ns`` from any."""
+        if not len(self.time_ns):
+            return np.full((len(times), 3), np.nan)
+        start = self.time_ns[0]
+        knots, wanted = (self.time_ns - start).astype(float), (times - start).astype(float)
+        values = np.stack([np.interp(wanted, knots, column) for column in self.values.T], axis=1)
+        if hold_ns is not None:
+            after = np.searchsorted(self.time_ns, times)
+            last = len(self.time_ns) - 1
+            before_ns = times - self.time_ns[np.clip(after - 1, 0, last)]
+            after_ns = self.time_ns[np.clip(after, 0, last)] - times
+            far = (np.abs(before_ns) > hold_ns) & (np.abs(after_ns) > hold_ns)
+            values[far] = np.nan
+        return values
+
+
+class Aligner:
+    """Brings the parts of a sensor together; what is complete can be taken, in any portions."""
+
+    def __init__(self) -> None:
+        self._rate, self._force, self._field = _Series(), _Series(), _Series()
+        self._offered_ns = -(2**62)
+
+    def add(self, quantity: str, time_ns: NDArray[np.int64], values: Array) -> None:
+        """Take samples of ``angular_velocity``, ``acceleration`` or ``magnetic_field``."""
+        series = {
+            "angular_velocity": self._rate,
+            "acceleration": self._force,
+            "magnetic_field": self._field,
+        }[quantity]
+        if series is self._rate:
+            # what this block brings may get its field from a block that is yet to come
+            self._offered_ns = max(self._offered_ns, series.until_ns)
+        series.add(time_ns, values)
+
+    def take(self) -> Samples:
+        """Return the samples whose force and field are known, or waited for long enough."""
+        complete = self._rate.time_ns <= self._force.until_ns
+        waited = self._rate.time_ns <= self._offered_ns - PATIENCE_NS
+        complete &= (self._rate.time_ns <= self._field.until_ns) | waited
+        return self._taken(int(complete.sum()))
+
+    def finish(self) -> Samples:
+        """Return what still waits."""
+        return self._taken(len(self._rate.time_ns) if self._force.began else 0)
+
+    def _taken(self, count: int) -> Samples:
+        times = self._rate.time_ns[:count]
+        samples = Samples(
+            times,
+            self._rate.values[:count],
+            self._force.at(times, None),
+            self._field.at(times, HOLD_NS),
+        )
+        self._rate.time_ns, self._rate.values = (
+            self._rate.time_ns[count:],
+            self._rate.values[count:],
+        )
+        if count:
+            self._force.forget_before(int(times[-1]))
+            self._field.forget_before(int(times[-1]))
+        return samples

@@ -1,0 +1,246 @@
+"""Attitude: an error-state Kalman filter over orientation, velocity, gyroscope bias and iron.
+
+Gravity is told from movement by what a movement cannot do: go on accelerating. The specific force,
+turned to the earth frame, is integrated to a velocity, and the velocity is held near zero by a
+weak measurement; what would let it run away is tilt. The field corrects heading, bias and what is
+known of the field itself, never the tilt (the principle of Laidig and Seel, Information Fusion 91,
+2023: magnetic disturbances must not reach the inclination).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .rotations import about_vertical, levelled, matrix, normalised, of_vectors, product, skew
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .inertial_frames import InertialFrame
+    from .rotations import Array
+
+GRAVITY_MPS2 = 9.80665
+#: Rows of the error state: rotation in the earth frame, velocity, bias in the body frame, field of
+#: the iron that turns with the body, and the earth's field: north and up.
+TURN, SPEED, BIAS, IRON, EARTH = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 9),
+    slice(9, 12),
+    slice(12, 14),
+)
+SIZE = 14
+#: Rows that a field must not change, ever and while it is a disturbed one.
+_NO_TILT: NDArray[np.bool_] = np.array([row in (0, 1, 3, 4, 5) for row in range(SIZE)])
+_NO_EARTH: NDArray[np.bool_] = _NO_TILT | np.array([row >= 12 for row in range(SIZE)])
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeNoise:
+    """What the filter takes its sensors for.
+
+    Attributes
+    ----------
+    walk
+        Random walk of the integrated gyroscope [rad/sqrt(s)].
+    scale
+        Unknown part of a turn that the gyroscope misses (scale, axes), as white noise: error of
+        the turn over the square root of a radian turned [sqrt(rad)].
+    bias_start, bias_walk
+        Bias at the start [rad/s] and its random walk [rad/s/sqrt(s)].
+    force_walk
+        Random walk of the integrated specific force [m/s/sqrt(s)].
+    speed
+        Velocity that a wearer has about the mean, its correlation time taken as 1 s [m/s].
+    rest_rate
+        Angular velocity left at rest, per frame [rad/s].
+    iron_start, iron_walk
+        Field of iron on the sensor that its calibration left [T], and its random walk
+        [T/sqrt(s)].
+    earth_walk
+        Random walk of the earth's field about the place [T/sqrt(s)].
+    """
+
+    walk: float = 5e-4
+    scale: float = 0.015
+    bias_start: float = 0.02
+    bias_walk: float = 1e-5
+    force_walk: float = 0.1
+    speed: float = 0.5
+    rest_rate: float = 0.005
+    iron_start: float = 1.5e-6
+    iron_walk: float = 2e-8
+    earth_walk: float = 2e-8
+
+
+@dataclass(slots=True)
+class Attitude:
+    """Orientation and what is known of it; starts level at the first frame, heading unknown.
+
+    Attributes
+    ----------
+    noise
+        What the sensors are taken for.
+    orientation
+        Body to earth at the end of the last frame, shape (4,).
+    velocity
+        About the mean velocity, earth frame, shape (3,) [m/s].
+    bias
+        Of the gyroscope, body frame, shape (3,) [rad/s].
+    iron
+        Field of the iron on the sensor, body frame, shape (3,) [T].
+    earth
+        Field of the earth: north and up, shape (2,) [T]; NaN until there was one.
+    covariance
+        Of the error state, shape (14, 14).
+    """
+
+    noise: AttitudeNoise
+    orientation: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    bias: Array = field(default_factory=lambda: np.zeros(3))
+    iron: Array = field(default_factory=lambda: np.zeros(3))
+    earth: Array = field(default_factory=lambda: np.full(2, np.nan))
+    covariance: Array = field(default_factory=lambda: np.zeros((SIZE, SIZE)))
+    started: bool = False
+
+    @property
+    def heading_sigma_rad(self) -> float:
+        """Standard deviation of the heading [rad]."""
+        return float(np.sqrt(max(self.covariance[2, 2], 0.0)))
+
+    def start(self, frame: InertialFrame) -> None:
+        """Level by the first frame's specific force; the heading is the body's x axis for now."""
+        self.orientation = levelled(frame.force)
+        tilt, speed = np.radians(5.0), self.noise.speed
+        bias, iron = self.noise.bias_start, self.noise.iron_start
+        sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
+        self.covariance = np.diag(np.array(sigma) ** 2)
+        self.started = True
+
+    def predict(self, frame: InertialFrame) -> None:
+        """Go on to the end of a frame."""
+        dt, p = frame.length_s, self.noise
+        axes = matrix(self.orientation)
+        force = axes @ frame.force
+        step = np.eye(SIZE)
+        step[TURN, BIAS] = -dt * axes @ frame.mean_turn
+        step[SPEED, TURN] = -dt * skew(force)
+        growth = np.zeros(SIZE)
+        growth[TURN] = p.walk**2 * dt + p.scale**2 * frame.speed * dt
+        growth[SPEED] = p.force_walk**2 * dt
+        growth[BIAS] = p.bias_walk**2 * dt
+        growth[IRON] = p.iron_walk**2 * dt
+        growth[EARTH] = p.earth_walk**2 * dt
+        self.velocity = self.velocity + dt * (force - np.array([0, 0, GRAVITY_MPS2]))
+        self.orientation = normalised(product(self.orientation, frame.turns[-1]))
+        self.covariance = step @ self.covariance @ step.T + np.diag(growth)
+
+    def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
+        """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
+        variance = self.noise.speed**2 * 2.0 / dt_s if sigma_mps is None else sigma_mps**2
+        pick = np.zeros((3, SIZE))
+        pick[:, SPEED] = np.eye(3)
+        self._update(pick, -self.velocity, np.eye(3) * variance)
+
+    def hold_bias(self, rate: Array) -> None:
+        """Take the mean rate of a frame at rest for the bias."""
+        pick = np.zeros((3, SIZE))
+        pick[:, BIAS] = np.eye(3)
+        self._update(pick, rate - self.bias, np.eye(3) * self.noise.rest_rate**2)
+
+    def face(self, field: Array, sigma_t: float) -> None:
+        """Turn north to where a field points, earth frame, shape (3,) [T]."""
+        self.turn_heading(float(np.arctan2(field[0], field[1])))
+        flat = max(float(np.hypot(field[0], field[1])), 1e-9)
+        self.reset_heading(float(np.hypot(sigma_t, self.noise.iron_start)) / flat)
+
+    def take_earth(self, north_t: float, up_t: float, sigma_t: float) -> None:
+        """Take a field for the earth's, by its horizontal and vertical part [T]."""
+        self.earth = np.array([north_t, up_t])
+        self.covariance[:, EARTH] = self.covariance[EARTH, :] = 0.0
+        self.covariance[EARTH, EARTH] = np.eye(2) * sigma_t**2
+
+    def reset_heading(self, sigma_rad: float) -> None:
+        """Take the heading to be known to ``sigma_rad``, by what this filter does not see."""
+        self.covariance[2, :] = self.covariance[:, 2] = 0.0
+        self.covariance[2, 2] = sigma_rad**2
+
+    def forget_field(self) -> None:
+        """Know nothing of earth and iron again: the magnetometer became another one."""
+        self.earth = np.full(2, np.nan)
+        self.believe_iron(np.zeros(3), np.eye(3) * self.noise.iron_start**2)
+
+    def turn_heading(self, angle_rad: float) -> None:
+        """Turn the whole estimate about the vertical, counter-clockwise."""
+        self.orientation = normalised(product(about_vertical(angle_rad), self.orientation))
+        turn = np.eye(SIZE)
+        turn[TURN, TURN] = turn[SPEED, SPEED] = matrix(about_vertical(angle_rad))
+        self.velocity = turn[SPEED, SPEED] @ self.velocity
+        self.covariance = turn @ self.covariance @ turn.T
+
+    def believe_iron(self, iron: Array, covariance: Array) -> None:
+        """Take other iron: its field [T], shape (3,), and covariance, shape (3, 3)."""
+        self.iron = iron.copy()
+        self.covariance[IRON, :] = self.covariance[:, IRON] = 0.0
+        self.covariance[IRON, IRON] = covariance
+
+    def expected(self, frame: InertialFrame, axes: Array) -> tuple[Array, Array, Array]:
+        """Return innovation [T], measurement matrix and covariance of a frame's field.
+
+        Parameters
+        ----------
+        frame
+            Its field is looked at.
+        axes
+            Rotation matrix of the body at the frame's start.
+        """
+        turn = axes @ frame.mean_turn
+        seen = axes @ frame.field - turn @ self.iron
+        pick = np.zeros((3, SIZE))
+        pick[:, TURN] = -skew(seen)
+        pick[:, IRON] = -turn
+        pick[1, 12] = pick[2, 13] = -1.0
+        innovation = np.array([0.0, self.earth[0], self.earth[1]]) - seen
+        return innovation, pick, pick @ self.covariance @ pick.T
+
+    def correct_field(
+        self, frame: InertialFrame, axes: Array, sigma_t: float, *, earth: bool
+    ) -> None:
+        """Turn towards north by a field; ``earth``: it may also correct the earth's field."""
+        innovation, pick, _ = self.expected(frame, axes)
+        frozen = _NO_TILT if earth else _NO_EARTH
+        self._update(pick, innovation, np.eye(3) * sigma_t**2, frozen)
+
+    def blame_iron(self, frame: InertialFrame, axes: Array, sigma_t: float) -> None:
+        """Explain a frame's field by iron alone; it is known as well as the orientation is."""
+        earth = np.array([0.0, self.earth[0], self.earth[1]])
+        back = np.linalg.inv(axes @ frame.mean_turn)
+        self.iron = back @ (axes @ frame.field - earth)
+        slope = np.zeros((3, SIZE))
+        slope[:, TURN] = -back @ skew(earth)
+        slope[:, EARTH] = -back[:, 1:]
+        self.covariance[IRON, :] = self.covariance[:, IRON] = 0.0
+        cross = slope @ self.covariance
+        self.covariance[IRON, :], self.covariance[:, IRON] = cross, cross.T
+        self.covariance[IRON, IRON] = cross @ slope.T + np.eye(3) * sigma_t**2
+
+    def _update(
+        self, pick: Array, innovation: Array, noise: Array, frozen: NDArray[np.bool_] | None = None
+    ) -> None:
+        """Update by a measurement; rows that are ``frozen`` keep their estimate (Schmidt)."""
+        spread = self.covariance @ pick.T
+        gain = np.linalg.solve(pick @ spread + noise, spread.T).T
+        if frozen is not None:
+            gain[frozen] = 0.0
+        left = np.eye(SIZE) - gain @ pick
+        self.covariance = left @ self.covariance @ left.T + gain @ noise @ gain.T
+        change = gain @ innovation
+        self.orientation = normalised(product(of_vectors(change[TURN]), self.orientation))
+        self.velocity = self.velocity + change[SPEED]
+        self.bias = self.bias + change[BIAS]
+        self.iron = self.iron + change[IRON]
+        self.earth = self.earth + change[EARTH]

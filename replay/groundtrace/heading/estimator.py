@@ -1,0 +1,209 @@
+"""The heading estimator: samples in, orientation, heading and verdicts on the field out.
+
+Usable without a pipeline::
+
+    estimator = HeadingEstimator(HeadingParameters(), rate_hz=100.0)
+    for frame in [*estimator.add(samples), *estimator.finish()]:
+        frame.orientation, frame.heading_rad, frame.sigma_rad, frame.undisturbed
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..gates import Candidates, decide
+from .api import HeadingFrame
+from .attitude import Attitude, AttitudeNoise
+from .calibration import TOO_LITTLE, Calibration
+from .compass import COLUMNS, GATES, TESLA, Compass
+from .inertial_frames import Samples, frame_of
+from .parameters import HeadingParameters
+from .rotations import headings_of, matrix, product
+from .scalar_filters import AzimuthKalman, Exponential
+
+if TYPE_CHECKING:
+    from ..detector import Emits
+    from ..gates import Gate
+    from .inertial_frames import InertialFrame
+    from .rotations import Array
+    from .scalar_filters import ScalarFilter
+
+#: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s].
+REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
+#: Velocity left at rest [m/s].
+REST_SPEED = 0.02
+#: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
+DELAY_PRIOR = (TESLA / 0.02) ** 2
+
+
+class HeadingEstimator:
+    """Fuses gyroscope, specific force and magnetic field of one body-worn sensor.
+
+    Parameters
+    ----------
+    parameters
+        As documented there.
+    rate_hz
+        Sampling rate [Hz].
+    """
+
+    Parameters = HeadingParameters
+    emits: Emits = "heading"
+    columns = COLUMNS
+    gates: tuple[Gate, ...] = GATES
+
+    def __init__(self, parameters: HeadingParameters, rate_hz: float) -> None:
+        self.parameters = parameters
+        self.rate_hz = rate_hz
+        self.length = max(2, round(parameters.frame_s * rate_hz))
+        self.axis = axis_of(parameters.axis)
+        self.attitude = Attitude(AttitudeNoise(scale=parameters.gyro_scale))
+        self.compass = Compass(parameters)
+        self._scalar = _scalar_filter(parameters)
+        self.calibration = Calibration()
+        self._waiting: list[Samples] = []
+        self._rested_s = 0.0
+        self._delay = (0.0, DELAY_PRIOR)
+
+    @property
+    def delay_s(self) -> float:
+        """How much later than the gyroscope the magnetometer answers [s]."""
+        return self._delay[0] / self._delay[1]
+
+    def add(self, samples: Samples) -> list[HeadingFrame]:
+        """Take samples of any number; return the frames that are complete by now."""
+        whole = joined([*self._waiting, samples])
+        count = len(whole) // self.length * self.length
+        self._waiting = [whole.rows(count, len(whole))]
+        return [
+            self._frame(whole.rows(start, start + self.length))
+            for start in range(0, count, self.length)
+        ]
+
+    def finish(self) -> list[HeadingFrame]:
+        """Return the last, shorter frame."""
+        left, self._waiting = self._waiting, []
+        return [self._frame(part) for part in left if len(part)]
+
+    def _frame(self, samples: Samples) -> HeadingFrame:
+        attitude, raw = self.attitude, samples.field[len(samples) // 2]
+        samples = replace(samples, field=self.calibration.corrected(samples.field))
+        frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
+        if not attitude.started:
+            attitude.start(frame)
+        if np.isnan(attitude.earth[0]) and np.isfinite(frame.field).all():
+            self._meet(matrix(attitude.orientation) @ frame.field)
+        axes = matrix(attitude.orientation)
+        orientation = product(attitude.orientation, frame.turns)
+        sigma = attitude.heading_sigma_rad
+        resting = self._move(frame)
+        values, undisturbed = self._look(frame, axes)
+        compass = bool(np.isfinite(values).all())
+        notes = self._calibrate(raw, undisturbed=undisturbed) if compass else ()
+        return HeadingFrame(
+            time_ns=samples.time_ns,
+            orientation=orientation,
+            heading_rad=headings_of(orientation, self.axis),
+            sigma_rad=min(sigma, math.pi),
+            bias=attitude.bias.copy(),
+            values=values,
+            undisturbed=undisturbed,
+            compass=compass,
+            resting=resting,
+            notes=notes,
+        )
+
+    def _meet(self, field: Array) -> None:
+        """Take the first field, earth frame [T], for the earth's."""
+        sigma_t = self.parameters.field_sigma_ut * TESLA
+        self.attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), sigma_t)
+        self.attitude.face(field, sigma_t)
+
+    def _move(self, frame: InertialFrame) -> bool:
+        """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
+        attitude, before = self.attitude, self.attitude.covariance[2, 2]
+        attitude.predict(frame)
+        still = (
+            float(np.linalg.norm(frame.rate)) < REST_RATE
+            and frame.rate_spread < REST_SPREAD
+            and frame.force_spread < REST_FORCE
+        )
+        self._rested_s = self._rested_s + frame.length_s if still else 0.0
+        resting = self._rested_s > REST_S
+        attitude.hold_velocity(frame.length_s, REST_SPEED if resting else None)
+        if resting:
+            attitude.hold_bias(frame.rate)
+        if self._scalar is not None:
+            grown = max(float(attitude.covariance[2, 2] - before), 0.0)
+            attitude.turn_heading(self._scalar.advance(frame.length_s, grown))
+        return resting
+
+    def _look(self, frame: InertialFrame, axes: Array) -> tuple[Array, bool]:
+        """Test the frame's field and learn from it; return the tests' values and the verdict."""
+        if not np.isfinite(frame.field).all():
+            return np.full(len(COLUMNS), np.nan), True
+        values = self.compass.examine(self.attitude, frame, axes)
+        row = Candidates(np.zeros(1, np.int64), np.zeros(1, np.int32), values[None].astype("f4"))
+        undisturbed = bool(decide(row, COLUMNS, GATES, self.parameters)[0].accepted[0])
+        if self._scalar is not None:
+            self._correct(self._scalar, frame, axes, undisturbed=undisturbed)
+        else:
+            self.compass.learn(self.attitude, frame, axes, undisturbed=undisturbed)
+        if undisturbed:
+            late, moved = frame.delay_sums
+            self._delay = (self._delay[0] + late + self.delay_s * moved, self._delay[1] + moved)
+        return values, undisturbed
+
+    def _calibrate(self, raw: Array, *, undisturbed: bool) -> tuple[str, ...]:
+        """Watch the field as measured; begin anew with the field where it is now calibrated."""
+        calibration = self.calibration
+        changed = calibration.watch(raw, undisturbed=undisturbed)
+        if changed and calibration.ellipsoid is not None:
+            self.compass = Compass(self.parameters)
+            self.attitude.forget_field()
+            x, y, z = (calibration.ellipsoid.centre / TESLA).tolist()
+            text = f"magnetometer calibrated: hard iron {x:.1f}, {y:.1f}, {z:.1f} uT taken out"
+            return (text,)
+        return (TOO_LITTLE,) if calibration.wanting else ()
+
+    def _correct(
+        self, scalar: ScalarFilter, frame: InertialFrame, axes: Array, *, undisturbed: bool
+    ) -> None:
+        """Turn by a filter of one angle, which knows the heading's error itself."""
+        if undisturbed:
+            seen = axes @ frame.field
+            north = self.attitude.earth[0]
+            sigma = self.parameters.field_sigma_ut * TESLA / max(north, TESLA)
+            sigma *= math.sqrt(2 * self.parameters.field_memory_s / frame.length_s)
+            self.attitude.turn_heading(scalar.correct(math.atan2(seen[0], seen[1]), sigma))
+        self.attitude.reset_heading(scalar.sigma_rad)
+
+
+def axis_of(name: str) -> Array:
+    """Return the unit vector of a body axis such as ``x`` or ``-z``, shape (3,)."""
+    unit = np.eye(3)["xyz".index(name[-1])]
+    return np.asarray(-unit if name.startswith("-") else unit)
+
+
+def joined(parts: list[Samples]) -> Samples:
+    """Return consecutive samples as one; at least one part."""
+    if len(parts) == 1:
+        return parts[0]
+    return Samples(
+        np.concatenate([p.time_ns for p in parts]),
+        np.concatenate([p.rate for p in parts]),
+        np.concatenate([p.force for p in parts]),
+        np.concatenate([p.field for p in parts]),
+    )
+
+
+def _scalar_filter(parameters: HeadingParameters) -> ScalarFilter | None:
+    if parameters.filter == "exponential":
+        return Exponential()
+    if parameters.filter == "kalman":
+        return AzimuthKalman()
+    return None

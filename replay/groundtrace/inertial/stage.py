@@ -1,0 +1,187 @@
+"""The stage that navigates: the signal of a sensor on a foot becomes a track."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import Gap, Note, StageSpec
+from groundtrace_codecs.signals import SignalBlock
+
+from ..gates import Carry, decided_block, gate_specs
+from ..nonfinite import Holder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import Stream
+
+    from .navigator import FootNavigator
+    from .stances import Segment, Segments
+
+#: Sampled slower, the samples do not tell how fast a foot went between them.
+LEAST_RATE_HZ = 25.0
+QUANTITIES = ("angular_velocity", "acceleration")
+#: With the magnetometer's, where the stream has one.
+COLUMNS = 9
+
+
+@dataclass(slots=True)
+class _Run:
+    """A navigator at work on one topic; ``segments`` is None between two runs of samples."""
+
+    worker: FootNavigator
+    spec: StageSpec
+    columns: list[int]
+    segments: Segments | None = None
+    carry: Carry = field(default_factory=Carry)
+    holder: Holder = field(default_factory=Holder)
+
+
+class NavigatorStage:
+    """Runs one navigator on every stream of a foot that has three axes of each sensor.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+
+    Notes
+    -----
+    Streams whose placement is given and is no foot are left alone. A bridged gap changes nothing;
+    any other ends the track, and the next begins at the origin again: nothing says how far the
+    foot came meanwhile.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[FootNavigator],
+        parameters: Any,
+        topics: Sequence[str] = (),
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self._runs: dict[str, _Run | None] = {}
+        self._tracks = 0
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Feed a block to the navigator, or end its track at a gap."""
+        if isinstance(item, Gap):
+            run = self._runs.get(item.topic)
+            if run is not None and not item.bridged:
+                yield from self._finish(run)
+        elif isinstance(item, SignalBlock) and len(item):
+            if item.topic not in self._runs:
+                yield from self._begin(item)
+            run = self._runs[item.topic]
+            if run is not None:
+                yield from self._feed(run, item.select(run.columns))
+
+    def flush(self) -> Iterator[Event]:
+        """End all tracks."""
+        for run in self._runs.values():
+            if run is not None:
+                yield from self._finish(run)
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses blocks."""
+        return copy.deepcopy((self._runs, self._tracks))
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._runs, self._tracks = copy.deepcopy(saved)
+
+    def _begin(self, block: SignalBlock) -> Iterator[Event]:
+        stream = block.stream
+        self._runs[block.topic] = None
+        allowed = not self.topics or any(fnmatch(stream.topic, p) for p in self.topics)
+        if not allowed or "foot" not in (stream.placement or "foot"):
+            return
+        columns = inertial_columns(stream)
+        if columns is None:
+            if stream.placement:
+                text = (
+                    f"{stream.topic}: no track: expected three axes of {' and '.join(QUANTITIES)}"
+                )
+                yield Note(block.start_ns, f"{text}, found others", "WARN", self.name)
+            return
+        worker = self.kind(self.parameters)
+        gates = gate_specs(worker.gates, self.parameters)
+        names = ("foot",)
+        spec = StageSpec(
+            self.name, self.plugin, stream.topic, names, worker.columns, gates, (), worker.emits
+        )
+        self._runs[block.topic] = _Run(worker, spec, columns)
+        yield spec
+        if stream.rate_hz < LEAST_RATE_HZ:
+            text = f"{stream.topic}: a swing of a foot needs {LEAST_RATE_HZ:g} Hz to be followed"
+            yield Note(block.start_ns, f"{text}, found {stream.rate_hz:g}", "WARN", self.name)
+
+    def _feed(self, run: _Run, block: SignalBlock) -> Iterator[Event]:
+        if run.segments is None:
+            self._tracks += 1
+            run.worker.start(self.name, self._tracks)
+            run.segments = self._segments(block.stream.rate_hz)
+        held = run.holder.held(block)
+        values = held.values
+        if values.shape[1] < COLUMNS:
+            values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
+        yield from self._navigate(run, run.segments.add(held.sample_times(), values))
+
+    def _finish(self, run: _Run) -> Iterator[Event]:
+        if run.segments is None:
+            return
+        yield from self._navigate(run, run.segments.finish())
+        yield from run.worker.finish()
+        if run.holder.count:
+            text = f"{run.spec.topic}: {run.holder.count} samples not finite, last value held"
+            yield Note(run.holder.last_ns, text, "WARN", self.name)
+        run.segments, run.carry, run.holder = None, Carry(), Holder()
+
+    def _navigate(self, run: _Run, segments: Iterable[Segment]) -> Iterator[Event]:
+        for segment in segments:
+            found = run.worker.measure(segment)
+            accepted = None
+            if len(found):
+                block, run.carry = decided_block(
+                    run.spec, found, run.worker, self.parameters, run.carry
+                )
+                yield block
+                accepted = bool(block.accepted[0])
+            yield from run.worker.follow(segment, accepted)
+
+    def _segments(self, rate_hz: float) -> Segments:
+        # what filters is not imported where pipelines are only listed
+        from ..detectors.zupt import ZeroVelocityParameters
+        from .stances import Segments
+
+        p = self.parameters
+        statistic = ZeroVelocityParameters(
+            p.window_s, p.acceleration_sigma, p.rotation_sigma, stride_s=p.stride_s
+        )
+        return Segments(rate_hz, statistic)
+
+
+def inertial_columns(stream: Stream) -> list[int] | None:
+    """Return the columns of rate and force, x, y, z each, and of the magnetic field if it is there.
+
+    None where rate or force do not have three axes.
+    """
+    columns = []
+    for quantity in (*QUANTITIES, "magnetic_field"):
+        found = {stream.channels[i].axis: i for i in stream.columns_of({quantity})}
+        if sorted(found) == ["x", "y", "z"]:
+            columns += [found[axis] for axis in "xyz"]
+        elif quantity in QUANTITIES:
+            return None
+    return columns

@@ -1,0 +1,125 @@
+"""The samples of a foot in segments of equal length, and whether the foot stands still in each.
+
+The statistic is that of :mod:`groundtrace.detectors.zupt`; its window is centred, so the samples
+wait for half a window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..detectors.zupt import RecentPeak, ZeroVelocityStatistic
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from ..detectors.zupt import ZeroVelocityParameters
+
+    Array = NDArray[np.float64]
+
+#: Length of a segment [s]; at low rates it is one sample.
+SEGMENT_S = 0.025
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """Consecutive samples, with the last one before them.
+
+    Attributes
+    ----------
+    time_ns
+        Of its last sample.
+    interval_s
+        Times between the samples, shape (n,) [s].
+    rate, force
+        Shape (n + 1, 3) [rad/s], [m/s2].
+    field
+        Mean magnetic field, shape (3,) [T]; NaN where the stream has none.
+    statistic, peak
+        Largest of the zero-velocity statistic in it, and in the stride that ends with it.
+    """
+
+    time_ns: int
+    interval_s: Array
+    rate: Array
+    force: Array
+    field: Array
+    statistic: float
+    peak: float
+
+    @property
+    def length_s(self) -> float:
+        """How long it lasts [s]."""
+        return float(self.interval_s.sum())
+
+
+class Segments:
+    """Cuts blocks of any length into segments, counted from the run's first sample.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate [Hz].
+    parameters
+        Of the statistic, and the length of a stride.
+    """
+
+    def __init__(self, rate_hz: float, parameters: ZeroVelocityParameters) -> None:
+        self._peak = RecentPeak(rate_hz, parameters.stride_s)
+        self._statistic = ZeroVelocityStatistic(rate_hz, parameters)
+        self._length = max(1, round(SEGMENT_S * rate_hz))
+        self._late = round(self._statistic.delay_ns * rate_hz / NS_PER_S)
+        self._times = np.empty(0, np.int64)
+        self._samples = np.empty((0, 9))
+        self._values = np.empty((0, 2))
+        self._skip = self._late
+
+    def add(self, times: NDArray[np.int64], samples: Array) -> Iterator[Segment]:
+        """Take samples, shapes (n,) and (n, 9); yield the segments that are complete by now.
+
+        The columns are rate [rad/s], force [m/s2] and field [T], NaN where there is none.
+        """
+        statistic = self._statistic(samples[:, 3:6].T.copy(), samples[:, :3].T.copy())
+        values = np.stack([statistic, self._peak(statistic)], axis=1)
+        skipped = min(self._skip, len(values))
+        self._skip -= skipped
+        self._times = np.concatenate([self._times, times])
+        self._samples = np.concatenate([self._samples, samples])
+        self._values = np.concatenate([self._values, values[skipped:]])
+        yield from self._cut(self._length)
+
+    def finish(self) -> Iterator[Segment]:
+        """Yield what is left; the statistic of the last samples is that of the last window."""
+        lacking = len(self._times) - len(self._values)
+        if lacking and len(self._values):
+            self._values = np.pad(self._values, ((0, lacking), (0, 0)), mode="edge")
+            yield from self._cut(self._length)
+            left = len(self._times) - 1
+            if left > 0:
+                yield from self._cut(left)
+
+    def _cut(self, length: int) -> Iterator[Segment]:
+        """Yield all whole segments; the sample that ends one also begins the next."""
+        first = 0
+        while first + length < len(self._values):
+            last = first + length
+            both = slice(first, last + 1)
+            yield Segment(
+                int(self._times[last]),
+                np.diff(self._times[both]) / NS_PER_S,
+                self._samples[both, :3],
+                self._samples[both, 3:6],
+                self._samples[first + 1 : last + 1, 6:].mean(axis=0),
+                float(self._values[both, 0].max()),
+                float(self._values[last, 1]),
+            )
+            first = last
+        self._times, self._samples = self._times[first:], self._samples[first:]
+        self._values = self._values[first:]

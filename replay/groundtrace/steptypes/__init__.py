@@ -1,0 +1,6 @@
+"""Types of steps: forward, backward, left or right, after the EPFL's pedestrian navigation module.
+
+A stage that finds steps says when; here their types are told from the three accelerations of the
+body: :mod:`.axes` (what is up, ahead and aside), :mod:`.heading_axis` (the mounting's rotation),
+:mod:`.chains` (the patterns of both chains), :mod:`.classifier` (what is measured, the gates).
+"""

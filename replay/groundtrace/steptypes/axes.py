@@ -1,0 +1,120 @@
+"""The body's axes: acceleration ahead, aside and up, from a worn sensor in any orientation.
+
+Up is against gravity. Ahead is what the wearer's nominal axis leaves in the horizontal plane; how
+far the mounting is turned from it is found by :mod:`.heading_axis`.
+
+Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
+and the specific force only corrects what drifts (a complementary filter, linear in the small
+turns within its time constant), so that the nodding and rolling of the trunk within a step do not
+turn gravity into acceleration. All is causal, and the same whatever the blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from ..detectors.filters import ExponentialMean, UnbiasedMean, planar
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+FORCE, TURNING = frozenset({"acceleration"}), frozenset({"angular_velocity"})
+#: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
+_OFFSET_S = 20.0
+#: A nominal axis nearer than this to the vertical says nothing about ahead [cosine].
+_STEEP = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPart:
+    """Consecutive samples in the body's axes.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    values
+        Acceleration ahead, to the right and up, without gravity, shape (3, n) [m/s2].
+    """
+
+    time_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def axis_vector(axis: Axis) -> NDArray[np.float64]:
+    """Return the unit vector of an axis' name, shape (3,)."""
+    vector = np.zeros(3)
+    vector["xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
+    return vector
+
+
+class BodyAxes:
+    """Turns the samples of one sensor into the body's axes.
+
+    Parameters
+    ----------
+    stream
+        Three axes of acceleration, by their names x, y and z; those of angular velocity are used
+        where there are three.
+    forward
+        The sensor's axis that looks ahead, up to the mounting; where it turns out to be vertical,
+        the axis nearest to the horizontal that follows it in x, y, z takes its place.
+    gravity_s
+        Time constant of gravity [s].
+    """
+
+    def __init__(self, stream: Stream, forward: Axis = "x", gravity_s: float = 2.0) -> None:
+        self._force = _triad(stream, FORCE)
+        self._turning = _triad(stream, TURNING)
+        self._ahead = axis_vector(forward)
+        memory = gravity_s * stream.rate_hz
+        self._gravity_s = gravity_s
+        self._mean = UnbiasedMean(memory)
+        self._offset = UnbiasedMean(_OFFSET_S * stream.rate_hz)
+        self._turns = ExponentialMean(1 - float(np.exp(-1 / memory)))
+
+    @staticmethod
+    def fits(stream: Stream) -> bool:
+        """Return whether a stream has three axes of acceleration."""
+        return len(_triad(stream, FORCE)) == 3
+
+    def __call__(self, block: SignalBlock) -> BodyPart:
+        """Take a block; return its samples in the body's axes."""
+        values = planar(block)
+        force = values[self._force]
+        gravity = self._mean(force)
+        if len(self._turning) == 3:
+            rate = values[self._turning]
+            rate = rate - self._offset(rate)
+            # a fixed direction turns against the body
+            gravity = gravity + self._turns(self._gravity_s * np.cross(gravity, rate, axis=0))
+        return BodyPart(block.sample_times(), self._resolved(force, gravity))
+
+    def _resolved(
+        self, force: NDArray[np.float64], gravity: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        length = np.sqrt(np.einsum("cn,cn->n", gravity, gravity))
+        up = np.divide(gravity, length, out=np.zeros_like(gravity), where=length > 0)
+        nominal = np.broadcast_to(self._ahead[:, None], up.shape)
+        steep = np.abs(np.einsum("cn,cn->n", nominal, up)) > _STEEP
+        nominal = np.where(steep, np.roll(nominal, 1, axis=0), nominal)
+        ahead = nominal - np.einsum("cn,cn->n", nominal, up) * up
+        ahead /= np.sqrt(np.einsum("cn,cn->n", ahead, ahead))
+        right = np.cross(ahead, up, axis=0)
+        axes = (ahead, right, up)
+        out = np.stack([np.einsum("cn,cn->n", axis, force) for axis in axes])
+        out[2] -= length
+        return out
+
+
+def _triad(stream: Stream, quantity: frozenset[str]) -> list[int]:
+    """Return the columns of a quantity's axes x, y and z; fewer than three where one lacks."""
+    columns = stream.columns_of(quantity)
+    by_axis = {stream.channels[i].axis: i for i in reversed(columns)}
+    return [by_axis[axis] for axis in get_args(Axis)[::2] if axis in by_axis]
