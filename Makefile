@@ -52,9 +52,11 @@ bench: dev
 	$(BIN)/python bench/sweep_speed.py
 	$(BIN)/python bench/room_tables.py
 
-accept: dev ## real recordings through the named pipelines (GROUNDTRACE_DATA)
+accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py
+	$(BIN)/python bench/room_accuracy.py
 	$(BIN)/python bench/foot_accuracy.py
+	$(BIN)/python bench/heading_accuracy.py
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \

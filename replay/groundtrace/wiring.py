@@ -13,12 +13,16 @@ from .heading_stage import HeadingStage
 from .inertial.stage import NavigatorStage
 from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
+from .reckoning.stage import ReckoningStage
 from .stage import AssociatorStage, DetectorStage
 from .step_type_stage import StepTypeStage
 from .tracker_stage import TrackerStage
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.labels import Label
 
     from .stage import Stage
 
@@ -47,7 +51,9 @@ class Before:
     window_s: float = 0.0
     locating: list[str] = field(default_factory=list)
 
-    def stage(self, group: str, given: Given, geometry: Geometry | None) -> Stage:
+    def stage(
+        self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
+    ) -> Stage:
         """Return the stage of a plugin, taking from the stages before it."""
         key, _, _, parameters, _ = given
         if group == "associators":
@@ -80,6 +86,10 @@ class Before:
             return TrackerStage(*given, source=self.tracked(key, parameters.source))
         if group == "navigators":
             return NavigatorStage(*given)
+        if group == "reckoners":
+            start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
+            stepping = self.stepped(key)
+            return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
         return DetectorStage(*given)
 
     def add(self, key: str, emits: str, parameters: Any) -> None:

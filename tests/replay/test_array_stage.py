@@ -13,7 +13,16 @@ from groundtrace.array_stage import ArrayStage
 from groundtrace.errors import PipelineError
 from groundtrace.gates import Candidates
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
-from groundtrace_codecs.events import CandidateBlock, Gap, Pick, Quantity, StageSpec, StepEvent
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Gap,
+    Note,
+    Pick,
+    Quantity,
+    StageSpec,
+    StepEvent,
+)
+from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import SignalBlock
 
 if TYPE_CHECKING:
@@ -30,6 +39,7 @@ class Witness:
 
     Parameters = ArrayParameters
     quantities = frozenset({"seismic"})
+    needs = "channels"
     emits = "pick"
     columns = (Quantity("first", "1"), Quantity("last", "1"))
     gates = ()
@@ -48,10 +58,22 @@ class Witness:
         return Candidates(times, heard.astype(np.int32), ends.astype(np.float32))
 
 
-def stage() -> ArrayStage:
+class Deaf(Witness):
+    """Wants what no stream has."""
+
+    needs = "stations of three axes in the geometry"
+    emits = "bearing"
+
+    def start(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
+        return ()
+
+
+def stage(kind: type[Any] = Witness, geometry: Geometry | None = None) -> ArrayStage:
     parameters = ArrayParameters(before_s=0.02, after_s=0.03)
     names = {"picking": "picks", "stepping": "steps"}
-    return ArrayStage("arrivals", "witness", Witness, parameters, **names, window_s=0.05)
+    return ArrayStage(
+        "arrivals", "witness", kind, parameters, **names, window_s=0.05, geometry=geometry
+    )
 
 
 def ramp(first: int, count: int, anchor_ns: int = START_NS) -> SignalBlock:
@@ -193,3 +215,28 @@ def test_a_window_longer_than_a_step_waits_is_refused() -> None:
         build_pipeline(PipelineConfig("p", stage=stages))
     with pytest.raises(PipelineError, match="gcc-phat: expected a stage that gives picks"):
         build_pipeline(PipelineConfig("p", stage=stages[2:]))
+
+
+def test_channels_whose_clocks_are_known_to_be_off_are_moved_to_the_common_one() -> None:
+    ahead = {"G1": 0.004, "G2": -0.003}
+    sensors = tuple(Sensor(n, n, 0.0, 0.0, clock_offset_s=s) for n, s in ahead.items())
+    runner = stage(geometry=Geometry(sensors))
+    # by the common clock: 498 ms, 500 ms, 510 ms
+    arrivals = [pick(2, 497.0), pick(1, 502.0), pick(3, 510.0)]
+    fed(runner, [ramp(0, 2000), STEPPED, ramp(2000, 100), *arrivals, step(497.0)])
+    (window,) = shown(runner)
+    assert window.start_ns == START_NS + 478 * MS
+    assert window.arrivals_s == pytest.approx([0.020, 0.022, 0.032])
+    assert window.values[0].tolist() == [3 * 482 + 0, 3 * (478 - 3) + 1, 3 * 478 + 2]
+    assert window.values.shape == (50, 3)
+
+
+def test_what_a_method_lacks_is_said_once_with_the_first_step() -> None:
+    runner = stage(Deaf)
+    events = fed(runner, [ramp(0, 2000), STEPPED, *ARRIVALS, step(500.0), step(900.0)])
+    (note,) = events
+    assert isinstance(note, Note)
+    assert note.text == (
+        "/s: no bearings: expected stations of three axes in the geometry, found none"
+    )
+    assert (note.level, note.source, note.time_ns) == ("WARN", "arrivals", START_NS + 500 * MS)

@@ -2,10 +2,11 @@
 
 from .arrivals import Gathered, gather
 from .estimate import Calibration, calibrate, calibrated_geometry
-from .passes import calibrate_once, calibrate_replaying
+from .passes import Choices, calibrate_once, calibrate_replaying
 
 __all__ = [
     "Calibration",
+    "Choices",
     "Gathered",
     "calibrate",
     "calibrate_once",

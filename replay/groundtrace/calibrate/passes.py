@@ -8,7 +8,7 @@ far, finely by correlation, nearer with each replay.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,22 +27,25 @@ if TYPE_CHECKING:
 
     from .estimate import Calibration
 
-#: Most replays, and the part of an arrival's deviation that clocks move by when they are settled.
-PASSES, SETTLED = 8, 0.25
+#: Most replays more, and the part of an arrival's deviation that settled clocks move by at most.
+PASSES, SETTLED = 6, 0.5
 AGAIN = (
     "scale, exponent: of onsets, which tell clocks so far apart better than {stage}: left as they "
     "were; replay with the geometry found, then calibrate again"
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What to presume, see :func:`.estimate.calibrate`; ``exponent`` is of the last arrivals."""
+
+    ignore_places: bool = False
+    offsets: str = "auto"
+    exponent: float = EXPONENT
+
+
 def calibrate_once(
-    events: Sequence[Event],
-    geometry: Geometry,
-    labels: Sequence[Label],
-    *,
-    ignore_places: bool = False,
-    offsets: str = "auto",
-    exponent: float = EXPONENT,
+    events: Sequence[Event], geometry: Geometry, labels: Sequence[Label], choices: Choices
 ) -> Calibration:
     """Calibrate by the last stage that picks; only the clocks by one before where that is better.
 
@@ -50,34 +53,43 @@ def calibrate_once(
     ----------
     events, labels
         As of :func:`.arrivals.gather`.
-    geometry, ignore_places, offsets
-        As of :func:`.estimate.calibrate`.
-    exponent
-        Of the arrivals of the last stage, where they do not tell it.
+    geometry
+        Outline and unit of the site.
+    choices
+        What to presume.
 
     Raises
     ------
     RecordingError
-        As those two do.
+        As :func:`.arrivals.gather` and :func:`.estimate.calibrate`.
     """
-    last = gather(events, geometry, labels)
-    found = calibrate(
-        last, geometry, ignore_places=ignore_places, offsets=offsets, exponent=exponent
-    )
+    found = _by_stage(events, geometry, labels, choices)
     stages = picking_stages(events)
-    for stage in stages[:-1] if offsets != "no" else ():
+    for stage in stages[:-1] if choices.offsets != "no" else ():
         try:
-            other = calibrate(
-                gather(events, geometry, labels, stage=stage),
-                geometry,
-                ignore_places=ignore_places,
-                offsets=offsets,
-            )
+            other = _by_stage(events, geometry, labels, replace(choices, exponent=EXPONENT), stage)
         except RecordingError:
             continue
         if other.offsets_estimated and other.arrival_sigma_s < found.arrival_sigma_s:
             found = _clocks_alone(other, stages[-1])
     return found
+
+
+def _by_stage(
+    events: Sequence[Event],
+    geometry: Geometry,
+    labels: Sequence[Label],
+    choices: Choices,
+    stage: str = "",
+) -> Calibration:
+    c, gathered = choices, gather(events, geometry, labels, stage=stage)
+    return calibrate(
+        gathered,
+        geometry,
+        ignore_places=c.ignore_places,
+        offsets=c.offsets,
+        exponent=c.exponent,
+    )
 
 
 def _clocks_alone(found: Calibration, stage: str) -> Calibration:
@@ -91,10 +103,7 @@ def calibrate_replaying(
     replayed: Callable[[Geometry], Sequence[Event]],
     geometry: Geometry,
     labels: Sequence[Label],
-    *,
-    ignore_places: bool = False,
-    offsets: str = "auto",
-    exponent: float = EXPONENT,
+    choices: Choices,
 ) -> tuple[Calibration, Geometry]:
     """Calibrate as :func:`calibrate_once`, and replay with what was found until clocks settle.
 
@@ -102,28 +111,24 @@ def calibrate_replaying(
     ----------
     replayed
         Returns the events of a replay with a geometry.
-    geometry, labels, ignore_places, offsets, exponent
+    geometry, labels, choices
         As of :func:`calibrate_once`.
 
     Returns
     -------
     The last calibration, and the geometry that it was made with.
     """
-    for _ in range(PASSES):
-        events = replayed(geometry)
-        found = calibrate_once(
-            events,
-            geometry,
-            labels,
-            ignore_places=ignore_places,
-            offsets=offsets,
-            exponent=exponent,
-        )
+    events = replayed(geometry)
+    found = calibrate_once(events, geometry, labels, choices)
+    for _ in range(PASSES if len(picking_stages(events)) > 1 else 0):
         after = calibrated_geometry(geometry, found)
-        moved_s = _moved_s(geometry, after)
-        if len(picking_stages(events)) < 2 or moved_s <= SETTLED * found.arrival_sigma_s:
+        if _moved_s(geometry, after) <= SETTLED * found.arrival_sigma_s:
             break
         geometry = after
+        finer = _by_stage(replayed(geometry), geometry, labels, choices)
+        if finer.arrival_sigma_s > found.arrival_sigma_s:
+            break
+        found = finer
     return found, geometry
 
 

@@ -85,7 +85,7 @@ def replay(
     web
         Serve the finished replay to a browser on this machine.
     no_viewer
-        Make no viewer's file.
+        Make no viewer's file but the one of --rrd, and open none.
     rate
         Recorded seconds per second; 0 is as fast as possible.
     force
@@ -116,7 +116,7 @@ def replay(
         if at_miss is not None:
             at_ns = missed_step(results, at_miss)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
-            again = build_pipeline(chain.config, opened.geometry)
+            again = build_pipeline(chain.config, opened.geometry, opened.labels)
             _run(Source(opened), again, [Around(shown, at_ns)], session, rate)
         damage = len(opened.damage)
     _report(session, chain, tally, results, rrd, damage, json=json)
@@ -135,7 +135,7 @@ def _where_to_show(
 ) -> tuple[bool, Path | None]:
     """Return whether to open the viewer, and which file to write."""
     if no_viewer:
-        return False, None
+        return where_to_show(rrd, path, spawn=False, force=force, sources=[path])
     name = Path(f"{path.stem}.rrd")
     shown, rrd = where_to_show(rrd, name, spawn=spawn, force=force, sources=[path])
     return shown, rrd if rrd is not None or spawn or web else name
@@ -149,7 +149,7 @@ def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
 
 def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
     config = load_pipeline(name or _default_pipeline(recording))
-    return build_pipeline(with_settings(config, settings), recording.geometry)
+    return build_pipeline(with_settings(config, settings), recording.geometry, recording.labels)
 
 
 def _default_pipeline(recording: Recording) -> str:

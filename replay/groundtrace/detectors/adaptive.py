@@ -21,7 +21,7 @@ import numpy as np
 
 from groundtrace_codecs.events import Quantity
 
-from ..detector import Emits, Measured, joined
+from ..detector import Curve, Emits, Measured, joined
 from ..gates import Candidates, Level
 from ..parameters import gate, measured
 from .adaptive_band import Followed, StepBand
@@ -77,6 +77,7 @@ class _State:
     start_ns: int | None
     waiting: Kept  # time since the start [ns] and recorded norm, until the band is known
     times: Kept  # time since the start [ns], until the peaks are known
+    curve: Curve | None = None
 
 
 class AdaptiveDetector:
@@ -134,12 +135,15 @@ class AdaptiveDetector:
         state = self.state
         part = state.upward.finish()
         self._wait(part)
-        before = state.band(part.up)
-        first = self._measured(before, state.peaks(before))
-        followed = state.band.finish()
+        ends = state.band(part.up), state.band.finish()
+        followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
         found = [*state.peaks(followed), *state.peaks.finish()]
-        whole = joined(first, self._measured(followed, found))
+        whole = self._measured(followed, found)
         return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.finish()))
+
+    def curve(self) -> Curve | None:
+        """Return the band of the steps over what the last ``measure`` or ``finish`` completed."""
+        return self.state.curve
 
     def _wait(self, part: UpwardPart) -> None:
         state = self.state
@@ -156,6 +160,7 @@ class AdaptiveDetector:
         since, norm = state.waiting.between(start, start + len(band))
         state.waiting.forget_before(start + len(band))
         times = since.astype(np.int64) + (state.start_ns or 0)
+        state.curve = Curve(times, band[:, None])
         z, norm = band[None, :], norm[None, :]
         return state.trace.add(times, z, np.abs(z), z * z, norm, norm)
 

@@ -16,7 +16,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Emits, Measured
+from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
@@ -61,6 +61,7 @@ class _State:
     times: NDArray[np.int64]
     lowest: float  # since the last maximum
     waiting: list[_Peak]  # maxima whose surroundings are not complete
+    curve: Curve | None = None
 
 
 class PeakDetector:
@@ -100,6 +101,7 @@ class PeakDetector:
         state = self.state
         norm, y = state.walking(block)
         frames = state.trace.add(block.sample_times(), y, np.abs(y), y * y, norm, norm)
+        state.curve = Curve(block.sample_times() - state.walking.delay_ns, y.T)
         first = state.activity.end - len(state.values)
         state.activity.add(y[0])
         values = np.concatenate([state.values, y[0]])
@@ -113,6 +115,10 @@ class PeakDetector:
             for i, swing in zip(peaks, swings, strict=True)
         ]
         return Measured(self._complete(state.activity.end - state.activity.reach), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the filtered norm of the last block, the filter's delay taken out."""
+        return self.state.curve
 
     def finish(self) -> Measured:
         """End the run; a maximum at its very end is not one."""

@@ -25,7 +25,7 @@ from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..belief import Criterion, Rule  # noqa: TC001 (annotations are read at run time)
-from ..detector import Emits, Measured
+from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
@@ -115,6 +115,7 @@ class _State:
     signal: Lookaround
     evidence: Evidence
     rate_hz: float
+    curve: Curve | None = None
 
 
 class BeliefDetector:
@@ -176,8 +177,13 @@ class BeliefDetector:
         norm, y = state.acceleration(block.select(state.columns[0]))
         _, turning = state.rotation(block.select(state.columns[1]))
         times = block.sample_times()
+        state.curve = Curve(times - state.acceleration.delay_ns, y.T)
         frames = state.trace.add(times, y, np.abs(y), y * y, norm, norm)
         return Measured(self._look(state.signal.add(times, np.concatenate([y, turning]))), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the accelerometer's filtered norm of the last block, without the delay."""
+        return self.state.curve
 
     def finish(self) -> Measured:
         """End the run; a peak at its very end is not one."""

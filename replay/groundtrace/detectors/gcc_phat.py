@@ -1,14 +1,14 @@
 """GCC-PHAT: arrivals of one step by correlating the waveforms of all pairs of channels.
 
 An onset hides in noise and echoes; the waveform behind it does not. Delays of all pairs give
-consistent arrivals up to one time, see :mod:`.pair_delays`, and onset picks say when and at what
-pace. Where the window does not hold one step alone (two walkers, echoes without end) the pairs
-contradict each other, and the onset picks go out as they are.
+consistent arrivals up to one time, see :mod:`.pair_delays`, and onset picks say when. Where waves
+disperse they are the arrivals of one frequency, the same in all steps: about that of the swings
+that onsets are picked at. Where the window does not hold one step alone (two walkers, echoes
+without end) the pairs contradict each other, and the onset picks go out as they are.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,7 +23,7 @@ from ..localizer_stage import clock_offsets, placed_channels
 from ..parameters import gate, measured
 from ..recall import whole_samples
 from .filters import corner
-from .pair_delays import Band, consistent, correlated
+from .pair_delays import REFERENCE_HZ, Band, consistent, correlated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 
 #: Signal right before the first arrival that is not taken for noise [s].
 GUARD_S = 0.004
-#: The pace of the floor is the median of those of so many steps.
-STEPS = 30
 COLUMNS = (
     Quantity("height", "1"),
     Quantity("closure", "s"),
@@ -75,6 +73,10 @@ class GccPhatParameters(ArrayParameters):
             le=1,
         ),
     ] = 0.5
+    given_hz: Annotated[
+        float,
+        measured("Hz", "Frequency whose arrivals are given, where waves disperse.", gt=0),
+    ] = 500.0
     slowest_mps: Annotated[
         float, measured("m/s", "Least velocity, at 100 Hz where waves disperse.", gt=0)
     ] = 400.0
@@ -185,7 +187,6 @@ class GccPhat:
         self._compared = np.array([name in taken or name not in known for name in names])
         self._ahead_s = clock_offsets(names, geometry)
         self._band: Band | None = None
-        self._paces: deque[float] = deque(maxlen=STEPS)
         return names if self._compared.sum() >= 3 else ()
 
     def examine(self, window: Window) -> Candidates:
@@ -229,7 +230,7 @@ class GccPhat:
         delays = correlated(white, self._band, self._farthest_s[np.ix_(heard, heard)])
         relative, misfit = consistent(delays, len(heard))
         onsets = window.arrivals_s[heard]
-        pace = self._pace(relative, onsets)
+        pace = (REFERENCE_HZ / self.parameters.given_hz) ** (1 - self.parameters.dispersion)
         origin = float(np.nanmedian(onsets - pace * relative))
         first_s = (window.step_ns - window.start_ns) / NS_PER_S
         # a localizer takes what comes from the step's time on
@@ -241,21 +242,6 @@ class GccPhat:
         finest_s = pace * 2 * np.pi / self._band.turn[-1] / 20
         value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
         return self._candidates(window, heard, arrivals, value)
-
-    def _pace(self, relative: Array, onsets: Array) -> float:
-        """Return what onsets are apart over what the delays at the reference are apart.
-
-        It is the floor's, and so that of the steps so far; 1 where waves do not disperse.
-        """
-        if self.parameters.dispersion == 1:
-            return 1.0
-        first, second = np.triu_indices(len(onsets), 1)
-        apart, later = relative[first] - relative[second], onsets[first] - onsets[second]
-        good = np.isfinite(later) & (np.abs(apart) > 1e-4)
-        if good.any():
-            slope = _weighted_median(later[good] / apart[good], np.abs(apart[good]))
-            self._paces.append(float(np.clip(slope, 0.05, 2.0)))
-        return float(np.median(self._paces)) if self._paces else 1.0
 
     def _candidates(
         self, window: Window, channel: NDArray[np.intp], since_s: Array, value: Array
@@ -272,12 +258,6 @@ def _loudness(values: Array, noise: Array) -> Array:
     over_silence = np.where(strength > 0, np.float64(1e6), 0.0)
     loud = np.divide(strength, still, out=over_silence, where=still > 0)
     return np.asarray(np.minimum(loud, 1e6))
-
-
-def _weighted_median(values: Array, weight: Array) -> float:
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _by_channel(

@@ -54,13 +54,13 @@ def cost_of(point: Point, weight: Array, sigma: float, prior: Prior) -> float:
 
 
 def _pull(floor: Floor, prior: Prior) -> Array:
-    """Return how far pace and exponent are from the prior, in its deviations, shape (2,)."""
-    return np.array(
-        [
-            np.log(floor.pace_s / prior.pace_s) / prior.pace_deviation,
-            (floor.exponent - prior.exponent) / prior.exponent_deviation,
-        ]
-    )
+    """Return how far pace and exponent are from the prior, in its deviations, shape (2,).
+
+    An exponent of deviation 0 is kept, and so is nowhere else.
+    """
+    kept = prior.exponent_deviation == 0
+    off = 0.0 if kept else (floor.exponent - prior.exponent) / prior.exponent_deviation
+    return np.array([np.log(floor.pace_s / prior.pace_s) / prior.pace_deviation, off])
 
 
 @dataclass(slots=True)
@@ -134,7 +134,9 @@ def normal_equations(
     weighted_own, weighted_shared = own * scaled[..., None], shared * scaled[..., None]
     matrix = np.einsum("mns,mnt->st", shared, weighted_shared)
     side = np.einsum("mns,mn->s", weighted_shared, point.residuals)
-    precision = np.array([prior.pace_deviation, prior.exponent_deviation]) ** -2.0
+    deviation = np.array([prior.pace_deviation, prior.exponent_deviation])
+    # an exponent of deviation 0 is none of the unknowns
+    precision = np.where(deviation > 0, deviation, np.inf) ** -2.0
     matrix[:2, :2] += np.diag(precision)
     side[:2] -= _pull(point.floor, prior) * np.sqrt(precision)
     if free.offsets:
