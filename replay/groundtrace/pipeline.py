@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.labels import Label
 
     from .stage import Stage
 
@@ -38,6 +39,7 @@ STAGE_GROUPS = (
     "comparisons",
     "trackers",
     "navigators",
+    "reckoners",
     "headings",
 )
 
@@ -210,7 +212,9 @@ class Pipeline:
                 yield from self._through(stages[index + 1 :], event)
 
 
-def build_pipeline(config: PipelineConfig, geometry: Geometry | None = None) -> Pipeline:
+def build_pipeline(
+    config: PipelineConfig, geometry: Geometry | None = None, labels: Sequence[Label] = ()
+) -> Pipeline:
     """Load the plugins of a pipeline and give them their parameters.
 
     Parameters
@@ -219,6 +223,8 @@ def build_pipeline(config: PipelineConfig, geometry: Geometry | None = None) -> 
         The pipeline as written.
     geometry
         Where the sensors are; without it localizers find no places.
+    labels
+        Of the recording: its waypoints go to a stage that asks for them, and to no other.
 
     Raises
     ------
@@ -233,7 +239,7 @@ def build_pipeline(config: PipelineConfig, geometry: Geometry | None = None) -> 
         group, kind = find(STAGE_GROUPS, stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         given = (stage.key, stage.use, kind, parameters, stage.topics)
-        stages.append(before.stage(group, given, geometry))
+        stages.append(before.stage(group, given, geometry, labels))
         before.add(stage.key, kind.emits, parameters)
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     return Pipeline(config, stages, "\n".join(lines) + "\n")

@@ -22,6 +22,7 @@ GROUPS = (
     "comparisons",
     "trackers",
     "navigators",
+    "reckoners",
     "headings",
     "importers",
     "sinks",

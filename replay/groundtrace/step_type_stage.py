@@ -13,8 +13,6 @@ from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
 from .gates import Carry, decided_block, gate_specs
-from .steptypes.axes import BodyAxes
-from .steptypes.follower import Follower
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
 
     from .steptypes.classifier import StepTypes
+    from .steptypes.follower import Follower
 
 
 @dataclass(slots=True)
@@ -119,6 +118,9 @@ class StepTypeStage:
             yield from self._told(run)
 
     def _begin(self, block: SignalBlock) -> _Run:
+        from .steptypes.axes import BodyAxes
+        from .steptypes.follower import Follower
+
         worker = self.kind(self.parameters)
         spec = StageSpec(
             self.name,

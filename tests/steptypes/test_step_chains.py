@@ -10,12 +10,13 @@ from groundtrace.steptypes.chains import (
     CONTACT,
     PHASE,
     Frontal,
+    Lateral,
     frontal,
     lateral,
     maxima,
     strip_of,
 )
-from groundtrace.steptypes.classifier import corrected_lead
+from groundtrace.steptypes.corrections import common_share, corrected_lead
 from groundtrace.steptypes.follower import smoothing
 
 
@@ -122,3 +123,23 @@ def test_a_step_ordered_otherwise_than_two_neighbours_is_put_right(
     before: tuple[Frontal, ...], own: Frontal, after: tuple[Frontal, ...], expected: float
 ) -> None:
     assert corrected_lead(before, own, after) == expected
+
+
+def aside(share: float) -> Lateral:
+    return Lateral(share, 0.1, 0.5, 0.2)
+
+
+def test_one_step_among_others_does_not_go_aside_by_itself() -> None:
+    low, high = aside(0.6), aside(3.0)
+    assert common_share([low, low], high, [low, low]) == 0.6
+    assert common_share([high, high], low, [high]) == 3.0
+    # at the ends of a walk the next two decide, of fewer than three steps none
+    assert common_share([], high, [low, low]) == 0.6
+    assert common_share([low], high, []) == 3.0
+
+
+def test_a_turn_does_not_look_like_side_steps() -> None:
+    strip = walking(0.25)
+    straight = lateral(strip).share
+    strip[1] += 1.5 * np.exp(-0.5 * ((PHASE - 0.5) / 1.5) ** 2)
+    assert lateral(strip).share < straight + 0.25

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from groundtrace.conformance import rechunked
 from groundtrace.plugins import load
 from groundtrace.simulate import WalkOptions, simulate_walk
@@ -16,6 +14,8 @@ from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import numpy as np
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
@@ -76,7 +76,8 @@ def told(
         while contacts and contacts[0] + late_ns <= block.last_ns:
             events += made.process(step_at(contacts.pop(0)))
         yield from ((block.last_ns, event) for event in events)
-    yield from ((walk.span_ns[1], event) for event in made.flush())
+    rest = [event for time_ns in contacts for event in made.process(step_at(time_ns))]
+    yield from ((walk.span_ns[1], event) for event in [*rest, *made.flush()])
 
 
 def accelerations(values: np.ndarray, rate_hz: float = 100.0) -> list[SignalBlock]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .maps import OrientationMap
+    from .orientation_map import OrientationMap
     from .references import Reference
 
     Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def orientation_labels(reference: Reference, map_: OrientationMap) -> list[Label
     """
     times = reference.sample_times_ns
     q = _matrix(reference, map_.quaternion, len(times), 4)
-    known = np.isfinite(q).all(axis=1)
+    known = np.asarray(np.isfinite(q).all(axis=1))
     labels = list(_headings(times, q, known, map_))
     labels += [Label(a, "ignore", b, note="no reference") for a, b in _spans(times, ~known)]
     if map_.field is not None:
@@ -138,9 +138,7 @@ def _rows(true: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _spans(times: NDArray[np.int64], true: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the half-open spans [ns] of runs of True."""
     after = int(times[-1] + np.median(np.diff(times)))
-    return [
-        (int(times[a]), int(times[b]) if b < len(times) else after) for a, b in _rows(true)
-    ]
+    return [(int(times[a]), int(times[b]) if b < len(times) else after) for a, b in _rows(true)]
 
 
 def turned(q: Array, vectors: Array) -> Array:

@@ -2,5 +2,6 @@
 
 A stage that finds steps says when; here their types are told from the three accelerations of the
 body: :mod:`.axes` (what is up, ahead and aside), :mod:`.heading_axis` (the mounting's rotation),
-:mod:`.chains` (the patterns of both chains), :mod:`.classifier` (what is measured, the gates).
+:mod:`.chains` (the patterns of both chains), :mod:`.corrections` (what neighbours say),
+:mod:`.type_gates` and :mod:`.classifier` (the tests), :mod:`.follower` (all that crosses blocks).
 """

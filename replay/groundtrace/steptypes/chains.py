@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Points of the grid per step time; how far it reaches before and after the contact [steps]. With
 #: the two steps that follow it, a step is then known within four.
-POINTS, BEFORE, AFTER = 32, 2.5, 1.75
+POINTS, BEFORE, AFTER = 32, 2.5, 1.5625
 #: Phase of the points of the grid, in steps about the contact.
 PHASE: Array = np.arange(-BEFORE * POINTS, AFTER * POINTS + 1) / POINTS
 #: Place of the contact on the grid.
@@ -150,10 +150,9 @@ def frontal(strip: Array, swing: NDArray[np.complex128] | None) -> Frontal:
 def lateral(strip: Array) -> Lateral:
     """Measure the lateral pattern of a strip."""
     ahead, right, up = strip
-    right = right - _stride_mean(right)
     low, size = float(right.min()), float(np.ptp(right))
     other = max(range_of(ahead), 1e-9) * max(range_of(up), 1e-9)
-    share = range_of(right) / other**0.5
+    share = range_of(right - _stride_mean(right)) / other**0.5
     deep = maxima(-right, -BEFORE, AFTER)
     deep = deep[right[deep] <= low + _DEEP * size]
     first, last = _around(deep)

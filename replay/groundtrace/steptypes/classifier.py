@@ -20,7 +20,7 @@ after it, its slopes are asked, and where they do not confirm it, it is ordered 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -31,8 +31,10 @@ from ..parameters import gate, measured
 
 # read at run time, where the parameters are described
 from .axes import Axis  # noqa: TC001
-from .chains import PHASE, Frontal, Lateral, frontal, lateral, strip_of
+from .chains import PHASE, frontal, lateral, strip_of
+from .corrections import Shape, common_share, corrected_lead, linked
 from .heading_axis import HeadingAxis, step_swing
+from .type_gates import FRONTAL, LATERAL, TYPES, Applies, Duplicate
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,15 +42,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..detector import Emits
-    from ..gates import Carry
-
-TYPES = ("forward", "backward", "left", "right")
-FRONTAL, LATERAL = frozenset({0, 1}), frozenset({2, 3})
-#: Steps further apart than this many step times are of two walks.
-LINKED = 1.8
-#: Slopes confirm an order where they differ by at least this logarithm; not that of a maximum
-#: about half a step away, which may be a neighbour's [steps].
-_CONFIRMS, _FAR = 0.3, 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,94 +74,6 @@ class StepTypeParameters:
     leading: Annotated[
         float, gate("1", "Least distance of the contact into the lateral pattern's steep side.")
     ] = -0.05
-
-
-class Shape(NamedTuple):
-    """What one step looks like by itself.
-
-    Attributes
-    ----------
-    time_ns
-        Contact [ns].
-    step_s
-        Step time around it [s].
-    frontal, lateral
-        Its patterns.
-    mounting_rad
-        How far the sensor is turned, as known then [rad].
-    """
-
-    time_ns: int
-    step_s: float
-    frontal: Frontal
-    lateral: Lateral
-    mounting_rad: float
-
-
-@dataclass(frozen=True, slots=True)
-class Applies:
-    """A level that only some types must reach; the others pass whatever it is."""
-
-    level: Level
-    types: frozenset[int]
-
-    @property
-    def name(self) -> str:
-        """Name of the level."""
-        return self.level.name
-
-    @property
-    def unit(self) -> str:
-        """Unit of the level."""
-        return self.level.unit
-
-    @property
-    def parameter(self) -> str:
-        """Parameter of the level."""
-        return self.level.parameter
-
-    @property
-    def at_least(self) -> bool:
-        """Whether the level must be reached, or not exceeded."""
-        return self.level.at_least
-
-    def values(
-        self,
-        candidates: Candidates,
-        columns: Sequence[Quantity],
-        alive: NDArray[np.bool_],
-        threshold: float,
-        carry: Carry,
-    ) -> NDArray[np.float64]:
-        """Return the measured column; infinitely good where the level does not apply."""
-        seen = self.level.values(candidates, columns, alive, threshold, carry)
-        applies = np.isin(candidates.channel, list(self.types))
-        return np.where(applies, seen, np.inf if self.at_least else -np.inf)
-
-
-@dataclass(frozen=True, slots=True)
-class Duplicate:
-    """Where a step has a pattern in both chains, the lateral one is its own."""
-
-    parameter: str = "share"
-    name: str = "duplicate"
-    unit: str = "1"
-    at_least: bool = False
-
-    def values(
-        self,
-        candidates: Candidates,
-        columns: Sequence[Quantity],
-        alive: NDArray[np.bool_],
-        threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
-    ) -> NDArray[np.float64]:
-        """Return the lateral share of frontal candidates whose step passed the lateral tests."""
-        share = candidates.value[:, [c.name for c in columns].index("share")]
-        aside = np.isin(candidates.channel, list(LATERAL))
-        twice = np.isin(candidates.time_ns, candidates.time_ns[aside & alive])
-        # just the threshold would pass
-        return np.where(twice & ~aside, np.nextafter(share, np.float32(np.inf)), -np.inf)
 
 
 class StepTypes:
@@ -235,21 +140,19 @@ class StepTypes:
         self, before: Sequence[Shape], step: Shape, after: Sequence[Shape]
     ) -> Candidates:
         """Return the four candidates of a step among those before and after it, by time."""
-        own_share = step.lateral.share
         earlier, later = linked(step, before[:-3:-1]), linked(step, after[:2])
         order = corrected_lead(
             [x.frontal for x in earlier], step.frontal, [x.frontal for x in later]
         )
         near = [step, *earlier[:1], *later[:1]]
-        # of two, neither is the odd one out
-        share = float(np.median([x.lateral.share for x in near])) if len(near) == 3 else own_share
+        share = common_share([x.lateral for x in earlier], step.lateral, [x.lateral for x in later])
         common = {
             "share": share,
             "window": max(x.frontal.window for x in near),
             "density": max(x.frontal.density for x in near),
             "lobe": step.lateral.lobe,
             "leading": step.lateral.inside,
-            "own_share": own_share,
+            "own_share": step.lateral.share,
             "own_lead": step.frontal.lead,
             "step_time": step.step_s,
             "mounting": step.mounting_rad,
@@ -263,42 +166,6 @@ class StepTypes:
             rows.append([row[c.name] for c in self.columns])
         times = np.full(4, step.time_ns, np.int64)
         return Candidates(times, np.arange(4, dtype=np.int32), np.array(rows, np.float32))
-
-
-def linked(step: Shape, others: Sequence[Shape]) -> list[Shape]:
-    """Return those of the next steps that belong to the same walk as ``step``."""
-    found: list[Shape] = []
-    last = step
-    for other in others:
-        apart_s = abs(other.time_ns - last.time_ns) / 1e9
-        if apart_s > LINKED * min(last.step_s, other.step_s):
-            break
-        found.append(other)
-        last = other
-    return found
-
-
-def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Frontal]) -> float:
-    """Return by how much a step's frontal maximum leads, put right by its neighbours [steps].
-
-    Parameters
-    ----------
-    before, after
-        The nearest first, up to two.
-    own
-        The step's own pattern.
-    """
-    against = [pair for pair in (before, after) if _agree_against(pair, own.lead)]
-    confirmed = own.lead * own.slopes > 0 and abs(own.slopes) >= _CONFIRMS
-    if not against or (confirmed and abs(own.lead) <= _FAR):
-        return own.lead
-    return float(np.median([x.lead for pair in against for x in pair]))
-
-
-def _agree_against(pair: Sequence[Frontal], lead: float) -> bool:
-    """Return whether two neighbours agree on an order that is not that of ``lead``."""
-    signs = {np.sign(x.lead) for x in pair}
-    return len(pair) == 2 and len(signs) == 1 and np.sign(lead) not in signs
 
 
 def _signed(value: float, sign: int) -> float:

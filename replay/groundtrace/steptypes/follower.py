@@ -15,7 +15,7 @@ from ..detectors.walking import NOMINAL_CADENCE_HZ
 from ..nonfinite import Holder
 from .axes import BodyAxes
 from .chains import AFTER, BEFORE
-from .classifier import LINKED, linked
+from .corrections import LINKED, linked
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..gates import Candidates
-    from .classifier import Shape, StepTypes
+    from .classifier import StepTypes
+    from .corrections import Shape
 
 #: Order of the low-pass (EPFL).
 ORDER = 3
