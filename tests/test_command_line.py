@@ -143,8 +143,8 @@ def test_a_setting_that_cannot_be_is_one_line(setting: str, said: str, capsys: C
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("replay WALK --pipeline nope", "nope: expected a file or one of hammer-shots,"),
-        ("pipelines nope", "nope: expected a file or one of hammer-shots,"),
+        ("replay WALK --pipeline nope", "nope: expected a file or one of "),
+        ("pipelines nope", "nope: expected a file or one of "),
         ("replay nope.mcap", "nope.mcap: expected a recording, found no such file"),
         ("replay .", ".: expected a recording, found no such file"),
         ("replay text.mcap", "text.mcap: start of file: expected the MCAP magic"),

@@ -82,10 +82,10 @@ class HeadingStage:
         elif isinstance(item, SignalBlock) and len(item) and self._wanted(item.stream):
             sensor = item.stream.placement
             if sensor not in self._runs and not _triple(item.stream, "angular_velocity"):
-                early = self._early.setdefault(sensor, [])
-                early.append(item)
-                while early[0].last_ns < item.start_ns - PATIENCE_NS:
-                    early.pop(0)
+                kept = self._early.setdefault(sensor, [])
+                kept.append(item)
+                while kept[0].last_ns < item.start_ns - PATIENCE_NS:
+                    kept.pop(0)
                 return
             if sensor not in self._runs:
                 self._runs[sensor] = self._begin(item.stream)
@@ -139,7 +139,7 @@ class HeadingStage:
         yield from self._frames(run, frames)
         yield from run.spans.finish()
 
-    def _frames(self, run: _Run, frames: list[HeadingFrame]) -> Iterator[Event]:
+    def _frames(self, run: _Run, frames: Sequence[HeadingFrame]) -> Iterator[Event]:
         """Yield what frames say: the tests of the field, disturbances, headings, notes."""
         tested = [frame for frame in frames if frame.compass]
         if tested:
@@ -168,7 +168,7 @@ class HeadingStage:
                 passed = 0 if run.due_ns is None else run.due_ns
                 run.due_ns = round(max(passed, time_ns - every_ns / 2) + every_ns)
 
-    def _notes(self, run: _Run, frames: list[HeadingFrame]) -> Iterator[Note]:
+    def _notes(self, run: _Run, frames: Sequence[HeadingFrame]) -> Iterator[Note]:
         """Yield what a person should know, each once."""
         for frame in frames:
             for text in frame.notes:

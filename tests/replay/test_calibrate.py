@@ -11,7 +11,14 @@ import pytest
 from command_runs import check_schema, done, run
 from localizer_cases import ROOM, SENSORS, THETA_S, times_of
 
-from groundtrace.calibrate import calibrate, calibrated_geometry, gather
+from groundtrace.calibrate import (
+    Choices,
+    calibrate,
+    calibrate_once,
+    calibrate_replaying,
+    calibrated_geometry,
+    gather,
+)
 from groundtrace.errors import RecordingError
 from groundtrace.localizer_stage import LocalizerStage
 from groundtrace.localizers.sign_model import PLATE
@@ -108,6 +115,50 @@ def test_a_recording_with_unsynchronised_clocks_becomes_locatable() -> None:
     assert rmse(fixes("power-law", site(), events), labels) > 2.0
     for method in ("power-law", "self-calibrating", "hyperbolic"):
         assert rmse(fixes(method, after, events), labels) < 0.6
+
+
+def correlated(events: list[Event], onset_s: float, error_s: float) -> list[Event]:
+    """The same with a second stage that picks; both pick late by so much."""
+    rng = np.random.default_rng(5)
+    out: list[Event] = [PICKED, replace(PICKED, stage="arrivals"), STEPPED]
+    for e in events:
+        if isinstance(e, StepEvent):
+            out.append(e)
+        elif isinstance(e, Pick):
+            # a step begins with its first pick: none is early
+            late_ns = np.rint(np.abs(rng.normal(0, (onset_s, error_s))) * NS_PER_S).astype(int)
+            onset_ns, time_ns = (e.time_ns + late_ns).tolist()
+            out += [replace(e, time_ns=onset_ns), replace(e, stage="arrivals", time_ns=time_ns)]
+    return out
+
+
+def test_clocks_are_told_by_onsets_where_correlation_fails_and_the_floor_is_left_alone() -> None:
+    events, _ = walked(offsets_s=CLOCKS)
+    found = calibrate_once(correlated(events, 0.0, 5e-3), site(), [], Choices())
+    off = np.array([o.offset_s for o in found.offsets]) - CLOCKS
+    assert np.abs(off).max() < 4e-4
+    assert not found.scale.identifiable
+    assert "calibrate again" in found.notes[-1]
+    after = calibrated_geometry(site(), found)
+    assert after.medium.arrival_scale is None
+    assert after.sensors[0].clock_offset_s == found.offsets[0].offset_s
+
+
+def test_a_recording_is_replayed_with_the_clocks_found_until_they_settle() -> None:
+    events, _ = walked(offsets_s=CLOCKS)
+    seen: list[Geometry] = []
+
+    def replayed(geometry: Geometry) -> list[Event]:
+        seen.append(geometry)
+        known = any(s.clock_offset_s for s in geometry.sensors)
+        return correlated(events, 5e-4, 0.0 if known else 5e-3)
+
+    found, last = calibrate_replaying(replayed, site(), [], Choices())
+    assert len(seen) >= 2
+    assert last == seen[-1]
+    assert found.scale.identifiable
+    off = np.array([o.offset_s for o in found.offsets]) - CLOCKS
+    assert np.abs(off).max() < 4e-4
 
 
 def test_impacts_may_name_a_source_of_the_geometry() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +23,13 @@ SITE = Geometry(tuple(Sensor(n, n, *p) for n, p in zip(NAMES, PLACES.tolist(), s
 SLAB_M2S = 183.0
 
 
+def made_stream(rate_hz: float) -> Stream:
+    return Stream("/s", tuple(Channel(n, "ground_velocity", "m/s") for n in NAMES), rate_hz)
+
+
 def method(rate_hz: float = 20_000.0, **given: Any) -> GccPhat:
-    stream = Stream("/s", tuple(Channel(n, "ground_velocity", "m/s") for n in NAMES), rate_hz)
     made = GccPhat(GccPhat.Parameters(before_s=BEFORE_S, after_s=AFTER_S, **given))
-    assert made.start(stream, SITE) == NAMES
+    assert made.start(made_stream(rate_hz), SITE) == NAMES
     return made
 
 
@@ -176,3 +180,35 @@ def test_an_array_of_two_is_not_enough() -> None:
     stream = Stream("/s", tuple(Channel(n, "seismic", "count") for n in NAMES[:2]), 1000.0)
     assert GccPhat(GccPhat.Parameters()).start(stream, Geometry()) == ()
     assert REFERENCE_HZ == 100.0
+
+
+@pytest.mark.parametrize("rate_hz", [2_000.0, 20_000.0])
+def test_clocks_that_are_known_to_be_off_do_not_show_but_in_the_times(rate_hz: float) -> None:
+    distance = away(1.3, 4.1)
+    ahead = np.random.default_rng(3).normal(0, 0.003, 9)
+    moved = np.rint(ahead * rate_hz) / rate_hz
+    # the stage moves by whole samples: what is left shows in the samples
+    late = np.array([waves(distance, rate_hz, at_s=s)[:, c] for c, s in enumerate(ahead - moved)]).T
+    sensors = tuple(replace(s, clock_offset_s=x) for s, x in zip(SITE.sensors, ahead, strict=True))
+    made = method(rate_hz)
+    made.start(made_stream(rate_hz), Geometry(sensors))
+    times = arrivals(made, made.examine(window(late, distance, rate_hz)))
+    assert times.min() >= 0.0
+    assert fitted(times - ahead, distance) < 0.05
+
+
+def test_of_three_axes_at_one_place_the_vertical_is_compared() -> None:
+    sensors = tuple(
+        Sensor(f"{s.name}{axis}", f"{s.name}{axis}", s.x, s.y, axis=axis)
+        for s in SITE.sensors
+        for axis in "xyz"
+    )
+    names = [s.channel for s in sensors]
+    stream = Stream("/s", tuple(Channel(n, "ground_velocity", "m/s") for n in names), 20_000.0)
+    made = GccPhat(GccPhat.Parameters(before_s=BEFORE_S, after_s=AFTER_S))
+    assert made.start(stream, Geometry(sensors)) == tuple(names)
+    distance = away(1.3, 4.1)
+    three = window(np.repeat(waves(distance), 3, axis=1), np.repeat(distance, 3))
+    found = made.examine(three)
+    compared = {names[c] for c in found.channel[found.value[:, ONSET] == 0]}
+    assert compared == {name for name in names if name.endswith("z")}

@@ -12,7 +12,7 @@ from groundtrace.errors import PipelineError
 from groundtrace.explain.evidence import Evidence, stage_evidence
 from groundtrace.explain.grid import parse_axis
 from groundtrace.explain.redecide import Redecider
-from groundtrace.localizer_stage import LocalizerStage
+from groundtrace.localizer_stage import LocalizerStage, placed_channels
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline, load_pipeline
 from groundtrace.plugins import load
 from groundtrace.source import Source
@@ -201,3 +201,12 @@ def test_steps_are_decided_again_as_if_there_were_no_localizers() -> None:
     assert Redecider(evidence).outcome().step_times().tolist() == steps
     with pytest.raises(PipelineError, match="expected a stage that decides about steps"):
         parse_axis("power-law.max_residual_s=0.001,0.002", config)
+
+
+def test_three_axes_at_one_place_are_one_sensor_the_vertical() -> None:
+    sensors = [Sensor(f"A{axis}", f"A{axis}", 1.0, 2.0, axis=axis) for axis in "xyz"]
+    sensors += [Sensor("B", "B", 3.0, 2.0), Sensor("Cx", "Cx", 0.0, 0.0, axis="x")]
+    names = ["Ax", "Ay", "Az", "B", "Cx", "unplaced"]
+    rows, places = placed_channels(names, Geometry(tuple(sensors)))
+    assert rows == {"Az": 0, "B": 1, "Cx": 2}
+    assert places.tolist() == [[1.0, 2.0], [3.0, 2.0], [0.0, 0.0]]

@@ -1,4 +1,4 @@
-"""A sensor that rests, then turns and shakes in a known field: what the heading filters are told."""
+"""A sensor that rests, then turns and shakes in a known field."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ class Turning:
     def seconds(self) -> np.ndarray:
         return self.samples.time_ns / 1e9
 
-    def attached(self, field_ut: tuple[float, float, float], start_s: float, end_s: float) -> Turning:
+    def attached(
+        self, field_ut: tuple[float, float, float], start_s: float, end_s: float
+    ) -> Turning:
         """The same with a magnet on the sensor for a while."""
         on = (self.seconds >= start_s) & (self.seconds < end_s)
         field = self.samples.field + on[:, None] * np.array(field_ut) * 1e-6
@@ -91,6 +93,8 @@ def run(
 def errors_deg(case: Turning, found: Found) -> np.ndarray:
     """Errors of the x axis's heading where it is not steep [deg]; NaN elsewhere."""
     axis = np.array([1.0, 0, 0])
-    steep = np.abs(turned(case.orientation, np.broadcast_to(axis, (len(case.orientation), 3)))[:, 2])
+    steep = np.abs(
+        turned(case.orientation, np.broadcast_to(axis, (len(case.orientation), 3)))[:, 2]
+    )
     off = np.degrees(np.angle(np.exp(1j * (found.heading - headings_of(case.orientation, axis)))))
     return np.where(steep < np.sin(np.radians(60)), off, np.nan)

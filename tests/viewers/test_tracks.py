@@ -10,11 +10,11 @@ from conftest import skip_or_fail
 from viewer_sessions import SEISMIC, START_NS, at, blocks, read_back, room_session, seismic_samples
 
 from groundtrace_codecs.events import TrackPoint
-from groundtrace_viewers.blueprint import bounds
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.fixes import CORNERS
 from groundtrace_viewers.headless import screenshot
 from groundtrace_viewers.palette import FILTERED_TRACK, SMOOTHED_TRACK
+from groundtrace_viewers.sensor_map import bounds
 from groundtrace_viewers.sink import RerunSink
 from groundtrace_viewers.timeline import Entity
 from groundtrace_viewers.tracks import HOLD_S, LINES, PRESENT

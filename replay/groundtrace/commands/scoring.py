@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..score.closure import ClosureScore
     from ..score.picks import PickErrors
     from ..score.positions import PositionErrors
+    from ..score.waypoints import WaypointScore
 
 
 def score(
@@ -173,6 +174,8 @@ def _print_track(t: TrackScore, unit: str) -> None:
         print(f"  {targets} targets: {t.identity.switches} switches, IDF1 {t.identity.idf1:.3f}")
     if t.closure is not None:
         _print_closure(t.closure, unit)
+    if t.waypoints is not None:
+        _print_waypoints(t.waypoints, unit)
 
 
 def _print_closure(c: ClosureScore, unit: str) -> None:
@@ -185,6 +188,17 @@ def _print_closure(c: ClosureScore, unit: str) -> None:
             f"  turned and shifted onto the truth: RMSE {c.aligned_rmse_m:.2f} {unit}, "
             f"end {_number(c.aligned_end_m)} {unit} off"
         )
+
+
+def _print_waypoints(w: WaypointScore, unit: str) -> None:
+    print(
+        f"  waypoints: median {w.median_m:.2f} {unit} off, mean {w.mean_m:.2f} {unit}, "
+        f"95 % within {w.p95_m:.2f} {unit}, {w.n} of them"
+    )
+    print(
+        f"  at the last {w.end_m:.2f} {unit} off, {w.end_percent:.1f} % of the {w.way_m:.1f} {unit} "
+        f"between them; track {w.way_error_percent:+.1f} % longer than that"
+    )
 
 
 def _print_heading(h: HeadingScore) -> None:

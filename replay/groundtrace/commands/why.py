@@ -74,7 +74,8 @@ def why(
     tolerance_ms
         Largest error of a right pick [ms].
     stage
-        The stage whose places are explained; the last one that locates by default.
+        The stage whose places or picks are explained; by default the last one that locates, or
+        the last one that picks onsets.
     rrd
         Write a viewer's file of every gate's values and thresholds, around the moment.
     spawn
@@ -93,7 +94,7 @@ def why(
     if chosen == "fixes":
         time_ns, page = explain_places(evidence, stage, tolerance_m, fix, at_ns, json=json)
     elif chosen == "picks":
-        time_ns, page = explain_picks(evidence, tolerance_ms / 1e3, pick, at_ns, json=json)
+        time_ns, page = explain_picks(evidence, stage, tolerance_ms / 1e3, pick, at_ns, json=json)
     else:
         time_ns, page = _explain_steps(evidence, result.name, step, at_ns, tolerance, json=json)
     if rrd is not None or spawn:

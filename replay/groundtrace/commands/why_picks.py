@@ -25,19 +25,25 @@ HEADER = ("pick", "time [s]", "channel", "", "off [ms]", "cause", "why")
 
 
 def explain_picks(
-    evidence: Evidence, tolerance_s: float, pick: int | None, at_ns: int | None, *, json: bool
+    evidence: Evidence,
+    stage: str,
+    tolerance_s: float,
+    pick: int | None,
+    at_ns: int | None,
+    *,
+    json: bool,
 ) -> tuple[int | None, str]:
     """Print the account of picks, or of one; return its time [ns] and the page.
 
     Raises
     ------
     RecordingError
-        Where there are no picks or no true arrivals, or there is no bad pick of that number.
+        Where there are no picks, no such stage or no true arrivals, or no bad pick of that number.
     """
     if at_ns is not None:
-        one = pick_moment(evidence, at_ns, None)
+        one = pick_moment(evidence, at_ns, None, stage)
         return at_ns, _explain_one(one, json=json)
-    found = pick_account(evidence, tolerance_s)
+    found = pick_account(evidence, tolerance_s, stage)
     if pick is None:
         if json:
             print_json(found)
@@ -49,7 +55,7 @@ def explain_picks(
         raise RecordingError(f"{evidence.name}: --pick: expected {expected}, found {pick}")
     bad = found.bad[pick - 1]
     time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
-    return time_ns, _explain_one(pick_moment(evidence, time_ns, bad), json=json)
+    return time_ns, _explain_one(pick_moment(evidence, time_ns, bad, stage), json=json)
 
 
 def _explain_one(found: PickMoment, *, json: bool) -> str:

@@ -17,10 +17,10 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..score.picks import ANSWER_S, pick_residuals
 from .candidates import Chain, links
+from .parts import accepted_picks, onsets_of
 from .pick_channels import ChannelPicks, PickCounts, by_channel, clocks
 from .pick_reasons import PickReason, early, false, late, missed
 from .readings import timed
-from .relocate import accepted_picks
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,15 +89,25 @@ class PickAccount:
     bad: tuple[BadPick, ...]
 
 
-def pick_account(evidence: Evidence, tolerance_s: float = 0.002) -> PickAccount:
-    """Explain every bad pick of the last stage that picks.
+def pick_account(evidence: Evidence, tolerance_s: float = 0.002, stage: str = "") -> PickAccount:
+    """Explain every bad pick of one stage.
+
+    Parameters
+    ----------
+    evidence
+        What was stored.
+    tolerance_s
+        Largest error of a right pick [s].
+    stage
+        The stage that picks; empty stands for the last one that picks onsets. An array method
+        behind it mends picks by each other, and has no reasons of its own why one is late.
 
     Raises
     ------
     RecordingError
-        Where nothing was picked, or there are no true arrivals.
+        Where nothing was picked, no such stage picked, or there are no true arrivals.
     """
-    part = _picking(evidence)
+    part = _picking(evidence, stage)
     truth = sorted(x for x in evidence.labels if x.kind == "pick")
     if not truth:
         raise RecordingError(
@@ -144,10 +154,12 @@ class PickMoment:
     chain: tuple[Chain, ...]
 
 
-def pick_moment(evidence: Evidence, time_ns: int, bad: BadPick | None) -> PickMoment:
+def pick_moment(
+    evidence: Evidence, time_ns: int, bad: BadPick | None, stage: str = ""
+) -> PickMoment:
     """Say what the picking stage had at a moment; needs no truth."""
     reach = round(ANSWER_S * NS_PER_S)
-    chain = links(evidence, _picking(evidence), time_ns - reach, time_ns + reach)
+    chain = links(evidence, _picking(evidence, stage), time_ns - reach, time_ns + reach)
     kept = tuple(link for link in chain if bad is None or link.channel == bad.channel)
     return PickMoment((time_ns - evidence.start_ns) / NS_PER_S, bad, kept)
 
@@ -164,13 +176,17 @@ def _picking_parts(evidence: Evidence) -> list[StageEvidence]:
     return [part for part in evidence.stages if part.spec.emits == "pick"]
 
 
-def _picking(evidence: Evidence) -> StageEvidence:
-    """Return the last stage that picks; of its topics the one with most candidates."""
+def _picking(evidence: Evidence, stage: str = "") -> StageEvidence:
+    """Return a stage that picks, or the last for onsets; of its topics the one with most to say."""
     parts = _picking_parts(evidence)
     if not parts:
         raise RecordingError(f"{evidence.name}: expected a stage that picks, found none")
-    last = [part for part in parts if part.spec.stage == parts[-1].spec.stage]
-    return max(last, key=lambda part: len(part.candidates))
+    wanted = stage or onsets_of(evidence, parts[-1]).spec.stage
+    found = [part for part in parts if part.spec.stage == wanted]
+    if not found:
+        names = ", ".join(dict.fromkeys(part.spec.stage for part in parts))
+        raise RecordingError(f"{evidence.name}: expected one of {names}, found {stage}")
+    return max(found, key=lambda part: len(part.candidates))
 
 
 def _state(error_s: float, tolerance_s: float) -> str:

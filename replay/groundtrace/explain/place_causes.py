@@ -120,14 +120,20 @@ class PlaceJudge:
         return found
 
     def missing(self, row: int) -> tuple[MissingChannel, ...]:
-        """Return the channels without an arrival at a step, and why they have none."""
+        """Return the channels without an arrival at a step, and why they have none.
+
+        By the stage that picks onsets: of a channel where nothing was picked, an array method
+        that compares waveforms has nothing to show.
+        """
         time_ns = int(self.relocator.arrivals.step_ns[row])
         window_ns = round(self.relocator.parameters.window_s * NS_PER_S)
         group = (time_ns, time_ns + window_ns)
         found = missing_channels(
-            self.relocator.evidence, self.relocator.part, time_ns, window_ns, group
+            self.relocator.evidence, self.relocator.stepping, time_ns, window_ns, group
         )
-        return tuple(m for m in found if m.channel in self.relocator.channels)
+        heard = np.isfinite(self.relocator.arrivals.times_s[row])
+        lacking = {name for name, index in self.relocator.channels.items() if not heard[index]}
+        return tuple(m for m in found if m.channel in lacking)
 
     def off_s(self, row: int) -> Array:
         """Return by how much each arrival is late, shape (n,) [s]; NaN where not known.

@@ -12,12 +12,13 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..score import match_steps
+from .parts import locating
 from .place_causes import PlaceCause, PlaceJudge
 from .place_remedies import Figures, PlaceHealer, figures
 from .readings import GateReading, readings
 from .redecide import Redecider
 from .reference import reference_of, true_pick_errors
-from .relocate import Relocator, locating, stored
+from .relocate import Relocator, stored
 from .sensor_accounts import SensorFault, faulty_sensors, silent_sensors
 from .sensors import faults
 

@@ -111,9 +111,15 @@ def tracked_at(track: Sequence[TrackPoint], time_ns: NDArray[np.int64], xy: Arra
 
 
 def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
-    """Return arrival minus true arrival, shape (m, n) [s]; NaN where none is within 50 ms."""
+    """Return arrival minus true arrival, shape (m, n) [s]; NaN where none is within 50 ms.
+
+    NaN everywhere where the arrivals are those of an array method: of one frequency of waves that
+    disperse, which come after the first ones by more, the farther they went.
+    """
     step_ns, times_s = relocator.arrivals.step_ns, relocator.arrivals.times_s
     found = np.full(times_s.shape, np.nan)
+    if relocator.correlated:
+        return found
     for channel, name in enumerate(relocator.names):
         truth = np.sort(
             [x.time_ns for x in evidence.labels if (x.kind, x.channel) == ("pick", name)]

@@ -16,13 +16,13 @@ from groundtrace_codecs.events import CandidateBlock, Pick, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..errors import RecordingError
 from ..gates import Candidates, decided_block
 from ..localizer_stage import clock_offsets, first_arrivals, place_candidate, placed_channels
-from ..localizers.api import LocalizerParameters, Site
+from ..localizers.api import Site
 from ..parameters import build
 from ..pipeline import STAGE_GROUPS
 from ..plugins import find
+from .parts import accepted_picks, before, locating, onsets_of
 from .readings import readings
 
 if TYPE_CHECKING:
@@ -135,7 +135,10 @@ class Relocator:
         self.names = tuple(self.channels)
         self._ahead: Any = None
         self._seen = 0
-        self.arrivals = self._stored()
+        self.arrivals = self._stored(self.picking)
+        onsets = onsets_of(evidence, self.picking)
+        #: What was picked channel by channel; the arrivals themselves without an array method.
+        self.onsets = self.arrivals if onsets is self.picking else self._stored(onsets)
         self.located = self.locate()
 
     def locate(
@@ -197,12 +200,17 @@ class Relocator:
         return self._gathered(np.array(steps, np.int64), picks)
 
     @property
+    def correlated(self) -> bool:
+        """Whether the arrivals are those of an array method, not onsets."""
+        return self.arrivals is not self.onsets
+
+    @property
     def nothing(self) -> Arrivals:
         """No steps at all."""
         return Arrivals(np.empty(0, np.int64), np.empty((0, len(self.channels))))
 
-    def _stored(self) -> Arrivals:
-        return self._gathered(self.part.candidates.time_ns, accepted_picks(self.picking))
+    def _stored(self, picking: StageEvidence) -> Arrivals:
+        return self._gathered(self.part.candidates.time_ns, accepted_picks(picking))
 
     def _gathered(self, step_ns: NDArray[np.int64], picks: Sequence[Pick]) -> Arrivals:
         """Gather the arrivals of each step; only picks of its window are looked at."""
@@ -233,70 +241,3 @@ def stored(part: StageEvidence) -> Located:
         part.spec, c.time_ns, c.channel, c.value, part.gate_value, part.margin, part.accepted
     )
     return Located(block, np.zeros(len(c), np.int64))
-
-
-def locating(evidence: Evidence, stage: str = "") -> StageEvidence:
-    """Return the evidence of the stage that locates by arrivals: the named one, else the last.
-
-    Raises
-    ------
-    RecordingError
-        Where there is none.
-    """
-    uses = {config.key: config.use for config in evidence.config.stage}
-    parts = [
-        p for p in evidence.stages if p.spec.emits == "fix" and by_arrivals(uses[p.spec.stage])
-    ]
-    names = list(dict.fromkeys(p.spec.stage for p in parts))
-    wanted = stage or (names[-1] if names else "")
-    found = [p for p in parts if p.spec.stage == wanted]
-    if not found:
-        expected = f"one of {', '.join(names)}" if names else "a stage that located steps"
-        lacking = "none (without the sensors' places nothing is located)"
-        raise RecordingError(f"{evidence.name}: expected {expected}, found {stage or lacking}")
-    return max(found, key=lambda part: len(part.candidates))
-
-
-def by_arrivals(plugin: str) -> bool:
-    """Whether a plugin locates by arrivals: others give places by directions."""
-    kind: Any = find(STAGE_GROUPS, plugin)[1]
-    return issubclass(kind.Parameters, LocalizerParameters)
-
-
-def before(evidence: Evidence, part: StageEvidence, emits: tuple[str, ...]) -> StageEvidence:
-    """Return the evidence of the last stage before one, on its topic, that emits a kind of event.
-
-    Raises
-    ------
-    RecordingError
-        Where there is none.
-    """
-    order = [stage.key for stage in evidence.config.stage]
-    earlier = order[: order.index(part.spec.stage)]
-    found = [
-        p
-        for p in evidence.stages
-        if p.spec.stage in earlier and p.spec.emits in emits and p.spec.topic == part.spec.topic
-    ]
-    if not found:
-        raise RecordingError(
-            f"{evidence.name}: {part.spec.stage}: expected a stage that gives "
-            f"{' or '.join(emits)} before it, found none"
-        )
-    return max(found, key=lambda p: earlier.index(p.spec.stage))
-
-
-def accepted_picks(part: StageEvidence) -> list[Pick]:
-    """Return the picks of a stage on one topic, as decided."""
-    c, spec = part.candidates, part.spec
-    return [
-        Pick(
-            int(c.time_ns[row]),
-            spec.channels[int(c.channel[row])],
-            spec.topic,
-            spec.stage,
-            float("nan"),
-            float(c.value[row, 0]),
-        )
-        for row in np.flatnonzero(part.accepted)
-    ]

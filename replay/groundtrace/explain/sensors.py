@@ -3,11 +3,14 @@
 A late clock makes a channel late by the same time in every step; a sensor that stands elsewhere
 makes it late or early as the source lies on one side of it or the other. Both are fitted to what
 the channel is off the arrival curve of the others; the one that explains it is named.
+
+Both by onsets. An array method looks for delays no longer than waves between two sensors take, and
+fits all of them together, so that a part only of a clock's error is left in its arrivals.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +58,9 @@ class Fault:
         In how many steps it was heard.
     offset_s
         By how much it is late (< 0: early) all the time [s]; 0 for a displaced one.
+    felt_s
+        How much of that is left in the arrivals that places are made of [s]: less than all of it
+        behind an array method.
     place
         Shape (2,): where it seems to stand [m].
     before_s, after_s
@@ -65,15 +71,20 @@ class Fault:
     cause: str
     steps: int
     offset_s: float
+    felt_s: float
     place: Array
     before_s: float
     after_s: float
 
     def mended(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
-        """Return arrivals and sensors' places without the fault."""
+        """Return the arrivals that places are made of, and sensors' places, without the fault.
+
+        Behind an array method arrivals can be mended only as they are: a replay with the clock set
+        right correlates anew, and does better.
+        """
         places = positions.copy()
         places[self.channel] = self.place
-        return arrivals.shifted(self.channel, -self.offset_s), places
+        return arrivals.shifted(self.channel, -self.felt_s), places
 
 
 def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
@@ -86,17 +97,21 @@ def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
     if len(reference.xy) < LEAST_STEPS:
         return ()
     known = reference.xy[rows] if reference.kind == "truth" else None
-    stored = relocator.arrivals
-    arrivals = Arrivals(stored.step_ns[rows], stored.times_s[rows])
+    onsets, arrivals = (
+        Arrivals(stored.step_ns[rows], stored.times_s[rows])
+        for stored in (relocator.onsets, relocator.arrivals)
+    )
     positions, found = relocator.positions, []
     outline = np.array(relocator.geometry.outline, np.float64)
     judge = _Judge(known, outline if len(outline) else None)
     for _ in range(MOST_FAULTS):
-        worst = max(judge.found(arrivals, positions), key=lambda item: item[0], default=None)
+        worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
         if worst is None:
             break
-        found.append(worst[1])
-        arrivals, positions = worst[1].mended(arrivals, positions)
+        fault = judge.felt(worst[1], arrivals, positions) if relocator.correlated else worst[1]
+        found.append(fault)
+        onsets = onsets.shifted(fault.channel, -fault.offset_s)
+        arrivals, positions = fault.mended(arrivals, positions)
     return tuple(found)
 
 
@@ -122,6 +137,20 @@ class _Judge:
                 item = _explained(curve, sources, positions, arrivals, channel)
                 if item is not None:
                     yield item
+
+    def felt(self, fault: Fault, arrivals: Arrivals, positions: Array) -> Fault:
+        """Return a fault with how much of a clock's error is left in an array method's arrivals."""
+        if fault.cause != "clock":
+            return fault
+        others = arrivals.without(fault.channel)
+        sources = self.sources(others, positions)
+        curve = fit_curve(sources, positions, others.times_s)
+        if curve is None:
+            return fault
+        own = arrivals.times_s[:, fault.channel]
+        late = curve.misfit_s(sources, positions[fault.channel], own)
+        known = late[np.isfinite(late)]
+        return replace(fault, felt_s=float(np.median(known))) if len(known) else fault
 
     def _suspects(self, arrivals: Arrivals, positions: Array) -> list[int]:
         """Return the channels that are farthest off when all are taken for right."""
@@ -168,9 +197,9 @@ def _explained(
         return None
     before_s, after_s = scale(off), scale((off - offset_s, moved)[which])
     fault = (
-        Fault(channel, "clock", count, offset_s, place, before_s, after_s)
+        Fault(channel, "clock", count, offset_s, offset_s, place, before_s, after_s)
         if which == 0
-        else Fault(channel, "position", count, 0.0, there, before_s, after_s)
+        else Fault(channel, "position", count, 0.0, 0.0, there, before_s, after_s)
     )
     return float(gains[which]), fault
 

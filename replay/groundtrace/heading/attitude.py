@@ -33,6 +33,8 @@ TURN, SPEED, BIAS, IRON, EARTH = (
     slice(12, 14),
 )
 SIZE = 14
+_ONE = np.eye(SIZE)
+_PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
 #: Rows that a field must not change, ever and while it is a disturbed one.
 _NO_TILT: NDArray[np.bool_] = np.array([row in (0, 1, 3, 4, 5) for row in range(SIZE)])
 _NO_EARTH: NDArray[np.bool_] = _NO_TILT | np.array([row >= 12 for row in range(SIZE)])
@@ -142,15 +144,11 @@ class Attitude:
     def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
         """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
         variance = self.noise.speed**2 * 2.0 / dt_s if sigma_mps is None else sigma_mps**2
-        pick = np.zeros((3, SIZE))
-        pick[:, SPEED] = np.eye(3)
-        self._update(pick, -self.velocity, np.eye(3) * variance)
+        self._update(_PICK_SPEED, -self.velocity, variance)
 
     def hold_bias(self, rate: Array) -> None:
         """Take the mean rate of a frame at rest for the bias."""
-        pick = np.zeros((3, SIZE))
-        pick[:, BIAS] = np.eye(3)
-        self._update(pick, rate - self.bias, np.eye(3) * self.noise.rest_rate**2)
+        self._update(_PICK_BIAS, rate - self.bias, self.noise.rest_rate**2)
 
     def face(self, field: Array, sigma_t: float) -> None:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
@@ -212,8 +210,7 @@ class Attitude:
     ) -> None:
         """Turn towards north by a field; ``earth``: it may also correct the earth's field."""
         innovation, pick, _ = self.expected(frame, axes)
-        frozen = _NO_TILT if earth else _NO_EARTH
-        self._update(pick, innovation, np.eye(3) * sigma_t**2, frozen)
+        self._update(pick, innovation, sigma_t**2, _NO_TILT if earth else _NO_EARTH)
 
     def blame_iron(self, frame: InertialFrame, axes: Array, sigma_t: float) -> None:
         """Explain a frame's field by iron alone; it is known as well as the orientation is."""
@@ -229,15 +226,30 @@ class Attitude:
         self.covariance[IRON, IRON] = cross @ slope.T + np.eye(3) * sigma_t**2
 
     def _update(
-        self, pick: Array, innovation: Array, noise: Array, frozen: NDArray[np.bool_] | None = None
+        self,
+        pick: Array,
+        innovation: Array,
+        variance: float,
+        frozen: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Update by a measurement; rows that are ``frozen`` keep their estimate (Schmidt)."""
+        """Update by a measurement of three values (Joseph's form: the states' units lie far apart).
+
+        Parameters
+        ----------
+        pick
+            Measurement matrix, shape (3, 14).
+        innovation, variance
+            The measurement against what was expected, shape (3,), and its noise.
+        frozen
+            Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
+        """
         spread = self.covariance @ pick.T
+        noise = np.diag(np.full(3, variance))
         gain = np.linalg.solve(pick @ spread + noise, spread.T).T
         if frozen is not None:
             gain[frozen] = 0.0
-        left = np.eye(SIZE) - gain @ pick
-        self.covariance = left @ self.covariance @ left.T + gain @ noise @ gain.T
+        left = _ONE - gain @ pick
+        self.covariance = left @ self.covariance @ left.T + variance * (gain @ gain.T)
         change = gain @ innovation
         self.orientation = normalised(product(of_vectors(change[TURN]), self.orientation))
         self.velocity = self.velocity + change[SPEED]

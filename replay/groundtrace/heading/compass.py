@@ -121,7 +121,11 @@ class Compass:
         p = self.parameters
         sigma = p.field_sigma_ut * TESLA * math.sqrt(2 * p.field_memory_s / frame.length_s)
         turned = frame.speed * frame.length_s
-        if undisturbed:
+        undecided = 0 < self._for_iron < FRAMES_TO_BELIEVE and self._for_clean < FRAMES_TO_CLEAN
+        if undisturbed and self.clean is not None and undecided:
+            # both beliefs explain it: neither is dropped, and the clean one learns nothing wrong
+            attitude.correct_field(frame, axes, sigma, earth=False)
+        elif undisturbed:
             self._newcomer.passed(turned)
             self._come_clean(attitude)
             attitude.correct_field(frame, axes, sigma, earth=True)
@@ -140,6 +144,7 @@ class Compass:
         if self.clean is not None:
             attitude.believe_iron(*self.clean)
             self.clean = None
+            self._for_iron = self._for_clean = 0
 
     def _replaced(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> bool:
         """Take a field for the place's that fails but holds still; say whether there was one."""

@@ -12,6 +12,7 @@ from .closure import ClosureScore, score_closure
 from .identity import IdentityScore, score_identity
 from .places import found_places, true_places
 from .set_distances import gospa, ospa
+from .waypoints import WaypointScore, score_waypoints
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,6 +94,8 @@ class TrackScore:
     closure
         Length, end and shape of the track in a frame of its own, or None unless there is one
         track of one target.
+    waypoints
+        Distances from the waypoints that truth has, or None without two of one target.
     """
 
     stage: str
@@ -111,6 +114,7 @@ class TrackScore:
     order: float
     identity: IdentityScore | None
     closure: ClosureScore | None
+    waypoints: WaypointScore | None
 
 
 def score_tracks(
@@ -158,6 +162,7 @@ def score_tracks(
         order=ORDER,
         identity=_identity(truth, points, tolerance_s),
         closure=score_closure(truth, points),
+        waypoints=score_waypoints(labels, points),
     )
 
 

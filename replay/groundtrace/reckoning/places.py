@@ -1,0 +1,88 @@
+"""Known places: waypoints and satellite fixes, in metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from .parameters import Updates
+
+#: Radii of the WGS 84 ellipsoid's equator, and its first eccentricity squared.
+EQUATOR_M, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPlace:
+    """Where the walker was at a time: ``x_m`` to the east, ``y_m`` to the north [m]."""
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    sigma_m: float
+
+
+def waypoints_of(labels: Sequence[Label], updates: Updates, sigma_m: float) -> list[KnownPlace]:
+    """Return the waypoints that a reckoning may take in, in order of time."""
+    count = {"first-two": 2, "waypoints": None}.get(updates, 0)
+    found = [
+        KnownPlace(x.time_ns, x.x_m, x.y_m, sigma_m)
+        for x in sorted(labels, key=lambda x: x.time_ns)
+        if x.kind == "waypoint" and x.x_m is not None and x.y_m is not None
+    ]
+    return found[:count]
+
+
+@dataclass(slots=True)
+class TangentPlane:
+    """Turns latitude and longitude into metres east and north of the first fix.
+
+    Attributes
+    ----------
+    at
+        Where the first fix lies on the map [m].
+    origin
+        Its latitude and longitude [rad]; None before.
+    """
+
+    at: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, float] | None = None
+
+    def place(self, latitude: float, longitude: float) -> tuple[float, float]:
+        """Return the place of a fix on the map [m]; angles in rad."""
+        if self.origin is None:
+            self.origin = (latitude, longitude)
+        start, meridian = self.origin
+        bent = 1 - ECCENTRICITY * math.sin(start) ** 2
+        north = EQUATOR_M * (1 - ECCENTRICITY) / bent**1.5 * (latitude - start)
+        turned = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
+        east = EQUATOR_M / math.sqrt(bent) * math.cos(start) * turned
+        return self.at[0] + east, self.at[1] + north
+
+
+def satellite_columns(stream: Stream) -> tuple[int, int] | None:
+    """Return the columns of latitude and longitude, or None."""
+    found = [stream.columns_of({name}) for name in ("latitude", "longitude")]
+    return (found[0][0], found[1][0]) if all(found) else None
+
+
+def satellite_fixes(block: SignalBlock, plane: TangentPlane, sigma_m: float) -> list[KnownPlace]:
+    """Return the finite fixes of a block of degrees."""
+    columns = satellite_columns(block.stream)
+    if columns is None:
+        return []
+    degrees = np.radians(block.values[:, list(columns)])
+    times = block.sample_times().tolist()
+    return [
+        KnownPlace(time_ns, *plane.place(float(lat), float(lon)), sigma_m)
+        for time_ns, (lat, lon) in zip(times, degrees, strict=True)
+        if math.isfinite(lat + lon)
+    ]

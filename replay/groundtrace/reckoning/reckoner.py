@@ -1,0 +1,194 @@
+"""Dead reckoning of a walker: each step goes its length along the azimuth it was made in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.events import Heading, Quantity
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..gates import Candidates, Level
+from ..heading.rotations import wrapped
+from .filter import ReckoningFilter, ReckoningNoise
+from .north import North
+from .parameters import ReckoningParameters
+from .step_lengths import shape_of, step_length
+from .track import Track
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.events import StepEvent, TrackPoint
+
+    from ..detector import Emits
+    from .level_motion import LevelMotion
+    from .places import KnownPlace
+    from .track import Sight
+
+#: Time of a step that follows none [s].
+USUAL_STEP_S = 0.55
+#: Signal on both sides of a step that serves its smoothing [ns].
+MARGIN_NS = NS_PER_S // 20
+#: Direction of a step against the way the walker looks, counter-clockwise [rad].
+ASIDE = {"backward": math.pi, "left": math.pi / 2, "right": -math.pi / 2}
+#: How fast a walker may have come from where they were seen first [m/s].
+WALK_MPS = 1.5
+#: An azimuth that the compass alone is to tell may have changed by this since the last step [rad].
+ANYHOW = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A step as measured: when, how long it took and is, where it goes."""
+
+    time_ns: int
+    interval_s: float
+    length_m: float
+    heading_rad: float
+    sight: Sight | None
+    rested_s: float
+
+
+class DeadReckoner:
+    """Steps times length along their azimuth, a filter's errors with them.
+
+    The candidates are the steps. ``cadence`` and ``speed`` are what a step taken for one would
+    mean; one that is no walk is not taken. ``swing`` and ``rise`` are what the models of length
+    look at, ``azimuth`` is the step's, counter-clockwise from x, ``off`` how far its magnetic
+    field is from the usual one, ``height`` that over the start by the barometer.
+    """
+
+    Parameters = ReckoningParameters
+    emits: Emits = "track"
+    columns = (
+        Quantity("cadence", "Hz"),
+        Quantity("speed", "m/s"),
+        Quantity("length", "m"),
+        Quantity("swing", "m/s2"),
+        Quantity("rise", "m"),
+        Quantity("azimuth", "deg"),
+        Quantity("off", "uT"),
+        Quantity("height", "m"),
+    )
+    gates = (
+        Level("cadence", "Hz", "cadence_hz", at_least=False),
+        Level("speed", "m/s", "speed_mps", at_least=False),
+    )
+
+    def __init__(self, parameters: ReckoningParameters) -> None:
+        self.parameters = parameters
+        self.stage = ""
+        self.number = 0
+        self.origin = (0.0, 0.0)
+        self._north = North(parameters)
+        self._track: Track | None = None
+        self._places: list[KnownPlace] = []
+        self._measured: _Measured | None = None
+        self._last_ns: int | None = None
+        self._rested_s = 0.0
+
+    def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:
+        """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
+        self.stage, self.number, self.origin = stage, number, origin
+        self._track, self._measured, self._last_ns = None, None, None
+        self._rested_s, self._north = 0.0, North(self.parameters)
+
+    def know(self, places: Sequence[KnownPlace]) -> None:
+        """Take known places, in order of time; they count with the step after them."""
+        self._places += places
+
+    def measure(self, step: StepEvent, sensor: LevelMotion, height_m: float) -> Candidates:
+        """Return a step as a candidate, by what the sensor felt; the step is remembered."""
+        p = self.parameters
+        interval_s = self._interval_s(step.time_ns)
+        start_ns = step.time_ns - round(interval_s * NS_PER_S)
+        shape = shape_of(sensor.between(start_ns - MARGIN_NS, step.time_ns + MARGIN_NS), MARGIN_NS)
+        length_m = step_length(shape, step.type, p)
+        motion = sensor.between(start_ns, step.time_ns)
+        heading = float(motion.heading_rad.mean()) + ASIDE.get(step.type, 0.0)
+        sight, off = self._north.sight(motion, length_m)
+        sight = None if p.azimuth == "gyroscope" else sight
+        rested_s = float(motion.rested_s[-1])
+        self._measured = _Measured(step.time_ns, interval_s, length_m, heading, sight, rested_s)
+        azimuth = math.degrees(wrapped(self._azimuth(self._measured)))
+        speed = length_m / interval_s
+        row = [1 / interval_s, speed, length_m, shape.swing, shape.rise_m, azimuth]
+        return Candidates(
+            np.array([step.time_ns], np.int64),
+            np.zeros(1, np.int32),
+            np.array([[*row, off * 1e6, height_m]], np.float32),
+        )
+
+    def follow(self, accepted: bool) -> list[TrackPoint | Heading]:
+        """Take the verdict on the step just measured; return what is known."""
+        step, self._measured = self._measured, None
+        if step is None or not accepted:
+            return []
+        said: list[TrackPoint | Heading] = []
+        if self._track is None:
+            said += self._begin(step.time_ns - round(step.interval_s * NS_PER_S))
+        track = self._track
+        assert track is not None  # begun by now
+        said += self._take_places(track, step.time_ns)
+        rested_s = step.rested_s - self._rested_s
+        self._last_ns, self._rested_s = step.time_ns, step.rested_s
+        said += track.step(step.time_ns, step.length_m, step.heading_rad, step.sight, rested_s)
+        azimuth = wrapped(track.filter.azimuth(step.heading_rad))
+        return [*said, Heading(step.time_ns, azimuth, track.filter.azimuth_sigma_rad, self.stage)]
+
+    def finish(self) -> list[TrackPoint]:
+        """End the track; return what is still to say of it."""
+        track, self._track = self._track, None
+        if track is None:
+            return []
+        points = self._take_places(track, 2**63)
+        x, y = track.filter.state[:2].tolist()
+        self.origin = (x, y)
+        return points + track.finish()
+
+    def _interval_s(self, time_ns: int) -> float:
+        """Return the time since the last step of the walk, or that of a first one [s]."""
+        if self._last_ns is None:
+            return USUAL_STEP_S
+        apart_s = max(time_ns - self._last_ns, 1) / NS_PER_S
+        return apart_s if apart_s <= self.parameters.pause_s else USUAL_STEP_S
+
+    def _azimuth(self, step: _Measured) -> float:
+        if self._track is not None and not self._track.filter.lost:
+            return self._track.filter.azimuth(step.heading_rad)
+        return step.heading_rad + (0.0 if step.sight is None else step.sight.offset_rad)
+
+    def _begin(self, time_ns: int) -> list[TrackPoint]:
+        """Begin the track where the walker was seen first, else at the origin, surely."""
+        p = self.parameters
+        noise = ReckoningNoise(
+            drift=math.radians(p.drift_dps),
+            mount=math.radians(p.mount_deg),
+            length=p.length_error,
+            scale=p.scale_error,
+            way=math.radians(p.way_deg),
+            wander=ANYHOW if p.azimuth == "compass" else 0.0,
+        )
+        place, sigma_m = self.origin, 0.0
+        if self._places:
+            seen = next((k for k in self._places[::-1] if k.time_ns <= time_ns), self._places[0])
+            away_m = WALK_MPS * abs(seen.time_ns - time_ns) / NS_PER_S
+            place, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)
+            self._places = [k for k in self._places if k.time_ns > time_ns]
+        learns = p.updates in ("waypoints", "gnss")
+        walker = ReckoningFilter(noise, np.array(place), sigma_m, learns_scale=learns)
+        smooth_s = p.smooth_s if p.smooth else 0.0
+        self._track = Track(walker, time_ns, self.stage, self.number, smooth_s)
+        return self._track.begin()
+
+    def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
+        """Take in the known places up to a time."""
+        points = []
+        while self._places and self._places[0].time_ns <= until_ns:
+            known = self._places.pop(0)
+            points += track.fix(known.time_ns, np.array([known.x_m, known.y_m]), known.sigma_m)
+        return points

@@ -1,0 +1,214 @@
+"""The stage of dead reckoning: the steps of one stage, and a sensor's signal, become a track."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from fnmatch import fnmatch
+from typing import TYPE_CHECKING, Any
+
+from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..gates import Carry, decided_block, gate_specs
+from ..heading.aligned import PATIENCE_NS
+from .barometer import Barometer
+from .places import TangentPlane, satellite_columns, satellite_fixes, waypoints_of
+from .worn_sensor import QUANTITIES, WornSensor, columns_of_axes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.labels import Label
+
+    from .parameters import Axis
+    from .places import KnownPlace
+    from .reckoner import DeadReckoner
+
+#: A step waits until the signal is so far beyond it: streams come in portions.
+LATE_NS = NS_PER_S
+#: The one channel of a reckoner's candidates.
+WALKER = ("walker",)
+
+
+@dataclass(slots=True)
+class _Run:
+    """A reckoner at work on the steps of one topic; the last of its sensors is heard now."""
+
+    worker: DeadReckoner
+    spec: StageSpec
+    placement: str
+    sensors: list[WornSensor]
+    barometer: Barometer = field(default_factory=Barometer)
+    carry: Carry = field(default_factory=Carry)
+    steps: list[StepEvent] = field(default_factory=list)
+
+
+class ReckoningStage:
+    """Runs one reckoner on the steps that one stage finds with a sensor that has a gyroscope.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+    stepping
+        The stage whose steps it takes.
+    start
+        Where the walk begins [m], where nothing else says so.
+    labels
+        Of the recording; only waypoints are looked at, and only as ``updates`` says.
+
+    Notes
+    -----
+    Streams of the placement of the steps' topic are one sensor. A gap of that topic, or of its
+    gyroscope, that is not bridged ends the track; the next begins where it ended, in a direction
+    that is to be found anew.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[DeadReckoner],
+        parameters: Any,
+        topics: Sequence[str] = (),
+        *,
+        stepping: str,
+        start: tuple[float, float] = (0.0, 0.0),
+        labels: Sequence[Label] = (),
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+        self.stepping = stepping
+        self.start = start
+        self.waypoints = waypoints_of(labels, parameters.updates, parameters.waypoint_m)
+        self._plane = TangentPlane(start)
+        self._topics: set[str] = set()
+        self._runs: dict[str, _Run] = {}
+        self._early: list[SignalBlock] = []
+        self._seen: list[KnownPlace] = []  # the last satellite fix
+        self._tracks = 0
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Take signal and steps; give the track as far as it is known."""
+        match item:
+            case StageSpec(stage=stage, topic=topic) if stage == self.stepping:
+                if not self.topics or any(fnmatch(topic, p) for p in self.topics):
+                    self._topics.add(topic)
+            case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
+                if topic in self._runs:
+                    self._runs[topic].steps.append(item)
+                    yield from self._reckon(self._runs[topic])
+            case SignalBlock() if len(item):
+                yield from self._hear(item)
+            case Gap(bridged=False, topic=topic):
+                for run in self._runs.values():
+                    sensor = run.sensors[-1]
+                    if topic in (run.spec.topic, sensor.topic):
+                        sensor.finish()
+                        run.sensors.append(WornSensor(sensor.axis))
+
+    def flush(self) -> Iterator[Event]:
+        """End all tracks."""
+        for run in self._runs.values():
+            run.sensors[-1].finish()
+            yield from self._reckon(run, final=True)
+            yield from run.worker.finish()
+            yield from self._notes(run)
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+        kept = (self._plane, self._topics, self._runs, self._early, self._seen, self._tracks)
+        return copy.deepcopy(kept)
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        kept = copy.deepcopy(saved)
+        self._plane, self._topics, self._runs, self._early, self._seen, self._tracks = kept
+
+    def _hear(self, block: SignalBlock) -> Iterator[Event]:
+        """Begin at the first block of a topic with steps; give every run what is of its sensor."""
+        if block.topic in self._topics and block.topic not in self._runs:
+            run = self._runs[block.topic] = self._begin(block)
+            yield run.spec
+            for early in self._early:
+                self._feed(run, early)
+        self._early.append(block)
+        while self._early[0].last_ns < block.start_ns - PATIENCE_NS:
+            self._early.pop(0)
+        if satellite_columns(block.stream) is not None and self.parameters.updates == "gnss":
+            fixes = satellite_fixes(block, self._plane, self.parameters.gnss_m)
+            for run in self._runs.values():
+                run.worker.know(fixes)
+            self._seen = (self._seen + fixes)[-1:]
+        for run in self._runs.values():
+            self._feed(run, block)
+            yield from self._reckon(run)
+
+    def _feed(self, run: _Run, block: SignalBlock) -> None:
+        if block.stream.placement != run.placement:
+            return
+        if block.stream.columns_of({"pressure"}):
+            run.barometer.hear(block)
+        if any(columns_of_axes(block.stream, quantity) for quantity in QUANTITIES):
+            run.sensors[-1].hear(block)
+
+    def _begin(self, block: SignalBlock) -> _Run:
+        worker = self.kind(self.parameters)
+        placement = block.stream.placement
+        axis: Axis = self.parameters.axis or ("y" if placement == "phone" else "x")
+        gates = gate_specs(worker.gates, self.parameters)
+        spec = StageSpec(
+            self.name,
+            self.plugin,
+            block.topic,
+            ("walker",),
+            worker.columns,
+            gates,
+            (),
+            worker.emits,
+        )
+        self._tracks += 1
+        worker.start(self.name, self._tracks, self.start)
+        worker.know([*self.waypoints, *self._seen])
+        return _Run(worker, spec, placement, [WornSensor(axis)])
+
+    def _reckon(self, run: _Run, *, final: bool = False) -> Iterator[Event]:
+        """Take the steps whose signal is complete."""
+        while run.steps:
+            step = run.steps[0]
+            while len(run.sensors) > 1 and step.time_ns > run.sensors[0].end_ns:
+                yield from self._interrupt(run)
+            sensor = run.sensors[0]
+            complete = len(run.sensors) > 1 or sensor.end_ns >= step.time_ns + LATE_NS
+            if sensor.motion is None or not (final or complete) or sensor.end_ns < 0:
+                return
+            run.steps.pop(0)
+            height_m = run.barometer.height_m(step.time_ns)
+            found = run.worker.measure(step, sensor.motion, height_m)
+            block, run.carry = decided_block(
+                run.spec, found, run.worker, self.parameters, run.carry
+            )
+            yield block
+            yield from run.worker.follow(bool(block.accepted[0]))
+
+    def _interrupt(self, run: _Run) -> Iterator[Event]:
+        """Go on with the next sensor: the end of a track, and the beginning of another."""
+        run.sensors.pop(0)
+        yield from run.worker.finish()
+        self._tracks += 1
+        run.worker.start(self.name, self._tracks, run.worker.origin)
+
+    def _notes(self, run: _Run) -> Iterator[Note]:
+        """Say what a person should know."""
+        if run.steps:
+            expected = "expected a gyroscope and an accelerometer of three axes"
+            text = f"{run.spec.topic}: {len(run.steps)} steps lead nowhere: {expected}, found none"
+            yield Note(run.steps[0].time_ns, text, "WARN", self.name)
+        if held := sum(sensor.held for sensor in run.sensors):
+            text = f"{run.spec.topic}: {held} samples not finite, last value held"
+            yield Note(run.sensors[-1].end_ns, text, "WARN", self.name)

@@ -1,0 +1,104 @@
+"""How long a step is: from nothing, from the walker's height, or from how the body moved.
+
+Sources: H. Weinberg, Using the ADXL202 in pedometer and personal navigation applications, Analog
+Devices AN-602 (2002): the length goes with the fourth root of the swing of the vertical
+acceleration. W. Zijlstra and A. L. Hof, Displacement of the pelvis during human walking, Gait &
+Posture 6 (1997) 249: the body is an inverted pendulum on the leg, and what it rises tells the
+length, times a factor, 1.25 there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from .level_motion import Motion
+    from .parameters import ReckoningParameters
+
+#: Vertical accelerations are averaged over this [s]: impacts say nothing of a step's length.
+SMOOTH_S = 0.1
+#: Part of the height that the leg is (Winter, Biomechanics and motor control: 0.53).
+LEG = 0.53
+
+
+@dataclass(frozen=True, slots=True)
+class StepShape:
+    """How the body moved up and down during a step.
+
+    Attributes
+    ----------
+    swing
+        Highest minus lowest vertical acceleration [m/s2].
+    rise_m
+        How far it rose and sank [m].
+    """
+
+    swing: float
+    rise_m: float
+
+
+def shape_of(motion: Motion, margin_ns: int) -> StepShape:
+    """Return the shape of a step.
+
+    Parameters
+    ----------
+    motion
+        Of the step, and of ``margin_ns`` before and after it.
+    margin_ns
+        What of both ends only serves smoothing [ns].
+    """
+    if len(motion) < 3:
+        return StepShape(0.0, 0.0)
+    period_s = float(motion.time_ns[-1] - motion.time_ns[0]) / NS_PER_S / (len(motion) - 1)
+    width = max(1, round(SMOOTH_S / period_s))
+    smooth = np.convolve(motion.up, np.full(width, 1 / width), "same")
+    inside = (motion.time_ns >= motion.time_ns[0] + margin_ns) & (
+        motion.time_ns <= motion.time_ns[-1] - margin_ns
+    )
+    up = smooth[inside] if inside.sum() >= 3 else smooth
+    return StepShape(float(np.ptp(up)), float(np.ptp(_height(up, period_s))))
+
+
+def _height(up: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
+    """Return the height of a body that is after a step as before it [m], shape (n,)."""
+    speed = np.cumsum(up - up.mean()) * period_s
+    return np.asarray(np.cumsum(speed - speed.mean()) * period_s)
+
+
+def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:
+    """Return the length of a step [m].
+
+    Parameters
+    ----------
+    shape
+        How the body moved.
+    kind
+        Type of the step: ``backward``, ``left``, ``right``; anything else is one ahead.
+    parameters
+        Choose the model and hold its constants.
+    """
+    p = parameters
+    by_kind = {"backward": p.backward, "left": p.sideways, "right": p.sideways}
+    return _ahead(shape, p) * by_kind.get(kind, 1.0)
+
+
+def _ahead(shape: StepShape, p: ReckoningParameters) -> float:
+    if p.step_length == "fixed":
+        return p.length_m
+    if p.step_length == "calibrated":
+        return p.calibrated_m / p.calibrated_steps
+    if p.step_length == "height":
+        return p.height_part * p.height_m
+    if p.step_length == "weinberg":
+        return p.weinberg * math.sqrt(math.sqrt(shape.swing))
+    leg = LEG * p.height_m
+    rise = min(shape.rise_m, leg)
+    return p.pendulum * 2 * math.sqrt(2 * leg * rise - rise**2)

@@ -1,0 +1,158 @@
+"""The filter and the track of dead reckoning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from groundtrace.reckoning.filter import OFFSET, PLACE, SCALE, ReckoningFilter, ReckoningNoise
+from groundtrace.reckoning.track import Sight, Track
+from groundtrace_codecs.signals import NS_PER_S
+
+NOISE = ReckoningNoise(drift=0.002, mount=0.1, length=0.15, scale=0.1, way=0.1)
+SURE = 1e-4
+
+
+def walker(*, learns: bool = False, offset: float | None = 0.0) -> ReckoningFilter:
+    made = ReckoningFilter(NOISE, np.zeros(2), 0.0, learns_scale=learns)
+    if offset is not None:
+        made.sight(offset, SURE, 1.0)
+    return made
+
+
+def track(filter_: ReckoningFilter, smooth_s: float = 1e6) -> Track:
+    return Track(filter_, 0, "track", 1, smooth_s)
+
+
+def at(step: int) -> int:
+    return step * NS_PER_S // 2
+
+
+def walk(along: Track, count: int, sight: Sight | None = None, first: int = 1) -> None:
+    for k in range(first, first + count):
+        along.step(at(k), 0.7, 0.0, sight, 0.0)
+
+
+def test_steps_go_their_length_along_their_azimuth() -> None:
+    made = walker()
+    for heading in (0.0, math.pi / 2):
+        made.step(2.0, heading)
+    np.testing.assert_allclose(made.state[PLACE], [2, 2], atol=1e-6)
+
+
+def test_the_covariance_grows_with_every_step_and_more_across_than_along_an_unsure_azimuth() -> (
+    None
+):
+    made = walker()
+    spreads = []
+    for _ in range(50):
+        made.wait(0.5)
+        made.step(0.7, 0.0)
+        spreads.append(np.diag(made.covariance)[PLACE].copy())
+    assert (np.diff(spreads, axis=0) > 0).all()
+    far = 50 * 0.7
+    assert spreads[-1][0] == pytest.approx((0.1 * far) ** 2 + 50 * (0.15 * 0.7) ** 2, rel=0.01)
+    assert spreads[-1][1] > (0.1 * far) ** 2
+
+
+def test_the_spread_of_many_simulated_walks_is_what_the_covariance_says() -> None:
+    rng = np.random.default_rng(3)
+    ends = []
+    for _ in range(400):
+        mount, scale = 0.1 * rng.standard_normal(), 0.1 * rng.standard_normal()
+        length = 0.7 * np.exp(scale) * (1 + 0.15 * rng.standard_normal(40))
+        azimuth = mount + 0.1 * rng.standard_normal(40)
+        ends.append([(length * np.cos(azimuth)).sum(), (length * np.sin(azimuth)).sum()])
+    made = walker()
+    for _ in range(40):
+        made.step(0.7, 0.0)
+    expected = np.sqrt(np.diag(made.covariance)[PLACE])
+    np.testing.assert_allclose(np.std(ends, axis=0), expected, rtol=0.15)
+
+
+def test_a_known_place_turns_the_rest_of_the_walk() -> None:
+    along = track(walker())
+    walk(along, 20)
+    azimuth = 0.15
+    along.fix(at(20), 14 * np.array([math.cos(azimuth), math.sin(azimuth)]), 0.3)
+    assert along.filter.azimuth(0.0) == pytest.approx(azimuth, abs=0.02)
+    assert along.filter.state[SCALE] == 0
+
+
+def test_known_places_calibrate_the_lengths_only_where_they_may() -> None:
+    along = track(walker(learns=True))
+    walk(along, 40)
+    along.fix(at(40), np.array([40 * 0.7 * 1.15, 0.0]), 0.1)
+    assert math.exp(along.filter.state[SCALE]) == pytest.approx(1.15, abs=0.02)
+
+
+def test_smoothing_brings_a_known_place_back_to_the_steps_before_it() -> None:
+    along = track(walker())
+    walk(along, 20)
+    azimuth = 0.2
+    true = 0.7 * np.outer(np.arange(21), [math.cos(azimuth), math.sin(azimuth)])
+    along.fix(at(20), true[20], 0.1)
+    points = along.finish()
+    assert {p.stage for p in points} == {"track.smoothed"}
+    found = np.array([(p.x_m, p.y_m) for p in points[:21]])
+    assert np.hypot(*(found - true).T).max() < 0.25
+    variances = np.array([p.covariance[0] + p.covariance[2] for p in points])
+    assert variances[10] < 0.5 * (1 + variances[-1])
+
+
+def test_a_walk_whose_direction_nothing_told_is_turned_towards_the_first_known_place() -> None:
+    along = track(walker(offset=None))
+    walk(along, 20)
+    assert along.filter.lost
+    along.fix(at(20), np.array([-13.0, 5.0]), 1.0)
+    assert not along.filter.lost
+    expected = math.atan2(5.0, -13.0)
+    assert math.cos(along.filter.azimuth(0.0) - expected) > math.cos(0.1)
+    middle = next(p for p in along.finish() if p.time_ns == at(10))
+    assert math.hypot(middle.x_m + 6.5, middle.y_m - 2.5) < 0.8
+
+
+def test_sights_are_averaged_and_a_far_one_hardly_counts() -> None:
+    made = walker(offset=None)
+    for k in range(200):
+        made.sight(0.3 + 0.2 * (-1) ** k, 0.2, 1.0)
+    assert made.state[OFFSET] == pytest.approx(0.3, abs=0.05)
+    made.sight(0.3 + 3.0, 0.2, 1.0)
+    assert made.state[OFFSET] == pytest.approx(0.3, abs=0.06)
+
+
+def test_sights_that_err_alike_count_as_one() -> None:
+    one, many = walker(offset=None), walker(offset=None)
+    for made, repeats in ((one, 1.0), (many, 10.0)):
+        made.sight(0.0, 0.2, 1.0)
+        for _ in range(10):
+            made.sight(0.0, 0.2, repeats)
+    assert many.covariance[OFFSET, OFFSET] > 4 * one.covariance[OFFSET, OFFSET]
+
+
+def test_sights_find_the_drift_of_the_gyroscope() -> None:
+    along = track(walker())
+    for k in range(1, 400):
+        along.step(at(k), 0.7, 0.002 * at(k) / NS_PER_S, Sight(-0.002 * k / 2, 0.05, 2.0), 0.0)
+    assert along.filter.state[OFFSET + 1] == pytest.approx(-0.002, rel=0.2)
+
+
+def test_a_gyroscope_zeroed_at_rest_drifts_less_the_longer_it_rested() -> None:
+    spreads = []
+    for rested_s in (1.0, 10.0):
+        made = walker()
+        made.rest(rested_s)
+        spreads.append(made.covariance[OFFSET + 1, OFFSET + 1])
+    assert spreads[1] < 0.2 * spreads[0] <= 0.2 * 0.002**2
+
+
+def test_smoothing_in_pieces_says_every_moment_once() -> None:
+    along = track(walker(), smooth_s=5.0)
+    said = along.begin()
+    for k in range(1, 61):
+        said += along.step(at(k), 0.7, 0.0, None, 0.0)
+    said += along.finish()
+    smoothed = [p.time_ns for p in said if p.stage == "track.smoothed"]
+    assert smoothed == [at(k) for k in range(61)]

@@ -1,0 +1,108 @@
+"""Models of the length of a step, known places and heights."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from groundtrace.reckoning.barometer import Barometer
+from groundtrace.reckoning.level_motion import Motion
+from groundtrace.reckoning.parameters import ReckoningParameters
+from groundtrace.reckoning.places import TangentPlane, waypoints_of
+from groundtrace.reckoning.step_lengths import StepShape, shape_of, step_length
+from groundtrace_codecs.labels import Label
+from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
+
+P = ReckoningParameters()
+SHAPE = StepShape(swing=16.0, rise_m=0.04)
+
+
+def test_fixed_calibrated_and_by_height_need_no_signal() -> None:
+    assert step_length(SHAPE, "", replace(P, step_length="fixed", length_m=0.6)) == 0.6
+    calibrated = replace(P, step_length="calibrated", calibrated_m=70.0, calibrated_steps=100)
+    assert step_length(SHAPE, "", calibrated) == pytest.approx(0.7)
+    tall = replace(P, step_length="height", height_m=1.8, height_part=0.4)
+    assert step_length(SHAPE, "", tall) == pytest.approx(0.72)
+
+
+def test_weinberg_takes_the_fourth_root_of_the_swing() -> None:
+    assert step_length(SHAPE, "", replace(P, weinberg=0.35)) == pytest.approx(0.7)
+
+
+def test_the_pendulum_takes_the_chord_of_what_the_leg_swings_up() -> None:
+    p = replace(P, step_length="pendulum", pendulum=1.0, height_m=1.0 / 0.53)
+    assert step_length(SHAPE, "", p) == pytest.approx(2 * math.sqrt(2 * 0.04 - 0.04**2))
+    assert math.isfinite(step_length(StepShape(1.0, 9.0), "", p))
+
+
+def test_steps_back_and_aside_are_shorter() -> None:
+    ahead = step_length(SHAPE, "forward", P)
+    assert step_length(SHAPE, "backward", P) == pytest.approx(P.backward * ahead)
+    assert step_length(SHAPE, "left", P) == step_length(SHAPE, "right", P) < ahead
+
+
+def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> Motion:
+    n = round((step_s + 0.1) * rate_hz) + 1
+    time_s = np.arange(n) / rate_hz - 0.05
+    wave = 2 * math.pi / step_s
+    up = -0.5 * rise_m * wave**2 * np.cos(wave * time_s)
+    times = np.rint(time_s * NS_PER_S).astype(np.int64)
+    return Motion(times, np.zeros(n), up, np.full((n, 3), np.nan), np.zeros(n))
+
+
+def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:
+    shape = shape_of(motion(0.05, 0.5), NS_PER_S // 20)
+    assert shape.rise_m == pytest.approx(0.05, rel=0.1)
+    assert shape.swing == pytest.approx(0.05 * (4 * math.pi) ** 2, rel=0.1)
+
+
+def test_a_step_of_hardly_any_samples_has_no_shape() -> None:
+    whole = motion(0.05, 0.5)
+    assert shape_of(whole.between(0, 1), NS_PER_S // 20) == StepShape(0.0, 0.0)
+
+
+def test_degrees_become_metres_to_the_east_and_north() -> None:
+    plane = TangentPlane((10.0, 20.0))
+    start = (math.radians(46.5), math.radians(6.6))
+    assert plane.place(*start) == pytest.approx((10.0, 20.0))
+    x, y = plane.place(start[0] + math.radians(1e-3), start[1] + math.radians(1e-3))
+    # a degree of latitude and of longitude at 46.5 degrees: 111.163 km and 76.77 km (WGS 84)
+    assert (x - 10, y - 20) == (pytest.approx(76.77, abs=0.05), pytest.approx(111.16, abs=0.05))
+
+
+def test_the_date_line_is_no_way_around_the_world() -> None:
+    plane = TangentPlane()
+    plane.place(0.0, math.radians(179.9999))
+    x, _ = plane.place(0.0, math.radians(-179.9999))
+    assert x == pytest.approx(22.26, abs=0.05)
+
+
+LABELS = (
+    Label(3, "waypoint", x_m=3.0, y_m=0.0),
+    Label(1, "waypoint", x_m=1.0, y_m=0.0),
+    Label(2, "waypoint", x_m=2.0, y_m=0.0),
+    Label(2, "step", x_m=9.0, y_m=9.0),
+    Label(4, "waypoint"),
+)
+
+
+@pytest.mark.parametrize(
+    ("updates", "times"),
+    [("none", []), ("gnss", []), ("first-two", [1, 2]), ("waypoints", [1, 2, 3])],
+)
+def test_only_the_waypoints_asked_for_are_known(updates: str, times: list[int]) -> None:
+    assert [k.time_ns for k in waypoints_of(LABELS, updates, 1.0)] == times
+
+
+def test_the_barometer_tells_the_height_over_the_first_step() -> None:
+    stream = Stream("/baro", (Channel("p", "pressure", "Pa"),), 10.0)
+    pressure = 101_325 * np.exp(-np.linspace(0, 20, 200) / 8434.5)
+    pressure[50] = np.nan
+    barometer = Barometer()
+    assert math.isnan(barometer.height_m(0))
+    barometer.hear(SignalBlock(stream, 0, 0, pressure[:, None]))
+    assert barometer.height_m(2 * NS_PER_S) == 0
+    assert barometer.height_m(12 * NS_PER_S) == pytest.approx(10.05, abs=0.05)

@@ -1,0 +1,135 @@
+"""The heading stage: streams of one sensor, disturbances, gaps, and a state that can be kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from turning_sensor import RATE_HZ, Turning, turning
+
+from groundtrace.pipeline import Pipeline, build_pipeline, load_pipeline, parse_pipeline
+from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, StageSpec
+from groundtrace_codecs.signals import Channel, SignalBlock, Stream
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import Event
+
+VQF = b'name = "vqf"\napplication = "walker"\n[[stage]]\nname = "heading"\nuse = "vqf"\n'
+
+
+def stream(topic: str, *quantities: tuple[str, str], rate_hz: float = RATE_HZ) -> Stream:
+    channels = tuple(
+        Channel(f"{q}_{axis}", q, unit, axis) for q, unit in quantities for axis in "xyz"
+    )
+    return Stream(topic, channels, rate_hz, placement="waist")
+
+
+IMU = stream("/imu", ("acceleration", "m/s2"), ("angular_velocity", "rad/s"))
+MAG = stream("/mag", ("magnetic_field", "T"))
+
+
+def blocks(case: Turning, samples: int = 50) -> list[SignalBlock]:
+    """Both streams in blocks of so many samples, in the order of time."""
+    s = case.samples
+    imu = SignalBlock(IMU, 0, 0, np.concatenate([s.force, s.rate], axis=1))
+    mag = SignalBlock(MAG, 0, 0, s.field)
+    cuts = range(0, len(s), samples)
+    return [b.slice(at, min(at + samples, len(s))) for at in cuts for b in (imu, mag)]
+
+
+def said(items: list[Any], chain: Pipeline | None = None) -> list[Event]:
+    chain = chain or build_pipeline(load_pipeline("heading"))
+    return [e for item in items for e in chain.process(item)] + list(chain.flush())
+
+
+def of(events: list[Event], kind: type[Any]) -> list[Any]:
+    return [e for e in events if isinstance(e, kind)]
+
+
+def test_headings_come_at_the_rate_asked_for() -> None:
+    headings = of(said(blocks(turning(10.0))), Heading)
+    steps = np.diff([h.time_ns for h in headings])
+    assert len(headings) == 500
+    assert np.all(np.abs(steps - 20e6) <= 10e6)
+
+
+def test_every_frame_is_a_candidate_with_value_and_margin_of_every_test() -> None:
+    events = said(blocks(turning(10.0)))
+    (spec,) = of(events, StageSpec)
+    found = of(events, CandidateBlock)
+    assert [g.name for g in spec.gates] == [
+        "norm", "deviation", "planimetric", "azimuth", "derivative", "dip", "field", "iron",
+    ]  # fmt: skip
+    assert sum(map(len, found)) == 100
+    assert all(np.isfinite(b.margin).all() for b in found)
+
+
+@pytest.mark.parametrize("samples", [1, 7, 10**6])
+def test_blocks_of_any_size_give_the_same_events(samples: int) -> None:
+    case = turning(9.0).attached((25, 0, 10), 4.0, 6.0)
+    whole, cut = said(blocks(case)), said(blocks(case, samples))
+    assert of(whole, Heading) == of(cut, Heading)
+    assert of(whole, Disturbance) == of(cut, Disturbance)
+
+
+def test_a_disturbance_has_a_start_an_end_and_a_size() -> None:
+    events = said(blocks(turning(20.0).attached((25, 0, 10), 8.0, 12.0)))
+    (disturbance,) = of(events, Disturbance)
+    assert disturbance.time_ns / 1e9 == pytest.approx(8.0, abs=0.2)
+    assert disturbance.end_ns / 1e9 == pytest.approx(12.0, abs=0.3)
+    assert disturbance.value == pytest.approx(27.0, abs=15.0)
+
+
+def test_a_magnetometer_of_another_rate_serves() -> None:
+    case = turning(20.0)
+    imu = [b for b in blocks(case) if b.topic == "/imu"]
+    slow = stream("/mag", ("magnetic_field", "T"), rate_hz=RATE_HZ / 4)
+    mag = SignalBlock(slow, 0, 0, case.samples.field[::4])
+    parts = [mag.slice(at, at + 12) for at in range(0, len(mag), 12)]
+    events = said(sorted([*imu, *parts], key=lambda b: b.end_ns))
+    accepted = np.concatenate([b.accepted for b in of(events, CandidateBlock)])
+    assert len(of(events, Heading)) == 1000
+    assert accepted.mean() > 0.9
+
+
+def test_a_sensor_without_a_magnetometer_has_headings_and_no_tests() -> None:
+    events = said([b for b in blocks(turning(10.0)) if b.topic == "/imu"])
+    assert len(of(events, Heading)) == 500
+    assert not of(events, CandidateBlock)
+
+
+def test_a_recording_without_a_gyroscope_gives_nothing() -> None:
+    case = turning(5.0)
+    force = stream("/acc", ("acceleration", "m/s2"))
+    assert said([SignalBlock(force, 0, 0, case.samples.force)]) == []
+
+
+def test_after_a_gap_of_the_gyroscope_everything_begins_anew() -> None:
+    whole = blocks(turning(10.0))
+    gap = Gap("/imu", whole[9].end_ns, whole[10].start_ns, "missing", 1)
+    both, alone = said([*whole[:10], gap, *whole[10:]]), said(whole[10:])
+    fresh = of(alone, Heading)
+    assert of(both, Heading)[-len(fresh) :] == fresh
+
+
+def test_samples_that_are_no_numbers_do_not_spread() -> None:
+    case = turning(6.0)
+    rate = case.samples.rate.copy()
+    rate[200:230] = np.nan
+    events = said(blocks(replace(case, samples=replace(case.samples, rate=rate))))
+    assert np.isfinite([h.heading_rad for h in of(events, Heading)]).all()
+
+
+@pytest.mark.parametrize("recipe", ["heading", "vqf"])
+def test_a_stage_saved_and_restored_goes_on(recipe: str) -> None:
+    if recipe == "vqf":
+        pytest.importorskip("vqf")
+    config = parse_pipeline(VQF, "vqf.toml") if recipe == "vqf" else load_pipeline(recipe)
+    items = blocks(turning(8.0))
+    one, other = build_pipeline(config), build_pipeline(config)
+    first = [e for item in items[:11] for e in one.process(item)]
+    other.stages[0].restore(one.stages[0].save())
+    events = first + said(items[11:], other)
+    assert of(events, Heading) == of(said(items, build_pipeline(config)), Heading)
