@@ -35,7 +35,7 @@ check: dev
 	$(BIN)/mypy
 
 test: dev
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 build: dev
 	$(BIN)/python -m build --wheel --outdir dist .
@@ -57,6 +57,7 @@ accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random roo
 	$(BIN)/python bench/room_accuracy.py
 	$(BIN)/python bench/foot_accuracy.py
 	$(BIN)/python bench/heading_accuracy.py
+	$(BIN)/python bench/pedestrian_accuracy.py
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \

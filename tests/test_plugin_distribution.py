@@ -120,7 +120,7 @@ def test_without_the_plugin_its_name_is_one_line(
     (tmp_path / "amplitude.toml").write_text(PIPELINE, "utf-8")
     pipeline = ("--pipeline", tmp_path / "amplitude.toml", "--no-viewer")
     said = run(capsys, "replay", path_of("room-walk.mcap"), *pipeline).error
-    assert said.startswith("use: expected one of coincidence, dp,")
+    assert said.startswith("use: expected one of adaptive, ")
     assert said.endswith("found 'threshold'")
 
 

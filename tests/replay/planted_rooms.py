@@ -26,6 +26,24 @@ RATE = 20_000
 STEPS = 14
 #: A step and its coda, but not the next step.
 STEP = round(0.4 * RATE)
+#: Places of onsets as they were picked: no array method that mends a wrong pick by the others.
+ONSETS = """
+name = "room-onsets"
+description = "Places of onsets."
+application = "room"
+[[stage]]
+name = "picks"
+use = "toa-cv"
+[[stage]]
+name = "steps"
+use = "coincidence"
+[[stage]]
+use = "so-tdoa"
+[[stage]]
+use = "hyperbolic"
+[[stage]]
+use = "power-law"
+"""
 
 
 @cache
@@ -68,6 +86,12 @@ class Room:
         n, a = round(delay_s * RATE), self._begin(number)
         part = self.samples[a - n : a + STEP - n, channel].copy()
         self.samples[a : a + STEP, channel] = part
+
+    def set_clock(self, channel: int, ahead_s: float) -> None:
+        """Write into the geometry how far the clock of a sensor is ahead."""
+        sensors = list(self.geometry.sensors)
+        sensors[channel] = replace(sensors[channel], clock_offset_s=ahead_s)
+        self.geometry = replace(self.geometry, sensors=tuple(sensors))
 
     def move(self, channel: int, by_m: tuple[float, float]) -> None:
         """Write a wrong place of a sensor into the geometry."""

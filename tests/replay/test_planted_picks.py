@@ -52,6 +52,22 @@ def test_dead_late_and_clock_are_told_apart_channel_by_channel(
     assert late["off_ms"] == pytest.approx(6.0, abs=0.3)
 
 
+def test_a_stage_behind_an_array_method_is_judged_where_it_is_asked_for(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room()
+    room.delay(3, 0.005)
+    results = room.results(tmp_path)
+    onsets, arrivals = (why(results, capsys, *PICKS, *s) for s in ((), ("--stage", "arrivals")))
+    assert (onsets["stage"], arrivals["stage"]) == ("picks", "arrivals")
+    assert onsets["causes"] == {"clock": STEPS}
+    late = {c["channel"]: c["median_ms"] for c in onsets["channels"]}
+    assert late["G4"] == pytest.approx(5.2, abs=0.3)
+    with pytest.raises(SystemExit):
+        why(results, capsys, *PICKS, "--stage", "steps")
+    assert "expected one of picks, arrivals, found steps" in capsys.readouterr().err
+
+
 def test_a_first_swing_under_the_threshold_is_told_with_both_values(
     tmp_path: Path, capsys: Capture
 ) -> None:

@@ -1,0 +1,275 @@
+"""The stage of dead reckoning on a made-up walker with a level phone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from groundtrace.errors import PipelineError
+from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.reckoning.parameters import ReckoningParameters
+from groundtrace.reckoning.reckoner import DeadReckoner
+from groundtrace.reckoning.stage import ReckoningStage
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Event,
+    Gap,
+    Heading,
+    Note,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
+from groundtrace_codecs.labels import Label
+from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+RATE_HZ, STEP_S, LENGTH_M = 50.0, 0.5, 0.7
+P = ReckoningParameters(step_length="fixed", length_m=LENGTH_M, mount_deg=1.0)
+SPEC = StageSpec("steps", "x", "/acc", ("up",), (), (), (), "step")
+Item = SignalBlock | Event
+
+
+def triple(topic: str, quantity: str, unit: str) -> Stream:
+    return Stream(
+        topic, tuple(Channel(f"{quantity}_{a}", quantity, unit, a) for a in "xyz"), RATE_HZ, "phone"
+    )
+
+
+FORCE = triple("/acc", "acceleration", "m/s2")
+TURNING = triple("/gyro", "angular_velocity", "rad/s")
+FIELD = triple("/mag", "magnetic_field", "T")
+PLACE = Stream(
+    "/gnss",
+    (Channel("lat", "latitude", "deg"), Channel("lon", "longitude", "deg")),
+    1.0,
+)
+
+
+def headings(seconds: float, corner_s: float | None) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Heading of the phone's y axis: east, and north after the corner."""
+    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    corner = math.inf if corner_s is None else corner_s
+    return np.pi / 2 * np.clip((t - corner) / 1.0, 0, 1)
+
+
+def signal(
+    seconds: float = 30.0, corner_s: float | None = 15.0, field: bool = True
+) -> list[SignalBlock]:
+    """A phone's level signal in blocks of half a second, topics in turn."""
+    turned = headings(seconds, corner_s)
+    n = len(turned)
+    t = np.arange(n) / RATE_HZ
+    bob = 3 * np.cos(2 * np.pi * t / STEP_S)
+    force = np.stack([0 * t, 0 * t, 9.80665 + bob], axis=1)
+    rate = np.stack([0 * t, 0 * t, np.gradient(turned, 1 / RATE_HZ)], axis=1)
+    # the phone's y axis is the heading, its x axis to the right of it
+    north = np.stack([-np.cos(turned), np.sin(turned), -2 + 0 * t], axis=1) * 2e-5
+    blocks = []
+    size = round(RATE_HZ / 2)
+    for first in range(0, n, size):
+        given = ((FORCE, force), (TURNING, rate), *(((FIELD, north),) if field else ()))
+        blocks += [SignalBlock(s, 0, first, v[first : first + size]) for s, v in given]
+    return blocks
+
+
+def steps(seconds: float = 30.0, kind: str = "") -> list[StepEvent]:
+    times = np.arange(2.0, seconds - 1, STEP_S)
+    return [
+        StepEvent(round(x * NS_PER_S), "step", "", "/acc", "steps", 1.0, type=kind) for x in times
+    ]
+
+
+def items(blocks: Sequence[SignalBlock], found: Sequence[StepEvent]) -> list[Item]:
+    """Every step comes 2 s after its time, as from a detector that looks around."""
+    out: list[Item] = [SPEC]
+    waiting = list(found)
+    for block in blocks:
+        while waiting and waiting[0].time_ns + 2 * NS_PER_S <= block.start_ns:
+            out.append(waiting.pop(0))
+        out.append(block)
+    return out + list(waiting)
+
+
+def stage(parameters: ReckoningParameters = P, labels: Sequence[Label] = ()) -> ReckoningStage:
+    return ReckoningStage(
+        "track", "reckoning", DeadReckoner, parameters, stepping="steps", labels=labels
+    )
+
+
+def run(made: ReckoningStage, given: Iterable[Item]) -> list[Event]:
+    return [e for item in given for e in made.process(item)] + list(made.flush())
+
+
+@cache
+def plain() -> tuple[Event, ...]:
+    """What the stage says of the walk with a corner."""
+    return tuple(run(stage(), items(signal(), steps())))
+
+
+def points(events: Iterable[Event], name: str = "track") -> list[TrackPoint]:
+    return [e for e in events if isinstance(e, TrackPoint) and e.stage == name]
+
+
+def test_a_walker_goes_east_and_then_north() -> None:
+    events = plain()
+    found = points(events)
+    count = len(steps())
+    assert len(found) == count + 1
+    assert (found[0].x_m, found[0].y_m) == (0, 0)
+    assert found[-1].x_m == pytest.approx(LENGTH_M * 28, abs=1.0)
+    assert found[-1].y_m == pytest.approx(LENGTH_M * 26, abs=1.0)
+    assert len(points(events, "track.smoothed")) == count + 1
+    azimuths = [e.heading_rad for e in events if isinstance(e, Heading)]
+    assert azimuths[5] == pytest.approx(0, abs=0.02)
+    assert azimuths[-1] == pytest.approx(np.pi / 2, abs=0.03)
+
+
+def test_velocities_and_growing_covariances_come_with_the_points() -> None:
+    found = points(run(stage(), items(signal(corner_s=None), steps())))
+    assert math.isnan(found[0].vx_mps)
+    assert found[20].vx_mps == pytest.approx(LENGTH_M / STEP_S, abs=0.02)
+    spreads = [p.covariance[0] + p.covariance[2] for p in found]
+    assert (np.diff(spreads) > 0).all()
+
+
+@pytest.mark.parametrize("size", [3, 1000])
+def test_the_track_is_the_same_whatever_the_blocks(size: int) -> None:
+    whole = plain()
+    cut = [
+        block.slice(k, min(k + size, len(block)))
+        for block in signal()
+        for k in range(0, len(block), size)
+    ]
+    other = run(stage(), items(cut, steps()))
+    assert [(p.time_ns, p.x_m, p.y_m) for p in points(other)] == [
+        (p.time_ns, pytest.approx(p.x_m, abs=1e-9), pytest.approx(p.y_m, abs=1e-9))
+        for p in points(whole)
+    ]
+    smooth = [points(e, "track.smoothed") for e in (whole, other)]
+    assert [p.time_ns for p in smooth[0]] == [p.time_ns for p in smooth[1]]
+
+
+def test_saved_and_restored_it_goes_on_as_it_would_have() -> None:
+    given = items(signal(), steps())
+    whole = plain()
+    first, second = stage(), stage()
+    events = [e for item in given[:80] for e in first.process(item)]
+    second.restore(first.save())
+    events += run(second, given[80:])
+    assert repr(points(events)) == repr(points(whole))
+
+
+@pytest.mark.parametrize(
+    ("kind", "turn", "part"), [("backward", np.pi, 0.7), ("left", np.pi / 2, 0.5)]
+)
+def test_steps_of_other_types_go_another_way_and_less_far(
+    kind: str, turn: float, part: float
+) -> None:
+    found = points(run(stage(), items(signal(corner_s=None), steps(kind=kind))))
+    far = part * LENGTH_M * len(steps())
+    assert found[-1].x_m == pytest.approx(far * math.cos(turn), abs=0.3)
+    assert found[-1].y_m == pytest.approx(far * math.sin(turn), abs=0.3)
+
+
+def test_a_step_too_soon_after_another_is_a_candidate_but_not_taken() -> None:
+    given = steps()
+    extra = replace(given[10], time_ns=given[10].time_ns + NS_PER_S // 10)
+    events = run(stage(), items(signal(), sorted([*given, extra], key=lambda s: s.time_ns)))
+    blocks = [e for e in events if isinstance(e, CandidateBlock)]
+    rejected = [int(b.time_ns[0]) for b in blocks if not b.accepted[0]]
+    assert rejected == [extra.time_ns]
+    assert len(points(events)) == len(given) + 1
+    assert blocks[0].spec.gates[0].name == "cadence"
+
+
+def waypoint(time_s: float, x: float, y: float) -> Label:
+    return Label(round(time_s * NS_PER_S), "waypoint", x_m=x, y_m=y)
+
+
+LABELS = (waypoint(1.4, 100.0, 50.0), waypoint(10.0, 100.0, 62.0), waypoint(25.0, 60.0, 60.0))
+
+
+def test_waypoints_count_only_where_they_are_asked_for() -> None:
+    given = run(stage(P, LABELS), items(signal(), steps()))
+    assert repr(points(plain())) == repr(points(given))
+
+
+def test_two_waypoints_give_place_and_direction_without_a_compass() -> None:
+    p = replace(P, updates="first-two", azimuth="gyroscope")
+    found = points(run(stage(p, LABELS), items(signal(), steps())), "track.smoothed")
+    assert (found[0].x_m, found[0].y_m) == (pytest.approx(100, abs=1), pytest.approx(50, abs=1))
+    near = min(found, key=lambda q: abs(q.time_ns - 10 * NS_PER_S))
+    assert (near.x_m, near.y_m) == (pytest.approx(100, abs=1), pytest.approx(62, abs=1))
+    # where east was north the walk turns to the west, and the third waypoint is not looked at
+    assert found[-1].x_m == pytest.approx(100 - LENGTH_M * 26, abs=2.5)
+
+
+def test_all_waypoints_pull_the_track_and_tell_how_surprising_they_were() -> None:
+    labels = (LABELS[0], waypoint(10.0, 112.0, 50.0), waypoint(25.0, 122.0, 66.0))
+    p = replace(P, updates="waypoints")
+    found = points(run(stage(p, labels), items(signal(), steps())))
+    assert sum(math.isfinite(q.nis) for q in found) == 2
+    near = min(found, key=lambda q: abs(q.time_ns - 25 * NS_PER_S))
+    assert math.hypot(near.x_m - 122, near.y_m - 66) < 2
+
+
+def test_satellite_fixes_are_taken_in_where_there_are_some() -> None:
+    metres = LENGTH_M / STEP_S * 1.1 * np.clip(np.arange(30.0) - 1.5, 0, None)
+    degrees = np.stack([46.5 + 0 * metres, 6.6 + metres / 76_770], axis=1)
+    fixes = [SignalBlock(PLACE, 0, k, degrees[k : k + 1]) for k in range(30)]
+    blocks = sorted([*signal(corner_s=None), *fixes], key=lambda b: b.last_ns)
+    found = points(run(stage(), items(blocks, steps())))
+    alone = points(run(stage(), items(signal(corner_s=None), steps())))
+    assert any(math.isfinite(q.nis) for q in found)
+    assert abs(found[-1].x_m - metres[-1]) < abs(alone[-1].x_m - metres[-1])
+
+
+def test_a_gap_ends_the_track_and_the_next_begins_where_it_ended() -> None:
+    before, after = signal(14.0, None), signal(30.0, None)
+    moved = [b for b in after if b.start_ns >= 18 * NS_PER_S]
+    gap = Gap("/acc", 14 * NS_PER_S, 18 * NS_PER_S, "missing", 200)
+    early = [s for s in steps() if s.time_ns < 13 * NS_PER_S]
+    late = [s for s in steps() if s.time_ns > 20 * NS_PER_S]
+    given = [*items(before, early), gap, *items(moved, late)[1:]]
+    found = points(run(stage(), given))
+    assert {p.track for p in found} == {1, 2}
+    last = [p for p in found if p.track == 1][-1]
+    first = next(p for p in found if p.track == 2)
+    assert (first.x_m, first.y_m) == (last.x_m, last.y_m)
+
+
+def test_steps_without_a_gyroscope_lead_nowhere_and_that_is_said() -> None:
+    blocks = [b for b in signal() if b.topic == "/acc"]
+    events = run(stage(), items(blocks, steps()))
+    assert not points(events)
+    (note,) = [e for e in events if isinstance(e, Note)]
+    assert "expected a gyroscope" in note.text
+
+
+def test_the_compass_alone_follows_every_disturbance() -> None:
+    blocks = signal(corner_s=None)
+    disturbed = [
+        replace(b, samples=b.samples + np.array([0, 3e-5, 0]))
+        if b.topic == "/mag" and 10 <= b.start_ns / NS_PER_S < 20
+        else b
+        for b in blocks
+    ]
+    off = {}
+    for azimuth in ("fused", "compass"):
+        found = points(run(stage(replace(P, azimuth=azimuth)), items(disturbed, steps())))
+        off[azimuth] = abs(found[-1].y_m)
+    assert off["fused"] < 0.25 * off["compass"]
+
+
+def test_a_pipeline_without_steps_is_refused() -> None:
+    text = b'name = "x"\napplication = "walker"\n[[stage]]\nuse = "reckoning"\n'
+    with pytest.raises(PipelineError, match="expected a stage that gives steps before it"):
+        build_pipeline(parse_pipeline(text, "x.toml"))
