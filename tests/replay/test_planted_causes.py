@@ -147,7 +147,9 @@ def test_the_closed_walking_gate_is_named(
         labels=labels,
     )
 
-    account = why(tmp_path / "walk.mcap", capsys, "--pipeline", "waist-peaks", "--set", "steps.activity=0.9")
+    account = why(
+        tmp_path / "walk.mcap", capsys, "--pipeline", "waist-peaks", "--set", "steps.activity=0.9"
+    )
 
     lonely_s = (lonely - start_ns) / NS_PER_S
     reason = next(m["reason"] for m in account["missed"] if abs(m["time_s"] - lonely_s) < 0.01)

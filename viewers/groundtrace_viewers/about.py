@@ -34,6 +34,14 @@ colours, and of several walkers each true path.
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge. Below the samples around \
 the cursor is the same at every sample, 0.1 s before to 0.1 s after each step.
+* Walkers: the detector's plot has its filtered signal at every sample, with accepted peaks as \
+green triangles, their valleys as blue ones, and rejected ones as red crosses. Masses: what each \
+sensor, and both combined, believe of each candidate; the three add up to one.
+* Headings are drawn with the full turn that is nearest to the truth, or without jumps where there \
+is none. The shade is where a stage finds the field disturbed; the truth's own spans are a lane.
+* The way of a walker: truth, waypoints, satellite fixes in metres from the first, tracks. Up is \
+north where the arrow says so; elsewhere a track's direction is free, and the truth is turned and \
+shifted onto the last track, as the key then says: distances between the two are then no errors.
 * Spectrogram at steps: 0.3 s before to 0.3 s after each, down to 45 dB below the loudest.
 * Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
 number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \

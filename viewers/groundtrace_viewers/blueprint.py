@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from . import views
-from .sensor_map import bounds
 from .signals import FULL_RATE_HZ
 from .timeline import TIMELINE
 
@@ -33,8 +32,10 @@ ROWS = (
     (("magnetic_field", "pressure"), 1.5),
 )
 WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
+#: What is on the map of a walk in metres.
+ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.07, 0.046
+LANE_HEADING, LANE = 0.07, 0.04
 MOST_LANES = 8
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
 SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0)
@@ -42,7 +43,11 @@ SPECTRUM_S = (0.05, 0.25)
 
 
 def blueprint(
-    session: Session, entities: Sequence[Entity], *, follow: bool = False
+    session: Session,
+    entities: Sequence[Entity],
+    shown: Bounds | None = None,
+    *,
+    follow: bool = False,
 ) -> rrb.Blueprint:
     """Return the layout of a session.
 
@@ -52,20 +57,21 @@ def blueprint(
         What is replayed.
     entities
         What was logged: there is no view without an entity.
+    shown
+        What the map must show; None lets the viewer choose.
     follow
         True while data arrive: the cursor stays at the latest.
     """
     import rerun.blueprint as rrb
 
-    site = bounds(session) if _of(entities, "map") else None
-    detail = _detail(session.application, entities, legend=site is None)
-    below = detail if site else []
+    mapped = bool(_of(entities, "map"))
+    detail = _detail(session.application, entities, legend=not mapped)
+    below = detail if mapped else []
     overview = _overview(session.application, entities)
     stack = overview + _lanes(entities, overview + below) + below
-    unit = session.geometry.length_unit if session.geometry is not None else "m"
-    side = (_map(site, entities, unit) if site else detail) + _texts(entities)
+    side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
-    shares = [2.2, 3.0] if site else [1.0, 2.0]
+    shares = [2.2, 3.0] if mapped else [1.0, 2.0]
     return rrb.Blueprint(
         rrb.Horizontal(*columns, column_shares=shares[: len(columns)]),
         rrb.TimePanel(
@@ -117,9 +123,11 @@ def _texts(entities: Sequence[Entity]) -> list[Part]:
     return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), 2.0)]
 
 
-def _map(site: Bounds, entities: Sequence[Entity], unit: str) -> list[Part]:
-    wide = (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
-    return [(views.site(site, entities, unit), 0.5 if wide else 3.0)]
+def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> list[Part]:
+    unit = session.geometry.length_unit if session.geometry is not None else "m"
+    name = f"{'Way' if session.application == 'walker' else 'Site'} [{unit}]"
+    wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
+    return [(views.site(site, entities, name), 0.5 if wide else 3.0)]
 
 
 def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
@@ -133,6 +141,8 @@ def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
     decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
     if application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
+    if application == "walker":
+        return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
     return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 
 
@@ -151,6 +161,24 @@ def _worn(entities: Sequence[Entity]) -> list[Part]:
         parts += _parts(shown, share)
     others = [views.plot(e) for e in signals if e.quantity not in WORN and _is_other(e)]
     return parts + _parts(others, 1.0)
+
+
+def _walked(entities: Sequence[Entity], others: Sequence[rrb.View]) -> list[Part]:
+    """Show worn sensors: the acceleration, and the others behind tabs where there is much else."""
+    signals = [e for e in _of(entities, "signal") if e.quantity in WORN or _is_other(e)]
+    signals = [e for e in signals if e.quantity not in ON_MAP]
+    signals.sort(key=lambda e: e.quantity not in ACCELERATIONS)
+    worn = [views.plot(e) for e in signals]
+    crowded = any(e.role in ("masses", "heading") for e in entities)
+    first = [] if crowded else worn[:1]
+    return [*_parts(first, 1.9), *_parts([*worn[len(first) :], *others], 1.9)]
+
+
+def _believed(entities: Sequence[Entity]) -> list[Part]:
+    """Show the masses of each source, and headings."""
+    parts: list[Part] = [(views.masses(e), 1.5) for e in _of(entities, "masses")]
+    headings = _of(entities, "heading")
+    return [*parts, (views.headings(headings), 3.0)] if headings else parts
 
 
 def _decision(entity: Entity) -> rrb.View:

@@ -1,7 +1,4 @@
-"""A picker's decision function at every sample around steps, by the picker itself.
-
-Results hold frames of 50 ms. Here the picker runs once more on the same blocks, for its curve.
-"""
+"""A picker's decision function at every sample around steps, by the picker itself."""
 
 from __future__ import annotations
 
@@ -9,11 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.stage import DetectorStage
-
+from .curves import Retold
 from .detector import ceiling, decision_gate
 from .excerpts import Excerpts
-from .recipe import used
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -57,21 +52,13 @@ class PickerCurve:
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
-        found = used(session, spec)
-        self._stage: DetectorStage | None = None
-        if found is not None and hasattr(found.kind, "curve"):
-            self._stage = DetectorStage(
-                spec.stage, spec.plugin, found.kind, found.parameters, found.topics
-            )
+        self._retold = Retold(session, spec)
+        if self._retold.known:
             self._declare()
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the picker is given: a block, or a gap."""
-        if self._stage is None or item.topic != self._spec.topic:
-            return
-        for _ in self._stage.process(item):
-            pass
-        curve = self._stage.curve(self._spec.topic)
+        curve = self._retold.feed(item)
         if curve is not None:
             self._excerpts.push(curve.time_ns, curve.value)
 

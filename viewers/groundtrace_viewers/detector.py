@@ -218,5 +218,5 @@ class DetectorLog:
             return DISAGREE if accepted else ""
         if not accepted:
             return f"{self._because}{gate}"
-        on_map = self._spec.emits in PLACING
-        return "" if on_map or step_like(self._spec) else "accepted"
+        elsewhere = self._spec.emits in PLACING or self._spec.emits == "heading"
+        return "" if elsewhere or step_like(self._spec) else "accepted"

@@ -8,18 +8,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .lanes import GAPS, Lane
-from .palette import IGNORED, IMPACT, LOSS, SPAN, STEP, STEP_COLOURS, WALKER_COLOURS
+from .palette import (
+    DISTURBED,
+    IGNORED,
+    IMPACT,
+    LOSS,
+    SPAN,
+    STEP,
+    STEP_COLOURS,
+    TYPE_COLOURS,
+    WALKER_COLOURS,
+)
 from .timeline import Entity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from groundtrace.sinks import Session
     from groundtrace_codecs.events import Gap, Note, Pick, StepEvent
     from groundtrace_codecs.labels import Label
 
     from .palette import SensorColours
     from .timeline import Timeline
 
+#: Labels without a lane, and those that share one.
+ELSEWHERE = frozenset({"waypoint", "heading"})
+TOGETHER = {"ignore": "walking", "trailing": "step"}
 GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
 
 
@@ -112,7 +126,7 @@ class StepLog:
     def add(self, step: StepEvent, height: float) -> None:
         """Take a step; its mark lies at ``height`` of the waveform's plot."""
         self._pending.append((step, height))
-        what = " ".join(filter(None, (step.foot, step.kind)))
+        what = " ".join(filter(None, (step.type or step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
         text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
@@ -132,7 +146,8 @@ class StepLog:
         path = f"/steps/{topic.strip('/')}"
         style = rr.SeriesPoints(markers="up", marker_sizes=7.0, names="step")
         self._timeline.declare(Entity(path, "mark"), style)
-        shades = [STEP_COLOURS.get(s.foot or s.kind, STEP) for s, _ in marks]
+        kinds = STEP_COLOURS | TYPE_COLOURS
+        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s, _ in marks]
         columns = [
             *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
             *rr.SeriesPoints.columns(colors=np.array(shades, np.uint32)),
@@ -146,6 +161,7 @@ class StepLog:
         columns = rr.AnyValues.columns(
             kind=[s.kind for s in steps],
             foot=[s.foot for s in steps],
+            type=[s.type for s in steps],
             stage=[s.stage for s in steps],
             peak=np.array([s.value for s in steps]),
             channels=np.array([s.channels for s in steps]),
@@ -181,24 +197,35 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
     lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
 
 
+def lane_labels(session: Session) -> list[Label]:
+    """Return the labels that have lanes: of a room with steps not the walk as a whole.
+
+    It would say nothing more, unless parts of it are ignored.
+    """
+    kinds = {label.kind for label in session.labels}
+    needless = session.application == "room" and "step" in kinds and "ignore" not in kinds
+    return [x for x in session.labels if not (needless and x.kind == "walking")]
+
+
 def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/truth") -> None:
     """Log a lane for every kind of label, below ``root``.
 
-    Places alone are on the map, and arrivals follow from the step or impact they belong to. Of
-    several targets the lane says which.
+    Places alone are on the map, headings have a plot, and arrivals follow from the step or impact
+    they belong to. Of several targets the lane says which.
     """
     known = tuple(labels)
     targets = sorted({x.target for x in known if x.target})
     walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False)) if len(targets) > 1 else {}
     caused = any(x.kind in ("step", "impact") for x in known)
+    kinds = STEP_COLOURS | TYPE_COLOURS
     lanes: dict[str, Lane] = {}
     for label in known:
-        if label.kind == "waypoint" or (label.kind == "pick" and caused):
+        if label.kind in ELSEWHERE or (label.kind == "pick" and caused):
             continue
-        name = "walking" if label.kind == "ignore" else label.kind
-        colours = {name: SPAN, "ignore": IGNORED} | STEP_COLOURS | walkers
+        name = TOGETHER.get(label.kind, label.kind)
+        colours = {name: SPAN, "ignore": IGNORED, "disturbed": DISTURBED} | kinds | walkers
         lane = lanes.setdefault(name, Lane(timeline, f"{root}/{name}", colours))
-        shown = label.label if label.label in STEP_COLOURS else label.kind
+        shown = label.label if label.label in kinds and label.kind == name else label.kind
         if label.kind in ("step", "impact") and label.target in walkers:
             shown = label.target
         lane.add(label.time_ns, shown, label.end_ns)

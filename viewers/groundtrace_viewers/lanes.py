@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .palette import STEP_COLOURS
+from .palette import STEP_COLOURS, TYPE_COLOURS
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class StageLanes:
         self,
         stage: str,
         topic: str,
-        colours: Mapping[str, int] = STEP_COLOURS,
+        colours: Mapping[str, int] = STEP_COLOURS | TYPE_COLOURS,
         emits: str = "step",
     ) -> Lane:
         """Return the lane of a stage on a topic; whoever asks says which states may come."""

@@ -72,6 +72,16 @@ MISSED = 0xFF4D4DFF
 FALSE = 0xE85AD8FF
 DISAGREEMENT = 0xFFD23FFF
 STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
+#: Types of steps, besides left and right; the second contact of a side step.
+TYPE_COLOURS = {"forward": STEP, "backward": 0xE85AD8FF, "trailing": 0x7A8794FF}
+#: A step detector's signal, the valleys of its candidates, and those refused.
+CURVE, VALLEY, REFUSED = 0xC9D2DBFF, 0x56B4E9FF, 0xFF7A6BFF
+#: Masses on a peak, none, and either, and the conflict.
+PEAK, NO_PEAK, EITHER, CONFLICT = 0x4CE08AFF, 0xFF7A6BFF, 0x8A94A0FF, 0xFFD23FFF
+#: Headings by the order of their stages; spans in which they are disturbed.
+HEADING_COLOURS = {"green": 0xB6F23CFF, "blue": 0x35A9F0FF, "pink": 0xFF6FB5FF, "white": 0xF2F2F2FF}
+DISTURBED, DISTURBED_SHADE = 0xC8862AFF, 0xE0A04AFF
+WAYPOINT, SATELLITE = 0xFFFFFFFF, 0x35C9F0FF
 
 #: Colours of rejections, by the place of the failing gate in the detector.
 REJECTION_COLOURS = (0xA85A5AFF, 0xA67C4AFF, 0x7F66A8FF, 0x4F7EA8FF, 0x5F927AFF, 0x92925FFF)

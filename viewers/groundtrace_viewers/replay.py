@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import (
     Bearing,
     CandidateBlock,
     Disagreement,
+    Disturbance,
     Fix,
     Gap,
+    Heading,
     Note,
     Pick,
     StageSpec,
@@ -22,7 +25,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from .about import PAGE, about
 from .detector import DetectorLog, step_like
 from .disagreements import DisagreementLog
-from .events import LogLines, LossLog, PickLog, StepLog, log_note, log_truth
+from .events import LogLines, LossLog, PickLog, StepLog, lane_labels, log_note, log_truth
 from .fine_spectrogram import chosen
 from .fixes import FixLog
 from .lanes import TRUTH, StageLanes
@@ -36,6 +39,7 @@ from .timeline import Timeline
 from .traces import Traces
 from .tracks import TrackLog
 from .verdict import log_verdicts, verdicts
+from .walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,8 +48,10 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import Stream
+
+    from .details import Details
+    from .sensor_map import Bounds
 
 #: How much of the recording is collected before events are logged.
 FLUSH_NS = 10 * NS_PER_S
@@ -53,16 +59,6 @@ LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
 LIVE_CHUNK_S = 0.5
-
-
-def lane_labels(session: Session) -> list[Label]:
-    """Return the labels that have lanes: of a room with steps not the walk as a whole.
-
-    It would say nothing more, unless parts of it are ignored.
-    """
-    kinds = {label.kind for label in session.labels}
-    needless = session.application == "room" and "step" in kinds and "ignore" not in kinds
-    return [x for x in session.labels if not (needless and x.kind == "walking")]
 
 
 class Replay:
@@ -114,12 +110,13 @@ class Replay:
         self._picks = PickLog(self.timeline, self._colours, lines)
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
-        shown = bounds(session)
+        shown = None if session.application == "walker" else bounds(session)
+        self._shown = shown
         self._map = SensorMap(self.timeline, session, self._colours) if shown else None
         self._fixes = FixLog(self.timeline, shown) if shown else None
         self._tracks = TrackLog(self.timeline, shown) if shown else None
         self._disagreements = self._differing()
-        self._stepwise = self._steps_in_room(channels)
+        self._details = self._particulars(channels)
         log_truth(self.timeline, lane_labels(session), TRUTH)
         self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
 
@@ -128,10 +125,15 @@ class Replay:
         unit = site.length_unit if site is not None else "m"
         return DisagreementLog(self.timeline, self._lines, unit, on_map=self._map is not None)
 
-    def _steps_in_room(self, channels: Sequence[str]) -> Stepwise | None:
-        if self._session.application != "room":
-            return None
-        return Stepwise(self.timeline, self._session, self._colours, self._map, channels)
+    def _particulars(self, channels: Sequence[str]) -> Details:
+        if self._session.application == "room":
+            return Stepwise(self.timeline, self._session, self._colours, self._map, channels)
+        return Walk(self.timeline, self._session)
+
+    @property
+    def shown(self) -> Bounds | None:
+        """What the map must show, as far as is known by now; None without a map."""
+        return self._details.bounds or self._shown
 
     def _begin(self, stream: Stream) -> None:
         """Prepare for a stream."""
@@ -163,6 +165,7 @@ class Replay:
                 self._detector(item.spec).trace(item)
             case CandidateBlock():
                 self._detector(item.spec).candidates(item)
+                self._details.candidates(item)
             case Pick():
                 self._pick(item)
             case StepEvent():
@@ -172,13 +175,13 @@ class Replay:
                 if self._fixes is not None:
                     self._fixes.add(item)
             case TrackPoint():
+                self._details.track(item)
                 if self._tracks is not None:
                     self._tracks.add(item)
             case Gap():
                 self._gap(item)
-            case Bearing():
-                if self._stepwise is not None:
-                    self._stepwise.bearing(item)
+            case Bearing() | Heading() | Disturbance():
+                self._details.estimate(item)
             case Disagreement():
                 self._disagreements.add(item)
             case Note():
@@ -198,8 +201,7 @@ class Replay:
         if block.topic == self._spectrogram_topic:
             for spectrogram in self._spectrograms:
                 spectrogram.write(block)
-        if self._stepwise is not None:
-            self._stepwise.signal(block)
+        self._details.signal(block)
         if block.last_ns - self._flushed_ns >= self._flush_every_ns:
             self._flushed_ns = block.last_ns
             self._flush(block.start_ns - LAG_NS)
@@ -212,9 +214,8 @@ class Replay:
             self._stepping[spec.topic] = spec.stage
         elif spec.emits == "fix" and self._fixes is not None:
             self._fixes.begin(spec.stage)
-        if self._stepwise is not None:
-            colour = self._fixes.colour(spec.stage) if spec.emits == "fix" and self._fixes else 0
-            self._stepwise.stage(spec, colour or FIX_COLOURS[0])
+        colour = self._fixes.colour(spec.stage) if spec.emits == "fix" and self._fixes else 0
+        self._details.stage(spec, colour or FIX_COLOURS[0])
         self._detector(spec)
 
     def _detector(self, spec: StageSpec) -> DetectorLog:
@@ -222,15 +223,15 @@ class Replay:
         if key not in self._detectors:
             session = self._session
             span_ns = session.shown_ns or (session.start_ns, session.end_ns)
+            drawn = replace(spec, trace=()) if self._details.draws(spec) else spec
             self._detectors[key] = DetectorLog(
-                self.timeline, spec, self._colours, self._lanes, span_ns
+                self.timeline, drawn, self._colours, self._lanes, span_ns
             )
         return self._detectors[key]
 
     def _gap(self, gap: Gap) -> None:
         self._losses.add(gap)
-        if self._stepwise is not None:
-            self._stepwise.gap(gap)
+        self._details.gap(gap)
         for (_, topic), detector in self._detectors.items():
             if topic == gap.topic and not gap.bridged:
                 detector.interrupt(gap.start_ns)
@@ -241,8 +242,7 @@ class Replay:
             self.first_event_ns = time_ns
 
     def _pick(self, pick: Pick) -> None:
-        if self._stepwise is not None:
-            self._stepwise.pick(pick)
+        self._details.pick(pick)
         if self._picking.get(pick.topic, pick.stage) != pick.stage:
             return
         self._answered(pick.time_ns)
@@ -253,14 +253,15 @@ class Replay:
             self._map.arrival(pick.time_ns, pick.channel)
 
     def _step(self, step: StepEvent) -> None:
-        self._lanes.of(step.stage, step.topic).add(step.time_ns, step.foot or step.kind)
+        self._lanes.of(step.stage, step.topic).add(
+            step.time_ns, step.type or step.foot or step.kind
+        )
         if self._stepping.get(step.topic, step.stage) != step.stage:
             return
         self._answered(step.time_ns)
         self._steps_ns.append(step.time_ns)
         self._steps.add(step, self._traces.of_step(step))
-        if self._stepwise is not None:
-            self._stepwise.step(step)
+        self._details.step(step)
 
     def _flush(self, before_ns: int | None) -> None:
         for detector in self._detectors.values():
@@ -272,8 +273,7 @@ class Replay:
         self._lines.flush()
         for section in self._sections.values():
             section.flush()
-        if self._stepwise is not None:
-            self._stepwise.flush()
+        self._details.flush()
         if self._map is not None:
             self._map.flush()
         if self._fixes is not None:
@@ -289,8 +289,7 @@ class Replay:
             section.advance()
         for spectrogram in self._spectrograms:
             spectrogram.close()
-        if self._stepwise is not None:
-            self._stepwise.close()
+        self._details.close()
         truth = any(x.kind == "step" for x in self._session.labels)
         if truth and self._stepping and self._replayed_ns is not None:
             found = verdicts(self._session, self._steps_ns, self._replayed_ns)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .arrivals_map import ArrivalSigns
-from .palette import IMPACT, LEFT, OUTLINE, RIGHT, WALKER_COLOURS
+from .palette import IMPACT, OUTLINE
 from .timeline import Entity
+from .truth_map import log_truth_places
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,15 +19,12 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.geometry import Geometry, Sensor
-    from groundtrace_codecs.labels import Label
 
     from .palette import SensorColours
     from .timeline import Timeline
 
 #: Everything on the map hangs below this entity, which turns y upwards.
 SITE = "/map/site"
-PATH = f"{SITE}/truth/path"
-FOOTFALLS = f"{SITE}/truth/footfalls"
 ARRIVALS = f"{SITE}/arrivals"
 NAMES = f"{SITE}/names"
 #: Above this many sensors only some are named: labels must not cover each other.
@@ -117,7 +114,11 @@ def places(session: Session) -> NDArray[np.float64]:
 
 def bounds(session: Session) -> Bounds | None:
     """Return what the map must show, or None where the session knows fewer than two places."""
-    known = places(session)
+    return framed(places(session))
+
+
+def framed(known: NDArray[np.float64]) -> Bounds | None:
+    """Return what a map of places, shape (n, 2) [m], must show; None for fewer than two."""
     if len(np.unique(known, axis=0)) < 2:
         return None
     low, high = known.min(axis=0), known.max(axis=0)
@@ -144,6 +145,14 @@ def marker_radius(points: Sequence[tuple[float, float]], extent_m: float) -> flo
     apart = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
     nearest = float(np.median(apart)) / extent_m * MAP_POINTS
     return float(np.clip(0.3 * nearest, 2.0, RADIUS))
+
+
+def log_outline(timeline: Timeline, outline: Sequence[tuple[float, float]]) -> None:
+    """Log the walls."""
+    import rerun as rr
+
+    line = rr.LineStrips2D([[*outline, outline[0]]], colors=[OUTLINE], radii=-1.0)
+    timeline.static(f"{SITE}/outline", line)
 
 
 class SensorMap:
@@ -180,15 +189,14 @@ class SensorMap:
         if session.geometry is not None:
             self._log_geometry(session.geometry)
         self.names = ArrivalSigns(timeline, NAMES, self.signs, session.start_ns)
-        self._log_places([x for x in session.labels if x.x_m is not None and x.y_m is not None])
+        placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
+        log_truth_places(timeline, placed)
 
     def _log_geometry(self, geometry: Geometry) -> None:
         import rerun as rr
 
         if geometry.outline:
-            ring = [*geometry.outline, geometry.outline[0]]
-            line = rr.LineStrips2D([ring], colors=[OUTLINE], radii=-1.0)
-            self._timeline.static(f"{SITE}/outline", line)
+            log_outline(self._timeline, geometry.outline)
         signs = signs_of(geometry, self._colours)
         if signs:
             sensors = rr.Points2D(
@@ -229,42 +237,6 @@ class SensorMap:
                 radii=-0.1,
             )
             self._timeline.static(f"{SITE}/sources/names", names)
-
-    def _log_places(self, labels: Sequence[Label]) -> None:
-        """Log where steps and impacts were, and between steps the path, a segment a row."""
-        import rerun as rr
-
-        if not labels:
-            return
-        known = sorted(labels)
-        targets = sorted({x.target for x in known})
-        walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False))
-        feet = {"left": LEFT, "right": RIGHT} if len(targets) == 1 else {}
-        columns = rr.Points2D.columns(
-            positions=np.array([(x.x_m, x.y_m) for x in known], np.float32),
-            colors=np.array([feet.get(x.label, walkers[x.target]) for x in known], np.uint32),
-            radii=np.full(len(known), -4.0),
-        )
-        self._timeline.declare(Entity(FOOTFALLS, "map"))
-        self._timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
-        for target in targets:
-            walked = [x for x in known if x.kind != "impact" and x.target == target]
-            path = f"{PATH}/{target}" if target else PATH
-            self._log_path(path, walked, walkers[target])
-
-    def _log_path(self, path: str, walked: Sequence[Label], colour: int) -> None:
-        import rerun as rr
-
-        if len(walked) < 2:
-            return
-        points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
-        strips = rr.LineStrips2D.columns(
-            strips=np.stack([points[:-1], points[1:]], axis=1),
-            colors=np.full(len(walked) - 1, colour, np.uint32),
-            radii=np.full(len(walked) - 1, -1.2),
-        )
-        self._timeline.declare(Entity(path, "map"))
-        self._timeline.send(path, [x.time_ns for x in walked[1:]], strips)
 
     def arrival(self, time_ns: int, channel: str) -> None:
         """Take the arrival of a wave at a sensor."""

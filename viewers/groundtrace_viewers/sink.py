@@ -115,7 +115,8 @@ class RerunSink:
     def _send_layout(self, *, follow: bool) -> None:
         if self._recording is not None and self._session is not None and self._replay is not None:
             entities = self._replay.timeline.entities
-            self._recording.send_blueprint(blueprint(self._session, entities, follow=follow))
+            layout = blueprint(self._session, entities, self._replay.shown, follow=follow)
+            self._recording.send_blueprint(layout)
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event, in time order."""

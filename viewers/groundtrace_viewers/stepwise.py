@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from groundtrace.localizers.api import LocalizerParameters
+from groundtrace_codecs.events import Bearing
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from .decision import PickerCurve
+from .details import Details
 from .fine_spectrogram import AFTER_S, LEAST_RATE_HZ, SpectrumViews
 from .recipe import used
 from .stations import StationViews
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace.sinks import Session
-    from groundtrace_codecs.events import Bearing, Gap, Pick, StageSpec, StepEvent
+    from groundtrace_codecs.events import Disturbance, Gap, Heading, Pick, StageSpec, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .hits import RegionLog
@@ -44,7 +46,7 @@ class Due:
     topic: str
 
 
-class Stepwise:
+class Stepwise(Details):
     """Logs everything that belongs to single steps.
 
     Parameters
@@ -145,10 +147,11 @@ class Stepwise:
         """Take a step: what there is to say of it is shown when its signal is complete."""
         self._due.append(Due(step.time_ns, step.topic))
 
-    def bearing(self, bearing: Bearing) -> None:
+    def estimate(self, event: Bearing | Heading | Disturbance) -> None:
         """Take a bearing; it comes with its step."""
-        for views in self._stations.values():
-            views.bearing(bearing)
+        if isinstance(event, Bearing):
+            for views in self._stations.values():
+                views.bearing(event)
 
     def close(self) -> None:
         """Show the last steps."""

@@ -28,8 +28,8 @@ class Entity:
         Entity path, e.g. ``/envelope/seismic``.
     role
         What it is, which chooses its view: ``envelope``, ``signal``, ``norm``, ``spectrogram``,
-        ``section``, ``detector``, ``decision``, ``spectrum``, ``hodogram``, ``mark``, ``lane``,
-        ``log``, ``table``, ``page``, ``map``.
+        ``section``, ``detector``, ``decision``, ``masses``, ``heading``, ``spectrum``,
+        ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``.
     title
         Heading of its view.
     series

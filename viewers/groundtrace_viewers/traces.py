@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .recent import Recent
-from .signals import curves_of
+from .recent import KEEP_S, Recent
+from .signals import FULL_RATE_HZ, curves_of
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
+
+#: Of slow streams so much is kept [s]: what a step of a walk is may be said when the walk ends.
+SLOW_KEEP_S = 300.0
 
 
 class Traces:
@@ -22,7 +25,8 @@ class Traces:
     def begin(self, stream: Stream) -> Recent:
         """Prepare for a stream and return what will hold its samples."""
         self._streams[stream.topic] = stream
-        self._recent[stream.topic] = recent = Recent(stream)
+        keep_s = KEEP_S if stream.rate_hz > FULL_RATE_HZ else SLOW_KEEP_S
+        self._recent[stream.topic] = recent = Recent(stream, keep_s)
         return recent
 
     def push(self, block: SignalBlock) -> None:

@@ -42,10 +42,11 @@ class TrackLog:
     timeline
         Where to.
     shown
-        What of the site the map shows; the key stands in its margin.
+        What of the site the map shows; the key stands in its margin. None where that is not known
+        yet: :meth:`name` then says so at the end.
     """
 
-    def __init__(self, timeline: Timeline, shown: Bounds) -> None:
+    def __init__(self, timeline: Timeline, shown: Bounds | None) -> None:
         self._timeline = timeline
         self._shown = shown
         self._keys: list[tuple[str, int]] = []
@@ -56,7 +57,8 @@ class TrackLog:
         """Take a point; those of a track come in the order of time."""
         if (point.stage, point.track) not in self._keys:
             self._keys.append((point.stage, point.track))
-            self._name()
+            if self._shown is not None:
+                self.name(self._shown)
         self._pending.append(point)
 
     def flush(self) -> None:
@@ -102,15 +104,17 @@ class TrackLog:
             self._timeline.declare(Entity(path, "map"))
             self._timeline.send(path, [p.time_ns for p in points], columns)
 
-    def _name(self) -> None:
+    def name(self, shown: Bounds) -> None:
         """Name the tracks in the key: by their stages, and where there are several by number."""
         import rerun as rr
 
+        if not self._keys:
+            return
         known = sorted(self._keys)[:MOST_NAMED]
         several = len({number for _, number in self._keys}) > 1
         texts = [f"{stage} {number}" if several else stage for stage, number in known]
         key = rr.Points2D(
-            self._shown.key(len(known), -MARGIN),
+            shown.key(len(known), -MARGIN),
             labels=texts,
             show_labels=True,
             colors=np.array([_colour(*key) for key in known], np.uint32),

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 from .about import PAGE
 from .disagreements import LINES as DISAGREEMENTS
 from .fixes import ELLIPSES, POINTS
+from .headings import HEADING
 from .hodogram import ROOT as HODOGRAM
 from .hodogram import extent
-from .sensor_map import ARRIVALS, FOOTFALLS, PATH
+from .sensor_map import ARRIVALS
 from .timeline import TIMELINE
 from .tracks import LINES
+from .truth_map import FOOTFALLS, PATH
+from .walk_map import SATELLITES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +35,7 @@ VISIBLE_S = {
     ELLIPSES: -0.5,
     DISAGREEMENTS: -0.5,
     LINES: None,
+    SATELLITES: None,
 }
 
 
@@ -129,6 +133,33 @@ def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
     )
 
 
+def masses(entity: Entity) -> rrb.View:
+    """Return the masses of candidates, from 0 to 1 and a little room for those at the edge."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        axis_y=rrb.ScalarAxis(range=(-0.06, entity.top + 0.06)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def headings(entities: Sequence[Entity]) -> rrb.View:
+    """Return the headings of all stages."""
+    import rerun.blueprint as rrb
+
+    curves = ", ".join(e.title for e in entities)
+
+    return rrb.TimeSeriesView(
+        origin=HEADING,
+        name=f"Heading [°], counter-clockwise from east, ± 1 σ: {curves}; disturbed shaded",
+        axis_x=linked(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
 def hodograms(entity: Entity) -> rrb.View:
     """Return the hodograms of all stations."""
     import rerun.blueprint as rrb
@@ -182,16 +213,18 @@ def page() -> rrb.View:
     return rrb.TextDocumentView(origin=PAGE, name="About")
 
 
-def site(bounds: Bounds, entities: Sequence[Entity], unit: str = "m") -> rrb.View:
-    """Return the map, its lengths in a unit."""
+def site(bounds: Bounds | None, entities: Sequence[Entity], name: str = "Site [m]") -> rrb.View:
+    """Return the map under a name."""
     import rerun.blueprint as rrb
 
     logged = [e.path for e in entities]
     return rrb.Spatial2DView(
         origin="/map",
-        name=f"Site [{unit}]",
+        name=name,
         # The view's y points down.
-        visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0])),
+        visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0]))
+        if bounds is not None
+        else None,
         overrides={
             path: _before(seconds)
             for path in logged

@@ -196,7 +196,7 @@ def _print_waypoints(w: WaypointScore, unit: str) -> None:
         f"95 % within {w.p95_m:.2f} {unit}, {w.n} of them"
     )
     print(
-        f"  at the last {w.end_m:.2f} {unit} off, {w.end_percent:.1f} % of the {w.way_m:.1f} {unit} "
+        f"  last one {w.end_m:.2f} {unit} off, {w.end_percent:.1f} % of the {w.way_m:.1f} {unit} "
         f"between them; track {w.way_error_percent:+.1f} % longer than that"
     )
 

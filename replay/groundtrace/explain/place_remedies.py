@@ -176,7 +176,12 @@ class PlaceHealer:
         return self._tried(row, f"leave {name} out of this step", whole)
 
     def by_picking(self, row: int, channels: Sequence[int]) -> PlaceRemedy | None:
-        """Return the smallest change of the picker's gates that gives a place more arrivals."""
+        """Return the smallest change of the picker's gates that gives a place more arrivals.
+
+        None behind an array method: with other picks it would have to look at the signal again.
+        """
+        if self.relocator.correlated:
+            return None
         time_ns = int(self.relocator.arrivals.step_ns[row])
         for stage, parameter, value in self._picker_changes(row, channels):
             if not self._helps(time_ns, row, self._near_by(stage, parameter, value, time_ns)):

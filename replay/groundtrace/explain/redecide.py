@@ -93,6 +93,10 @@ class Redecider:
         found = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
         #: Configuration, plugin group and plugin of each stage that decides about steps.
         self.stages = [each for each in found if each[1] in ("detectors", "associators")]
+        self._unchanged = {
+            stage.key: build(kind.Parameters, stage.parameters, stage.key)
+            for stage, _, kind in self.stages
+        }
 
     def outcome(
         self, settings: Settings | None = None, span_ns: tuple[int, int] | None = None
@@ -142,6 +146,8 @@ class Redecider:
     def parameters(self, stage: StageConfig, kind: Any, settings: Settings) -> Any:
         """Return a stage's parameters, checked to be decidable from the evidence."""
         changed = {name: value for (key, name), value in settings.items() if key == stage.key}
+        if not changed:
+            return self._unchanged[stage.key]
         parts = {info.name: info.part for info in describe(kind.Parameters)}
         # what an associator measures are picks, and those are decided again too
         signal = not hasattr(kind, "associate")

@@ -1,0 +1,64 @@
+"""What the parts have in common that show one application in detail: they take every item."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import (
+        Bearing,
+        CandidateBlock,
+        Disturbance,
+        Gap,
+        Heading,
+        Pick,
+        StageSpec,
+        StepEvent,
+        TrackPoint,
+    )
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .sensor_map import Bounds
+
+
+class Details:
+    """Shows nothing; an application's own part overrides what it has something to show of."""
+
+    def stage(self, spec: StageSpec, colour: int) -> None:
+        """Take a stage; ``colour`` is that of its places."""
+
+    def draws(self, spec: StageSpec) -> bool:  # noqa: ARG002
+        """Whether this part draws the plot of a stage's decision function."""
+        return False
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+
+    def gap(self, gap: Gap) -> None:
+        """Take a gap."""
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival."""
+
+    def step(self, step: StepEvent) -> None:
+        """Take a step of the stage that has the last word on steps."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What a map of this part's own must show; None without one."""
+        return None
+
+    def track(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+
+    def estimate(self, event: Bearing | Heading | Disturbance) -> None:
+        """Take a direction, or a span in which it is disturbed."""
+
+    def flush(self) -> None:
+        """Log what is pending."""
+
+    def close(self) -> None:
+        """Log what was held back."""

@@ -1,0 +1,245 @@
+"""The way of a walker from above: truth, waypoints, satellite fixes in metres, north and scale."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace.reckoning.places import TangentPlane, satellite_columns, satellite_fixes
+
+from .palette import NORM, SATELLITE, TRUTH, WAYPOINT
+from .sensor_map import MARGIN, MOST_NAMES, SITE, Bounds, framed, log_outline
+from .timeline import Entity
+from .tracks import TrackLog
+from .truth_map import TRUE, log_truth_places
+from .turned import turn_onto
+
+if TYPE_CHECKING:
+    from groundtrace.sinks import Session
+    from groundtrace_codecs.events import TrackPoint
+    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .timeline import Timeline
+
+SATELLITES = f"{SITE}/satellites"
+WAYPOINTS = f"{TRUE}/waypoints"
+FRAME = f"{SITE}/frame"
+KEY = f"{SITE}/key"
+AXES = ("x_m", "y_m")
+#: Waypoints this close are one on the map, as a part of its extent.
+SAME = 0.01
+#: Lengths of the scale's bar are these times a power of ten, at most this part of the map's extent.
+ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
+
+
+class WalkMap:
+    """Logs what is known about where the walker was; shows nothing where nothing is.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Gives truth, outline and start.
+    """
+
+    def __init__(self, timeline: Timeline, session: Session) -> None:
+        self._timeline = timeline
+        site = session.geometry
+        self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        self._points: list[tuple[float, float]] = []
+        self._true: list[Label] = []
+        self._passed: dict[str, list[TrackPoint]] = {}
+        self._keys: list[tuple[str, int]] = []
+        self._fix: tuple[float, float] | None = None
+        self._tracks = TrackLog(timeline, None)
+        self._begun = False
+        quantities = {c.quantity for s in session.streams for c in s.channels}
+        self._northward = bool(quantities & {"magnetic_field", "latitude"})
+        if site is not None and site.outline:
+            self._reach(*site.outline)
+            log_outline(timeline, site.outline)
+        self._log_truth(session)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What the map must show; None where fewer than two places are known."""
+        true = [(x.x_m or 0.0, x.y_m or 0.0) for x in self._true]
+        return framed(np.array([*self._points, *true], np.float64).reshape(-1, 2))
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block: satellite fixes are shown."""
+        if satellite_columns(block.stream) is None:
+            return
+        for fix in satellite_fixes(block, self._plane, 0.0):
+            self._log_fix(fix.time_ns, (fix.x_m, fix.y_m))
+
+    def add(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        self._reach((point.x_m, point.y_m))
+        self._passed.setdefault(point.stage, []).append(point)
+        self._tracks.add(point)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        self._tracks.flush()
+
+    def close(self) -> None:
+        """Log what is pending, the key, north and the scale."""
+        self._tracks.close()
+        if not self._northward:
+            self._turn_truth()
+        bounds = self.bounds
+        if bounds is None or not self._begun:
+            return
+        self._tracks.name(bounds)
+        self._log_key(bounds)
+        self._log_scale(bounds)
+        if self._northward:
+            self._log_north(bounds)
+
+    def _turn_truth(self) -> None:
+        """Turn and shift the truth onto the last track, whose direction is free."""
+        import rerun as rr
+
+        points = next(reversed(self._passed.values()), [])
+        times = np.array([p.time_ns for p in points])
+        near = [x for x in self._true if points and times[0] <= x.time_ns <= times[-1]]
+        if len(near) < 2:
+            return
+        at = np.array([x.time_ns for x in near])
+        tracked = [np.interp(at, times, [getattr(p, axis) for p in points]) for axis in AXES]
+        turn = turn_onto(
+            np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in near]), np.stack(tracked, 1)
+        )
+        rotation, shift = np.eye(3), np.zeros(3)
+        rotation[:2, :2], shift[:2] = turn.rotation, turn.shift
+        self._timeline.static(TRUE, rr.Transform3D(translation=shift, mat3x3=rotation))
+        places = turn(np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true]))
+        moved = zip(self._true, places.tolist(), strict=True)
+        self._true = [replace(x, x_m=place[0], y_m=place[1]) for x, place in moved]
+        self._keys = [(f"{name}, turned onto the track", colour) for name, colour in self._keys]
+
+    def _begin(self) -> None:
+        import rerun as rr
+
+        if not self._begun:
+            upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
+            self._timeline.declare(Entity(SITE, "map"), upwards)
+            self._begun = True
+
+    def _reach(self, *places: tuple[float, float]) -> None:
+        self._begin()
+        self._points += places
+
+    def _log_truth(self, session: Session) -> None:
+        placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
+        if not placed:
+            return
+        self._begin()
+        self._true = placed
+        walked = [x for x in placed if x.kind == "step"]
+        walked = walked or [x for x in placed if x.kind == "heading"]
+        if walked:
+            log_truth_places(self._timeline, walked)
+            self._keys.append(("truth", TRUTH))
+        self._log_waypoints([x for x in placed if x.kind == "waypoint"])
+
+    def _log_waypoints(self, labels: list[Label]) -> None:
+        """Log the distinct waypoints, named by their labels, else by number."""
+        import rerun as rr
+
+        known = np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true])
+        apart = SAME * float(np.ptp(known, axis=0).max())
+        places: list[tuple[float, float]] = []
+        names: list[list[str]] = []
+        for label in sorted(labels):
+            place = (label.x_m or 0.0, label.y_m or 0.0)
+            same = [i for i, p in enumerate(places) if np.hypot(*np.subtract(p, place)) <= apart]
+            if not same:
+                places.append(place)
+                names.append([])
+            entry = names[same[0] if same else -1]
+            if label.label and label.label not in entry:
+                entry.append(label.label)
+        if not places:
+            return
+        texts = [", ".join(name) or str(number) for number, name in enumerate(names, 1)]
+        points = rr.Points2D(
+            places,
+            labels=texts if len(places) <= MOST_NAMES else None,
+            show_labels=len(places) <= MOST_NAMES,
+            colors=np.full(len(places), WAYPOINT, np.uint32),
+            radii=-4.0,
+        )
+        self._timeline.static(WAYPOINTS, points)
+        self._keys.append(("waypoint", WAYPOINT))
+
+    def _log_fix(self, time_ns: int, place: tuple[float, float]) -> None:
+        """Log a satellite fix, and a line to it from the one before."""
+        import rerun as rr
+
+        if self._fix is None:
+            self._keys.append(("GNSS", SATELLITE))
+        self._reach(place)
+        points = rr.Points2D.columns(
+            positions=[place], colors=np.array([SATELLITE], np.uint32), radii=[-1.8]
+        )
+        self._timeline.declare(Entity(f"{SATELLITES}/points", "map"))
+        self._timeline.send(f"{SATELLITES}/points", [time_ns], points)
+        if self._fix is not None:
+            lines = rr.LineStrips2D.columns(
+                strips=np.array([[self._fix, place]], np.float32),
+                colors=np.array([SATELLITE & 0xFFFFFF50], np.uint32),
+                radii=[-0.6],
+            )
+            self._timeline.declare(Entity(f"{SATELLITES}/lines", "map"))
+            self._timeline.send(f"{SATELLITES}/lines", [time_ns], lines)
+        self._fix = place
+
+    def _log_key(self, bounds: Bounds) -> None:
+        import rerun as rr
+
+        if self._keys:
+            key = rr.Points2D(
+                bounds.key(len(self._keys), 0.6),
+                labels=[name for name, _ in self._keys],
+                show_labels=True,
+                colors=np.array([colour for _, colour in self._keys], np.uint32),
+                radii=-5.0,
+            )
+            self._timeline.static(KEY, key)
+
+    def _log_north(self, bounds: Bounds) -> None:
+        """Log an arrow in the upper right corner."""
+        import rerun as rr
+
+        (left, right), (low, high) = bounds.x, bounds.y
+        length = 0.07 * max(right - left, high - low)
+        at = (right - 0.3 * length, high - 1.3 * length)
+        arrow = rr.Arrows2D(
+            origins=[at], vectors=[(0.0, length)], labels=["N"], colors=[NORM], radii=-1.5
+        )
+        self._timeline.static(f"{FRAME}/north", arrow)
+
+    def _log_scale(self, bounds: Bounds) -> None:
+        """Log a bar of a round length in the lower left corner."""
+        import rerun as rr
+
+        (left, right), (low, high) = bounds.x, bounds.y
+        extent = max(right - left, high - low)
+        most = LONGEST * extent
+        decade = 10.0 ** np.floor(np.log10(most))
+        length = next(float(part * decade) for part in ROUND if part * decade <= most)
+        x, y = left + 0.02 * extent, low + MARGIN * extent * 0.6
+        bar = rr.LineStrips2D(
+            [[(x, y), (x + length, y)]],
+            labels=[f"{length:g} m"],
+            show_labels=True,
+            colors=[NORM],
+            radii=-1.5,
+        )
+        self._timeline.static(f"{FRAME}/scale", bar)
