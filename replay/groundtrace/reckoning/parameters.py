@@ -41,7 +41,9 @@ class ReckoningParameters:
     weinberg: Annotated[
         float, measured("m^(3/4) s^(1/2)", "Length over the fourth root of the swing.", gt=0)
     ] = 0.38
-    pendulum: Annotated[float, measured("1", "Step over that of an inverted pendulum.", gt=0)] = 1.2
+    pendulum: Annotated[float, measured("1", "Step over that of an inverted pendulum.", gt=0)] = (
+        1.25
+    )
     backward: Annotated[float, measured("1", "A step back in steps ahead.", gt=0)] = 0.7
     sideways: Annotated[float, measured("1", "A step aside in steps ahead.", gt=0)] = 0.5
     pause_s: Annotated[
