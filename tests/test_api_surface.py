@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[1]
 #: Public names of each module; a change here is a change for everybody who imports them.
 SURFACE = {
     "groundtrace_codecs": """
-        Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError Gap GateSpec Geometry
+        Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
+        Gap GateSpec Geometry
         Heading Label McapFile Medium MissingReaderError NS_PER_S Note OtherTopic Pick Quantity
         Recording RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec
         Stamped StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of

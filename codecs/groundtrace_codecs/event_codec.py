@@ -218,9 +218,7 @@ def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent
         case "Pick":
             return Pick(time_ns, m.channel, m.topic, m.stage, m.uncertainty_s, m.value)
         case "StepEvent":
-            return StepEvent(
-                time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels, m.type
-            )
+            return StepEvent(time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels, m.type)
         case "Fix":
             known = _covariance(m, place)
             return Fix(time_ns, m.x_m, m.y_m, known, m.residual, m.method, m.picks, m.stage)

@@ -1,0 +1,108 @@
+"""Tracks of real and simulated walkers through named pipelines: the table of pedestrian.md.
+
+    python bench/pedestrian_accuracy.py --data FOLDER
+
+The folder holds ``indoor-location-20`` as published. Nothing is set but the name of the pipeline.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from groundtrace.engine import replay
+from groundtrace.pipeline import build_pipeline, load_pipeline
+from groundtrace.score.closure import score_closure
+from groundtrace.score.places import true_places
+from groundtrace.score.waypoints import score_waypoints
+from groundtrace.simulate import WalkOptions, simulate_walk, write
+from groundtrace.source import Source
+from groundtrace_codecs.events import TrackPoint
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.recording import Recording
+
+PIPELINES = ("pedestrian", "pedestrian-aligned", "pedestrian-compass")
+STAGES = ("track", "track.smoothed")
+LOOP_M = 260.0
+
+
+class Points:
+    """A sink that keeps the points of tracks, by stage."""
+
+    def __init__(self) -> None:
+        self.of: dict[str, list[TrackPoint]] = {stage: [] for stage in STAGES}
+
+    def write(self, item: object) -> None:
+        if isinstance(item, TrackPoint):
+            self.of[item.stage].append(item)
+
+
+def tracks(opened: Recording, pipeline: str, labels: tuple = ()) -> dict[str, list[TrackPoint]]:
+    """Return the points that a named pipeline gives, by stage; ``labels`` are what it may know."""
+    found = Points()
+    chain = build_pipeline(load_pipeline(pipeline), opened.geometry, labels)
+    replay(tuple(Source(opened)), chain, [found])
+    return found.of
+
+
+def indoors(folder: Path) -> None:
+    """Median waypoint errors of every trace; the waypoints' own pipeline at those left out."""
+    medians: dict[tuple[str, str], list[float]] = {}
+    for path in sorted(folder.glob("*/*/path_data_files/*.txt")):
+        with tempfile.TemporaryDirectory() as place:
+            out = Path(place) / "trace.mcap"
+            import_recording([path], out)
+            with Recording.open(out) as opened:
+                way = tuple(x for x in opened.labels if x.kind == "waypoint")
+                cases = [(name, way, way) for name in PIPELINES]
+                cases.append(("pedestrian-waypoints", way[::2], way[1::2]))
+                for name, known, scored in cases:
+                    for stage, points in tracks(opened, name, known).items():
+                        score = score_waypoints((way[0], *scored) if known != way else way, points)
+                        if score is not None:
+                            medians.setdefault((name, stage), []).append(score.median_m)
+    print("phone in hand (indoor-location-20): median waypoint error, median and each trace [m]")
+    for (name, stage), each in medians.items():
+        listed = " ".join(f"{x:.1f}" for x in each)
+        print(f"  {name:20} {stage:14} {np.median(each):5.2f}  ({listed})")
+    print("  pedestrian-waypoints: every second waypoint known, the others scored")
+
+
+def loops(seeds: range) -> None:
+    """End errors of the simulated loop with disturbances on its second straight."""
+    print(f"waist (simulated loop of {LOOP_M:g} m, disturbed): end off, part of the way")
+    for seed in seeds:
+        with tempfile.TemporaryDirectory() as place:
+            out = Path(place) / "loop.mcap"
+            write(simulate_walk(WalkOptions(path="epfl", seed=seed)), out)
+            with Recording.open(out) as opened:
+                told = []
+                for name in ("pedestrian", "pedestrian-compass"):
+                    points = tracks(opened, name)["track"]
+                    closure = score_closure(true_places(opened.labels), points)
+                    if closure is not None:
+                        off = abs(closure.apart_m - closure.true_apart_m)
+                        part = 100 * off / LOOP_M
+                        walked = closure.walked_m
+                        told.append(f"{name} {off:.2f} m {part:.2f} % (track {walked:.0f} m)")
+                print(f"  seed {seed}: {', '.join(told)}")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--data", type=Path, default=Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
+    )
+    parser.add_argument("--seeds", type=int, default=6)
+    options = parser.parse_args()
+    indoors(options.data / "indoor-location-20")
+    loops(range(1, options.seeds + 1))
+
+
+if __name__ == "__main__":
+    main()
