@@ -88,6 +88,7 @@ def at(block: SignalBlock, rate_hz: float | None) -> SignalBlock:
 def figures(
     block: SignalBlock, labels: tuple[Label, ...]
 ) -> tuple[list[StepEvent], ClosureScore | None]:
+    """Return the strides of a recording, and how its track closes."""
     said = Said()
     replay([block], build_pipeline(load_pipeline("foot-inertial")), [said])
     score = score_tracks(labels, said.points)

@@ -55,6 +55,7 @@ def constant(places: np.ndarray) -> np.ndarray:
 
 
 def wrong_signs(draws: int) -> None:
+    """Print how many signs are wrong at known places, beside the Poisson-binomial law."""
     print(f"wrong signs of 36 at 1000 m/s, {draws} draws: found (known)")
     print("source       sigma   lambda         variance     physical mean  variance")
     for (source, sigma), known in KNOWN_SIGNS.items():
@@ -73,6 +74,7 @@ def wrong_signs(draws: int) -> None:
 
 
 def sign_maps(lattice: int) -> None:
+    """Print the mean number of wrong signs over the room."""
     print(f"lambda over the room, {lattice} x {lattice} cells")
     nodes = grid_of(layout(1e-3).room, lattice).nodes
     for sigma, (mean, most) in KNOWN_MAPS.items():
@@ -85,6 +87,7 @@ def sign_maps(lattice: int) -> None:
 
 
 def corruption(draws: int, rng: np.random.Generator) -> None:
+    """Print how often the true region survives a number of wrong signs."""
     print(f"wrong signs at random, {draws} draws: chance that the one best region is the true one")
     regions = so_tdoa.known_regions(SENSORS, ROOM)
     told = np.ones(36, bool)
@@ -102,6 +105,7 @@ def corruption(draws: int, rng: np.random.Generator) -> None:
 
 
 def error_maps(lattice: int, draws: int) -> None:
+    """Print the error of SO-TDOA over the room."""
     print(f"SO-TDOA, theta 5e-5 s, {lattice} x {lattice} cells, {draws} draws: found (known)")
     nodes = grid_of(layout(1e-3).room, lattice).nodes
     for sigma, known in KNOWN_ERRORS.items():

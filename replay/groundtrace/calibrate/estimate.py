@@ -6,7 +6,7 @@ and said. The spread over robust losses and a bootstrap over impacts stand besid
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +21,7 @@ from .places import PlaceErrors, place_errors
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.geometry import Geometry, Sensor
+    from groundtrace_codecs.geometry import Geometry
 
     from ..localizers.joint_fit import JointFit, Loss
     from .arrivals import Gathered
@@ -285,22 +285,3 @@ def _velocity(impacts: Impacts, best: JointFit) -> float | None:
 def _by_loss(impacts: Impacts, best: JointFit, loss: Loss) -> LossFigures:
     found = fit(impacts, best.floor, best.places, loss=loss, free=best.free)
     return LossFigures(loss, found.floor.scale, found.floor.exponent, found.sigma_s)
-
-
-def calibrated_geometry(geometry: Geometry, found: Calibration) -> Geometry:
-    """Return a geometry with what was found; what is not identifiable stays as it was."""
-    medium = replace(geometry.medium, arrival_sigma_s=found.arrival_sigma_s)
-    if found.scale.identifiable:
-        medium = replace(
-            medium,
-            arrival_scale=found.scale.value,
-            arrival_exponent=found.exponent.value,
-            velocity_mps=found.velocity or medium.velocity_mps,
-        )
-    ahead = {o.channel: o.offset_s for o in found.offsets}
-    sensors = tuple(_with_offset(sensor, ahead) for sensor in geometry.sensors)
-    return replace(geometry, medium=medium, sensors=sensors)
-
-
-def _with_offset(sensor: Sensor, ahead: dict[str, float]) -> Sensor:
-    return replace(sensor, clock_offset_s=ahead.get(sensor.channel, sensor.clock_offset_s))

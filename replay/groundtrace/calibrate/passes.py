@@ -15,8 +15,9 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..localizers.floor import EXPONENT
+from .applied import calibrated_geometry
 from .arrivals import gather, picking_stages
-from .estimate import calibrate, calibrated_geometry
+from .estimate import calibrate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
