@@ -50,7 +50,10 @@ wheel: build ## the wheel works alone: in a fresh environment, away from the sou
 bench: dev
 	$(BIN)/python bench/replay_speed.py
 	$(BIN)/python bench/sweep_speed.py
+	$(BIN)/python bench/localizers.py
+	$(BIN)/python bench/pickers.py
 	$(BIN)/python bench/room_tables.py
+	$(BIN)/python bench/tracking.py
 
 accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py

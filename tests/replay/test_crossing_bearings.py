@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.direction.attenuation import fit_attenuation
+from groundtrace.analyze.attenuation import fit_attenuation
 from groundtrace.direction.intersection import Norm, intersect
 
 STATIONS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0], [5.0, 0.0]])

@@ -100,6 +100,11 @@ ANALYSES = {
         "ambiguous regions, what each sensor contributes, where one more would help.\n\n"
         "Example: groundtrace analyze room room.toml --sigma-ms 0.5 --png room.png",
     ),
+    "attenuation": (
+        f"{HERE}.attenuating:attenuation",
+        "Fit how amplitude falls with distance, out of steps or impacts of known place.\n\n"
+        "Example: groundtrace analyze attenuation walk.mcap",
+    ),
 }
 
 
@@ -124,7 +129,7 @@ def application() -> App:
     app.command(simulate)
     analyze = App(
         name="analyze",
-        help="Tell what a layout can do, before anyone records.\n\n"
+        help="Tell what a layout of sensors can do, and what a floor does to waves.\n\n"
         "Example: groundtrace analyze room room.toml",
     )
     for name, (target, text) in ANALYSES.items():
