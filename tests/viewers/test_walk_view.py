@@ -9,12 +9,12 @@ import pytest
 from viewer_sessions import IMU, at, blocks, imu_samples, read_back, walker_session
 
 from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.score.turn import turn_onto
 from groundtrace_codecs.events import Disturbance, Heading, StepEvent, TrackPoint
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_viewers.serve import quiet_environment, viewer_program
 from groundtrace_viewers.sink import RerunSink
-from groundtrace_viewers.turned import turn_onto
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.reckoning.places import TangentPlane, satellite_columns, satellite_fixes
+from groundtrace.score.turn import turn_onto
 
 from .palette import NORM, SATELLITE, TRUTH, WAYPOINT
 from .sensor_map import MARGIN, MOST_NAMES, SITE, Bounds, framed, log_outline
 from .timeline import Entity
 from .tracks import TrackLog
 from .truth_map import TRUE, log_truth_places
-from .turned import turn_onto
 
 if TYPE_CHECKING:
     from groundtrace.sinks import Session

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .turn import turn_onto
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -90,14 +92,7 @@ def aligned_distances(
     found: NDArray[np.float64], truth: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return the distances after the best rotation and shift of ``found``, both (n, 2) [m]."""
-    mine, theirs = found - found.mean(axis=0), truth - truth.mean(axis=0)
-    cross = float((mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]).sum())
-    angle = np.arctan2(cross, float((mine * theirs).sum()))
-    cos, sin = np.cos(angle), np.sin(angle)
-    turned = np.column_stack(
-        [cos * mine[:, 0] - sin * mine[:, 1], sin * mine[:, 0] + cos * mine[:, 1]]
-    )
-    return _norms(turned - theirs)
+    return _norms(turn_onto(found, truth)(found) - truth)
 
 
 def _lengths(places: NDArray[np.float64]) -> NDArray[np.float64]:

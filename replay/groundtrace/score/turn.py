@@ -1,4 +1,4 @@
-"""Truth turned onto a track whose direction is free: an inertial track begins anywhere."""
+"""Places turned onto others: a track by dead reckoning begins anywhere and heads anywhere."""
 
 from __future__ import annotations
 
