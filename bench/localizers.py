@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.localizers import hyperbolic, power_law, sign_model, so_tdoa
+from groundtrace.physics import perceived
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +25,7 @@ SIGMAS = (2e-4, 5e-4, 1e-3)
 
 def arrivals(sources: np.ndarray, theta_s: float) -> np.ndarray:
     """Shape (m, 9): law (4.24) as printed."""
-    return sign_model.arrivals(np.linalg.norm(sources[:, None] - SENSORS, axis=2), theta_s)
+    return perceived.arrivals(np.linalg.norm(sources[:, None] - SENSORS, axis=2), theta_s)
 
 
 def noisy(times: np.ndarray, sigma: float, rng: np.random.Generator, late: float = 0.0):

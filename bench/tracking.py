@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundtrace.localizers import sign_model, so_tdoa
+from groundtrace.localizers import so_tdoa
+from groundtrace.physics.perceived import arrivals
 from groundtrace.trackers.kalman import Motion, StepFilter, WalkModel, first_spread
 from groundtrace.trackers.rts import smoothed
 
@@ -74,7 +75,7 @@ PATHS = {
 def located(path: np.ndarray, runs: int, rng: np.random.Generator) -> np.ndarray:
     """Places by SO-TDOA, shape (runs, 25, 2)."""
     regions = so_tdoa.known_regions(SENSORS, ROOM)
-    clean = sign_model.arrivals(np.linalg.norm(path[:, None] - SENSORS, axis=2), THETA_S)
+    clean = arrivals(np.linalg.norm(path[:, None] - SENSORS, axis=2), THETA_S)
     times = clean + rng.normal(0, SIGMA_S, (runs, *clean.shape))
     fixes = [so_tdoa.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
     return np.array([(fix.x, fix.y) for fix in fixes]).reshape(runs, len(path), 2)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.localizers.hyperbolic import calibrated_velocity
-from groundtrace.localizers.sign_model import arrivals
+from groundtrace.physics.perceived import arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Callable

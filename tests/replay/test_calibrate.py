@@ -21,7 +21,7 @@ from groundtrace.calibrate import (
 )
 from groundtrace.errors import RecordingError
 from groundtrace.localizer_stage import LocalizerStage
-from groundtrace.localizers.sign_model import PLATE
+from groundtrace.physics.perceived import PLATE
 from groundtrace.plugins import load
 from groundtrace.results import read_results
 from groundtrace.score import score_positions

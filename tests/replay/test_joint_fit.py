@@ -11,7 +11,7 @@ from localizer_cases import ROOM, SENSORS, THETA_S, rms
 from groundtrace.localizers.floor import EXPONENT, Floor, Prior, reference_distance
 from groundtrace.localizers.joint_fit import LOSSES, Free, Impacts, fit
 from groundtrace.localizers.joint_start import known_start, places_on, start
-from groundtrace.localizers.sign_model import PLATE, arrivals
+from groundtrace.physics.perceived import PLATE, arrivals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

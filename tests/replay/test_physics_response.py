@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import hilbert
 
-from groundtrace.localizers import sign_model
 from groundtrace.physics.perceived import (
+    arrivals,
     front_arrival_s,
     front_mps,
     onset_s,
@@ -111,7 +111,7 @@ def test_velocities_and_arrivals_are_the_printed_law_and_the_corrected_one():
     np.testing.assert_allclose(sensor_mps(Plate(), d), np.cbrt(16 * a**2 / (theta * d)))
     np.testing.assert_allclose(front_arrival_s(Plate(), d), d / front_mps(Plate(), d))
     np.testing.assert_allclose(sensor_arrival_s(Plate(), d), d / sensor_mps(Plate(), d))
-    np.testing.assert_allclose(front_arrival_s(ROUNDED, d), sign_model.arrivals(d, theta))
+    np.testing.assert_allclose(front_arrival_s(ROUNDED, d), arrivals(d, theta))
 
 
 def test_the_waveform_peaks_when_the_corrected_law_says_not_the_printed_one():

@@ -12,7 +12,7 @@ from localizer_cases import ROOM, SENSORS, THETA_S, rms, uniform
 from groundtrace.localizers.api import Site
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating
 from groundtrace.localizers.running_sigma import PRIOR_COUNT, RunningSigma
-from groundtrace.localizers.sign_model import PLATE
+from groundtrace.physics.perceived import PLATE
 from groundtrace.plugins import load
 from groundtrace_codecs.geometry import Medium
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizers import sign_model, so_tdoa
+from groundtrace.localizers import so_tdoa
+from groundtrace.physics.perceived import arrivals
 from groundtrace.trackers.kalman import Motion, StepFilter, first_spread
 from groundtrace.trackers.rts import smoothed
 
@@ -50,7 +51,7 @@ def located(path: Array, runs: int) -> Array:
 def _located(path: bytes, runs: int) -> Array:
     steps = np.frombuffer(path).reshape(-1, 2)
     regions = so_tdoa.known_regions(SENSORS, ROOM)
-    clean = sign_model.arrivals(np.linalg.norm(steps[:, None] - SENSORS, axis=2), THETA_S)
+    clean = arrivals(np.linalg.norm(steps[:, None] - SENSORS, axis=2), THETA_S)
     times = clean + np.random.default_rng(3).normal(0, SIGMA_S, (runs, *clean.shape))
     fixes = [so_tdoa.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
     return np.array([(fix.x, fix.y) for fix in fixes]).reshape(runs, len(steps), 2)

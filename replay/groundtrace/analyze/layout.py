@@ -13,8 +13,7 @@ from ..localizers.arrival_fit import distances
 from ..localizers.location import LEAST_PICKS
 from ..localizers.methods import THETA_S
 from ..localizers.outline import outline_of
-from ..localizers.sign_model import arrivals
-from ..physics.perceived import front_arrival_s
+from ..physics.perceived import arrivals, front_arrival_s
 from ..simulate.plate import Plate
 
 if TYPE_CHECKING:

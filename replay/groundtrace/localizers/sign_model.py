@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..physics.perceived import arrivals
 from .location import LEAST_PICKS, Location, nowhere
 from .so_tdoa import distances, measured_signs, spread
 
@@ -21,15 +22,6 @@ if TYPE_CHECKING:
     from .regions import Regions
 
     Array = NDArray[np.float64]
-
-#: Twice the squared stiffness constant of the thesis's plate, 8 a^2 with a = 183 m^2/s, (4.24).
-PLATE = 8 * 183.0**2
-
-
-def arrivals(distance_m: Array, theta_s: float) -> Array:
-    """Return when a wave arrives [s], equation (4.24): t^3 = theta d^4 / (8 a^2)."""
-    times: Array = np.cbrt(theta_s / PLATE * distance_m**4)
-    return times
 
 
 def chance_wrong(

@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..localizers import sign_model
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -28,6 +26,15 @@ if TYPE_CHECKING:
     from .response import Response
 
     Array = NDArray[np.float64]
+
+#: 8 a^2 of (4.24), with the thesis's a = 183 m^2/s.
+PLATE = 8 * 183.0**2
+
+
+def arrivals(distance_m: Array, theta_s: float) -> Array:
+    """Return when a wave arrives [s], equation (4.24): t^3 = theta d^4 / (8 a^2)."""
+    times: Array = np.cbrt(theta_s / PLATE * distance_m**4)
+    return times
 
 
 def front_arrival_s(plate: Plate, distance_m: Array) -> Array:
@@ -57,9 +64,9 @@ def sensor_mps(plate: Plate, distance_m: Array) -> Array:
 
 def _arrival_s(plate: Plate, distance_m: Array, squares: float) -> Array:
     """Return (theta d^4 / (squares a^2))^(1/3) [s]."""
-    # only theta / a^2 counts, so another floor is the localisers' floor with another theta
-    scale = sign_model.PLATE / (squares * plate.dispersion_m2s**2)
-    return sign_model.arrivals(distance_m, plate.loss_s * scale)
+    # only theta / a^2 counts, so another floor is that of PLATE with another theta
+    scale = PLATE / (squares * plate.dispersion_m2s**2)
+    return arrivals(distance_m, plate.loss_s * scale)
 
 
 def onset_s(
