@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from .array_method import Window
 from .gates import Carry, decided_block, gate_specs
 from .localizer_stage import clock_offsets
 from .recall import Recall
-from .stage import accepted_events
+from .stage import PluginStage, accepted_events
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -43,7 +42,7 @@ class _Run:
     carry: Carry = field(default_factory=Carry)
 
 
-class ArrayStage:
+class ArrayStage(PluginStage["ArrayMethod"]):
     """Runs one array method on the steps found in every stream whose channels it wants.
 
     Parameters
@@ -78,11 +77,7 @@ class ArrayStage:
         window_s: float,
         geometry: Geometry | None = None,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.picking = picking
         self.stepping = stepping
         self.window_s = window_s
@@ -130,7 +125,7 @@ class ArrayStage:
 
     def _prepared(self, block: SignalBlock) -> _Run | None:
         columns = block.stream.columns_of(self.kind.quantities)
-        allowed = not self.topics or any(fnmatch(block.topic, p) for p in self.topics)
+        allowed = self.allowed(block.topic)
         if not (columns and allowed):
             return None
         p = self.parameters

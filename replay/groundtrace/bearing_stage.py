@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from groundtrace_codecs.geometry import Geometry
 
 from .gates import Carry, decided_block, gate_specs
 from .localizer_stage import place_candidate
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ class _Run:
     latest: dict[str, Bearing] = field(default_factory=dict)
 
 
-class BearingStage:
+class BearingStage(PluginStage["Crossing"]):
     """Crosses the bearings that an array method gives for each step.
 
     Parameters
@@ -60,11 +60,7 @@ class BearingStage:
         stepping: str,
         geometry: Geometry | None = None,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.pointing = pointing
         self.stepping = stepping
         self.geometry = geometry or Geometry()
@@ -74,7 +70,7 @@ class BearingStage:
         """Begin at the stage that gives bearings, gather them, and cross those of each step."""
         match item:
             case StageSpec(stage=stage, topic=topic) if stage == self.pointing:
-                if self._run is None and self._allowed(topic):
+                if self._run is None and self.allowed(topic):
                     self._run = self._begin(item)
                     yield self._run.spec
             case Bearing(stage=stage) if stage == self.pointing and self._run is not None:
@@ -98,9 +94,6 @@ class BearingStage:
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
         self._run = copy.deepcopy(saved)
-
-    def _allowed(self, topic: str) -> bool:
-        return not self.topics or any(fnmatch(topic, pattern) for pattern in self.topics)
 
     def _begin(self, source: StageSpec) -> _Run:
         from .direction.bearings import placed

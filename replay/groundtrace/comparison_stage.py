@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from groundtrace_codecs.events import Disagreement, Fix, Gap, Note, StageSpec
 
 from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit, length_note, scaled_lengths
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ class _Run:
     waiting: dict[str, Fix] = field(default_factory=dict)
 
 
-class ComparisonStage:
+class ComparisonStage(PluginStage["Comparison"]):
     """Runs one comparison on the fixes that several localizers give for each step.
 
     Parameters
@@ -63,11 +63,7 @@ class ComparisonStage:
         sources: Sequence[str],
         geometry: Geometry | None = None,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = scaled_lengths(parameters, geometry)
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, scaled_lengths(parameters, geometry), topics)
         self.sources = tuple(sources)
         self.geometry = geometry
         self._run: _Run | None = None
@@ -76,7 +72,7 @@ class ComparisonStage:
         """Begin at the first stage that locates, then take the fixes of all."""
         match item:
             case StageSpec(stage=stage, topic=topic) if stage in self.sources:
-                if self._run is None and self._allowed(topic):
+                if self._run is None and self.allowed(topic):
                     self._run = self._begin(topic)
                     yield self._run.spec
             case Fix(stage=stage) if stage in self.sources and self._run is not None:
@@ -98,9 +94,6 @@ class ComparisonStage:
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
         self._run = copy.deepcopy(saved)
-
-    def _allowed(self, topic: str) -> bool:
-        return not self.topics or any(fnmatch(topic, pattern) for pattern in self.topics)
 
     def _begin(self, topic: str) -> _Run:
         worker = self.kind(self.parameters)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +13,9 @@ from groundtrace_codecs.events import Gap, Heading, Note, StageSpec
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .gates import Candidates, decided_block, gate_specs
-from .heading.aligned import PATIENCE_NS, Aligner
+from .heading.aligned import PATIENCE_NS, QUANTITIES, Aligner, columns_of_axes
 from .heading.disturbed_spans import DisturbedSpans
-from .nonfinite import Holder
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from .heading.api import HeadingFrame, HeadingMethod
-
-QUANTITIES = ("angular_velocity", "acceleration", "magnetic_field")
 
 
 @dataclass(slots=True)
@@ -39,12 +36,11 @@ class _Run:
     spans: DisturbedSpans
     period_ns: float
     aligner: Aligner = field(default_factory=Aligner)
-    holders: dict[str, Holder] = field(default_factory=dict)
     due_ns: int | None = None
     told: frozenset[str] = frozenset()
 
 
-class HeadingStage:
+class HeadingStage(PluginStage["HeadingMethod"]):
     """Runs one heading filter on every sensor with a gyroscope and an accelerometer.
 
     Parameters
@@ -67,11 +63,7 @@ class HeadingStage:
         parameters: Any,
         topics: Sequence[str] = (),
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self._runs: dict[str, _Run] = {}
         self._early: dict[str, list[SignalBlock]] = {}
 
@@ -81,7 +73,7 @@ class HeadingStage:
             yield from self._interrupted(item)
         elif isinstance(item, SignalBlock) and len(item) and self._wanted(item.stream):
             sensor = item.stream.placement
-            if sensor not in self._runs and not _triple(item.stream, "angular_velocity"):
+            if sensor not in self._runs and not columns_of_axes(item.stream, "angular_velocity"):
                 kept = self._early.setdefault(sensor, [])
                 kept.append(item)
                 while kept[0].last_ns < item.start_ns - PATIENCE_NS:
@@ -91,9 +83,9 @@ class HeadingStage:
                 self._runs[sensor] = self._begin(item.stream)
                 yield self._runs[sensor].spec
                 for early in self._early.pop(sensor, []):
-                    _feed(self._runs[sensor], early)
+                    self._runs[sensor].aligner.hear(early)
             run = self._runs[sensor]
-            _feed(run, item)
+            run.aligner.hear(item)
             yield from self._frames(run, run.method.add(run.aligner.take()))
 
     def flush(self) -> Iterator[Event]:
@@ -110,8 +102,8 @@ class HeadingStage:
         self._runs, self._early = copy.deepcopy(saved)
 
     def _wanted(self, stream: Stream) -> bool:
-        allowed = not self.topics or any(fnmatch(stream.topic, p) for p in self.topics)
-        return allowed and any(_triple(stream, quantity) for quantity in QUANTITIES)
+        allowed = self.allowed(stream.topic)
+        return allowed and any(columns_of_axes(stream, quantity) for quantity in QUANTITIES)
 
     def _begin(self, stream: Stream) -> _Run:
         method = self.kind(self.parameters, stream.rate_hz)
@@ -175,19 +167,3 @@ class HeadingStage:
                 if text not in run.told:
                     run.told |= {text}
                     yield Note(int(frame.time_ns[-1]), f"{run.topic}: {text}", "INFO", self.name)
-
-
-def _triple(stream: Stream, quantity: str) -> list[int]:
-    """Return the columns of the three axes of a quantity, x, y, z; empty where one is missing."""
-    columns = {stream.channels[c].axis: c for c in stream.columns_of({quantity})}
-    return [columns[axis] for axis in "xyz"] if columns.keys() >= set("xyz") else []
-
-
-def _feed(run: _Run, block: SignalBlock) -> None:
-    """Give a block's quantities to the run's aligner, every sample finite."""
-    holder = run.holders.setdefault(block.topic, Holder())
-    held = holder.held(block)
-    values, times = held.values, held.sample_times()
-    for quantity in QUANTITIES:
-        if columns := _triple(block.stream, quantity):
-            run.aligner.add(quantity, times, values[:, columns])

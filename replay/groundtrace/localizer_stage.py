@@ -5,12 +5,11 @@ from __future__ import annotations
 import copy
 from collections import deque
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
+from groundtrace_codecs.events import CandidateBlock, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -18,6 +17,7 @@ from .gates import Candidates, Carry, decided_block, gate_specs
 from .lengths import in_length_unit
 from .localizers.api import Site
 from .localizers.location import LEAST_PICKS
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -114,7 +114,7 @@ def place_candidate(time_ns: int, location: Location) -> Candidates:
     )
 
 
-class LocalizerStage:
+class LocalizerStage(PluginStage["Localizer"]):
     """Runs one localizer on every step, with the arrivals of the last picking stage before it.
 
     Parameters
@@ -144,11 +144,7 @@ class LocalizerStage:
         stepping: str,
         geometry: Geometry | None = None,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.picking = picking
         self.stepping = stepping
         self.geometry = geometry or Geometry()
@@ -181,7 +177,7 @@ class LocalizerStage:
         self._runs = copy.deepcopy(saved)
 
     def _begin(self, source: StageSpec) -> Iterator[Event]:
-        if self.topics and not any(fnmatch(source.topic, p) for p in self.topics):
+        if not self.allowed(source.topic):
             return
         worker = self.kind(self.parameters)
         places, positions = placed_channels(source.channels, self.geometry)
@@ -223,22 +219,9 @@ class LocalizerStage:
         block = self._decided(run, time_ns, location)
         yield block
         if block.accepted[0]:
-            yield self._fix(time_ns, location)
+            yield location.fix(time_ns, self.plugin, self.name)
 
     def _decided(self, run: _Run, time_ns: int, location: Location) -> CandidateBlock:
         found = place_candidate(time_ns, location)
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         return block
-
-    def _fix(self, time_ns: int, location: Location) -> Fix:
-        (xx, xy), (_, yy) = location.covariance.tolist()
-        return Fix(
-            time_ns,
-            location.x,
-            location.y,
-            (xx, xy, yy),
-            location.residual,
-            self.plugin,
-            location.picks,
-            self.name,
-        )

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .detector import Curve, Measured
 
 W = TypeVar("W", bound=Detector | Associator)
+K = TypeVar("K")
 
 
 class Stage(Protocol):
@@ -73,7 +74,38 @@ class _Run(Generic[W]):
         yield from accepted_events(block, self.worker.emits)
 
 
-class DetectorStage:
+class PluginStage(Generic[K]):
+    """What every stage is given: its name, its plugin, and where it may run.
+
+    Parameters
+    ----------
+    name
+        Name of the stage in its pipeline.
+    plugin
+        Name the plugin is registered under.
+    kind
+        The plugin's class.
+    parameters
+        Its parameters.
+    topics
+        Patterns of the topics it may run on; empty means all that fit.
+    """
+
+    def __init__(
+        self, name: str, plugin: str, kind: type[K], parameters: Any, topics: Sequence[str] = ()
+    ) -> None:
+        self.name = name
+        self.plugin = plugin
+        self.kind = kind
+        self.parameters = parameters
+        self.topics = tuple(topics)
+
+    def allowed(self, topic: str) -> bool:
+        """Return whether the stage may run on a topic."""
+        return not self.topics or any(fnmatch(topic, pattern) for pattern in self.topics)
+
+
+class DetectorStage(PluginStage[Detector]):
     """Runs one detector on every stream whose channels it wants.
 
     Parameters
@@ -105,11 +137,7 @@ class DetectorStage:
         parameters: Any,
         topics: Sequence[str] = (),
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self._runs: dict[str, _Run[Detector] | None] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
@@ -155,7 +183,7 @@ class DetectorStage:
 
     def _begin(self, stream: Stream) -> _Run[Detector] | None:
         columns = stream.columns_of(self.kind.quantities)
-        allowed = not self.topics or any(fnmatch(stream.topic, p) for p in self.topics)
+        allowed = self.allowed(stream.topic)
         if not (columns and allowed):
             return None
         detector = self.kind(self.parameters)
@@ -195,7 +223,7 @@ class DetectorStage:
         yield from run.decide(measured.candidates, self.parameters)
 
 
-class AssociatorStage:
+class AssociatorStage(PluginStage[Associator]):
     """Runs one associator on the picks of every topic.
 
     Parameters
@@ -215,11 +243,7 @@ class AssociatorStage:
         topics: Sequence[str] = (),
         source: str = "",
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.source = source
         self._runs: dict[str, _Run[Associator]] = {}
 
@@ -233,7 +257,7 @@ class AssociatorStage:
         if not isinstance(item, StageSpec | Pick) or item.stage != (self.source or item.stage):
             return
         if isinstance(item, StageSpec):
-            if not self.topics or any(fnmatch(item.topic, p) for p in self.topics):
+            if self.allowed(item.topic):
                 self._runs[item.topic] = run = self._begin(item)
                 yield run.spec
         elif item.topic in self._runs:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field, replace
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
 from .gates import Carry, decided_block, gate_specs
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ class _Run:
     carry: Carry = field(default_factory=Carry)
 
 
-class StepTypeStage:
+class StepTypeStage(PluginStage["StepTypes"]):
     """Tells the types of the steps that one stage finds in accelerations of three axes.
 
     Parameters
@@ -59,11 +59,7 @@ class StepTypeStage:
         *,
         stepping: str,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.stepping = stepping
         self._sources: set[str] = set()
         self._early: dict[str, list[StepEvent]] = {}  # steps of a topic not heard of yet
@@ -73,7 +69,7 @@ class StepTypeStage:
         """Take signal and steps; give the steps whose types are known."""
         match item:
             case StageSpec(stage=stage, topic=topic) if stage == self.stepping:
-                if not self.topics or any(fnmatch(topic, p) for p in self.topics):
+                if self.allowed(topic):
                     self._sources.add(topic)
             case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
                 if topic in self._sources:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from groundtrace_codecs.events import Fix, Gap, StageSpec
 from groundtrace_codecs.signals import NS_PER_S
 
 from .gates import Candidates, Carry, decided_block, gate_specs
+from .stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -33,7 +33,7 @@ class _Run:
     waiting: list[Fix] = field(default_factory=list)
 
 
-class TrackerStage:
+class TrackerStage(PluginStage["Tracker"]):
     """Runs one tracker on the fixes of one stage.
 
     Parameters
@@ -59,11 +59,7 @@ class TrackerStage:
         *,
         source: str,
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.source = source
         self._run: _Run | None = None
 
@@ -71,7 +67,7 @@ class TrackerStage:
         """Begin at the stage that locates, then take its fixes."""
         match item:
             case StageSpec(stage=stage, topic=topic) if stage == self.source:
-                if self._run is None and self._allowed(topic):
+                if self._run is None and self.allowed(topic):
                     self._run = self._begin(topic)
                     yield self._run.spec
             case Fix(stage=stage) if stage == self.source and self._run is not None:
@@ -92,9 +88,6 @@ class TrackerStage:
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
         self._run = copy.deepcopy(saved)
-
-    def _allowed(self, topic: str) -> bool:
-        return not self.topics or any(fnmatch(topic, pattern) for pattern in self.topics)
 
     def _begin(self, topic: str) -> _Run:
         worker = self.kind(self.parameters)

@@ -13,13 +13,18 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..nonfinite import Holder
 from .inertial_frames import Samples
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
     from .rotations import Array
 
+#: What a sensor may measure; only the last may be missing.
+QUANTITIES = ("angular_velocity", "acceleration", "magnetic_field")
 #: After this long without a field the sensor goes on without one [ns].
 PATIENCE_NS = 2 * NS_PER_S
 #: A field is not interpolated over more than this, nor held for longer [ns].
@@ -66,12 +71,32 @@ class _Series:
         return values
 
 
+def columns_of_axes(stream: Stream, quantity: str) -> list[int]:
+    """Return the columns of a quantity's axes x, y, z; none where one of them lacks."""
+    columns = {stream.channels[c].axis: c for c in stream.columns_of({quantity})}
+    return [columns[axis] for axis in "xyz"] if columns.keys() >= set("xyz") else []
+
+
 class Aligner:
     """Brings the parts of a sensor together; what is complete can be taken, in any portions."""
 
     def __init__(self) -> None:
         self._rate, self._force, self._field = _Series(), _Series(), _Series()
         self._offered_ns = -(2**62)
+        self._holders: dict[str, Holder] = {}
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take the quantities of a block, every sample finite."""
+        held = self._holders.setdefault(block.topic, Holder()).held(block)
+        values, times = held.values, held.sample_times()
+        for quantity in QUANTITIES:
+            if columns := columns_of_axes(block.stream, quantity):
+                self.add(quantity, times, values[:, columns])
+
+    @property
+    def held(self) -> int:
+        """How many samples were not finite."""
+        return sum(holder.count for holder in self._holders.values())
 
     def add(self, quantity: str, time_ns: NDArray[np.int64], values: Array) -> None:
         """Take samples of ``angular_velocity``, ``acceleration`` or ``magnetic_field``."""

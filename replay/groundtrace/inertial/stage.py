@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from groundtrace_codecs.signals import SignalBlock
 
 from ..gates import Carry, decided_block, gate_specs
 from ..nonfinite import Holder
+from ..stage import PluginStage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -43,7 +43,7 @@ class _Run:
     holder: Holder = field(default_factory=Holder)
 
 
-class NavigatorStage:
+class NavigatorStage(PluginStage["FootNavigator"]):
     """Runs one navigator on every stream of a foot that has three axes of each sensor.
 
     Parameters
@@ -66,11 +66,7 @@ class NavigatorStage:
         parameters: Any,
         topics: Sequence[str] = (),
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self._runs: dict[str, _Run | None] = {}
         self._tracks = 0
 
@@ -104,7 +100,7 @@ class NavigatorStage:
     def _begin(self, block: SignalBlock) -> Iterator[Event]:
         stream = block.stream
         self._runs[block.topic] = None
-        allowed = not self.topics or any(fnmatch(stream.topic, p) for p in self.topics)
+        allowed = self.allowed(stream.topic)
         if not allowed or "foot" not in (stream.placement or "foot"):
             return
         columns = inertial_columns(stream)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from fnmatch import fnmatch
 from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..gates import Carry, decided_block, gate_specs
-from ..heading.aligned import PATIENCE_NS
+from ..heading.aligned import PATIENCE_NS, QUANTITIES, columns_of_axes
+from ..stage import PluginStage
 from .barometer import Barometer
 from .places import TangentPlane, satellite_columns, satellite_fixes, waypoints_of
-from .worn_sensor import QUANTITIES, WornSensor, columns_of_axes
+from .worn_sensor import WornSensor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,7 +45,7 @@ class _Run:
     steps: list[StepEvent] = field(default_factory=list)
 
 
-class ReckoningStage:
+class ReckoningStage(PluginStage["DeadReckoner"]):
     """Runs one reckoner on the steps that one stage finds with a sensor that has a gyroscope.
 
     Parameters
@@ -78,11 +78,7 @@ class ReckoningStage:
         start: tuple[float, float] = (0.0, 0.0),
         labels: Sequence[Label] = (),
     ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
+        super().__init__(name, plugin, kind, parameters, topics)
         self.stepping = stepping
         self.start = start
         self.waypoints = waypoints_of(labels, parameters.updates, parameters.waypoint_m)
@@ -97,7 +93,7 @@ class ReckoningStage:
         """Take signal and steps; give the track as far as it is known."""
         match item:
             case StageSpec(stage=stage, topic=topic) if stage == self.stepping:
-                if not self.topics or any(fnmatch(topic, p) for p in self.topics):
+                if self.allowed(topic):
                     self._topics.add(topic)
             case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
                 if topic in self._runs:

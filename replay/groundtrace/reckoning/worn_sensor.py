@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from ..heading.aligned import PATIENCE_NS, Aligner
-from ..nonfinite import Holder
+from ..heading.aligned import PATIENCE_NS, Aligner, columns_of_axes
 from .level_motion import LevelMotion
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.signals import SignalBlock
 
     from .parameters import Axis
 
 TURNING = "angular_velocity"
-QUANTITIES = (TURNING, "acceleration", "magnetic_field")
 
 
 @dataclass(slots=True)
@@ -36,7 +34,6 @@ class WornSensor:
     motion: LevelMotion | None = None
     topic: str = ""
     _aligner: Aligner = field(default_factory=Aligner)
-    _holders: dict[str, Holder] = field(default_factory=dict)
     _early: list[SignalBlock] = field(default_factory=list)
 
     @property
@@ -47,7 +44,7 @@ class WornSensor:
     @property
     def held(self) -> int:
         """How many samples were not finite."""
-        return sum(holder.count for holder in self._holders.values())
+        return self._aligner.held
 
     def hear(self, block: SignalBlock) -> None:
         """Take a block of one of the sensor's streams."""
@@ -60,9 +57,9 @@ class WornSensor:
             self.topic = block.topic
             self.motion = LevelMotion(self.axis, block.stream.rate_hz)
             for early in self._early:
-                self._feed(early)
+                self._aligner.hear(early)
             self._early = []
-        self._feed(block)
+        self._aligner.hear(block)
         self.motion.add(self._aligner.take())
 
     def finish(self) -> None:
@@ -70,16 +67,3 @@ class WornSensor:
         if self.motion is not None:
             self.motion.add(self._aligner.finish())
             self.motion.finish()
-
-    def _feed(self, block: SignalBlock) -> None:
-        held = self._holders.setdefault(block.topic, Holder()).held(block)
-        values, times = held.values, held.sample_times()
-        for quantity in QUANTITIES:
-            if columns := columns_of_axes(block.stream, quantity):
-                self._aligner.add(quantity, times, values[:, columns])
-
-
-def columns_of_axes(stream: Stream, quantity: str) -> list[int]:
-    """Return the columns of a quantity's axes x, y, z; none where one of them lacks."""
-    columns = {stream.channels[c].axis: c for c in stream.columns_of({quantity})}
-    return [columns[axis] for axis in "xyz"] if columns.keys() >= set("xyz") else []
