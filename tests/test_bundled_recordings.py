@@ -9,21 +9,33 @@ import numpy as np
 import pytest
 
 import groundtrace_recordings
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace.simulate import (
+    RoomOptions,
+    VehicleOptions,
+    WalkOptions,
+    simulate_room,
+    simulate_vehicle,
+    simulate_walk,
+    write,
+)
 from groundtrace_codecs.recording import Recording
 
-SIMULATED = {"room-walk.mcap": simulate_room, "waist-walk.mcap": simulate_walk}
+SIMULATED = {
+    "room-walk.mcap": simulate_room,
+    "vehicle-pass.mcap": simulate_vehicle,
+    "waist-walk.mcap": simulate_walk,
+}
 
-#: One count of each stream.
-RESOLUTION = {"/seismic": 5e-7, "/imu/waist": 0.0024, "/mag/waist": 1e-8, "/baro/waist": 0.1}
+#: One count of each stream whose channels do not say it as their scale.
+RESOLUTION = {"/imu/waist": 0.0024, "/mag/waist": 1e-8, "/baro/waist": 0.1}
 
 
 def samples(blocks) -> np.ndarray:
     return np.concatenate([block.values for block in blocks])
 
 
-def test_both_recordings_are_found_and_small():
-    assert list(groundtrace_recordings.bundled()) == ["room-walk.mcap", "waist-walk.mcap"]
+def test_the_recordings_are_found_and_small():
+    assert list(groundtrace_recordings.bundled()) == list(SIMULATED)
     for name, path in groundtrace_recordings.bundled().items():
         assert groundtrace_recordings.path_of(name) == path
         assert 10_000 < path.stat().st_size < 4_000_000
@@ -53,7 +65,9 @@ def test_a_bundled_recording_holds_what_its_simulator_gives(name):
             stored = [s.block for s in recording.blocks([stream.topic])]
             assert stored[0].start_ns == next(iter(blocks)).start_ns
             assert stored[0].stream.rate_hz == pytest.approx(stream.rate_hz)
-            apart = np.abs(samples(stored) - samples(blocks)) / RESOLUTION[stream.topic]
+            apart = np.abs(samples(stored) - samples(blocks)) / RESOLUTION.get(
+                stream.topic, stream.scales
+            )
             # Another processor may round another way: one count, and seldom.
             assert apart.max() < 1.01
             assert np.mean(apart > 1e-6) < 1e-4
@@ -74,6 +88,7 @@ def test_the_readme_says_the_commands_and_their_seeds():
         ["groundtrace", "simulate", kind, "-o", name, "--seed", str(options.seed)]
         for kind, name, options in (
             ("room", "room-walk.mcap", RoomOptions()),
+            ("vehicle", "vehicle-pass.mcap", VehicleOptions()),
             ("walk", "waist-walk.mcap", WalkOptions()),
         )
     ]

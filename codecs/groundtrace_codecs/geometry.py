@@ -86,6 +86,8 @@ class Geometry:
     unit
         ``m``, or ``unknown``: then every length, also in the medium's values, is in the unknown
         unit that the places were written in.
+    road
+        Corners of the line of a road, in its forward direction [m].
     """
 
     sensors: tuple[Sensor, ...] = ()
@@ -94,6 +96,7 @@ class Geometry:
     sources: tuple[tuple[str, float, float], ...] = ()
     medium: Medium = Medium()
     unit: str = "m"
+    road: tuple[tuple[float, float], ...] = ()
 
     @property
     def length_unit(self) -> str:
@@ -120,7 +123,7 @@ class Geometry:
 
     @classmethod
     def from_toml(cls, path: Path) -> Geometry:
-        """Read a geometry TOML: ``unit``, ``outline``, ``start``, ``[[sensor]]``, ``[medium]``.
+        """Read a geometry TOML: ``unit``, ``outline``, ``road``, ``[[sensor]]``, ``[medium]``, ...
 
         Places in a known unit become metres; those in an ``unknown`` one stay.
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 UNKNOWN_UNIT = "unknown"
 #: Metres of each unit that places may be written in.
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "in": 0.0254}
-KEYS = ("unit", "outline", "start", "sensor", "source", "medium")
+KEYS = ("unit", "outline", "start", "road", "sensor", "source", "medium")
 #: Where numbers that are lengths in the unit of the file stand in a table.
 PLACES = ("x", "y", "z")
 
@@ -70,7 +70,7 @@ def _scaled(value: Any, metres: float) -> Any:
 def geometry_text(fields: Mapping[str, Any]) -> str:
     """Return a geometry, as its fields, as TOML; fields without a value are left out."""
     lines = [f"unit = {_toml(fields['unit'])}"]
-    kept = [key for key in ("outline", "start") if fields[key]]
+    kept = [key for key in ("outline", "start", "road") if fields[key]]
     lines += [f"{key} = {_toml(fields[key])}" for key in kept]
     if fields["sources"]:
         lines.append(f"source = {_toml(fields['sources'])}")

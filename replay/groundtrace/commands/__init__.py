@@ -70,6 +70,13 @@ COMMANDS = {
         "differ, with or without known places; say what cannot be told.\n\n"
         "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
     ),
+    "annotate": (
+        f"{HERE}.annotating:annotate",
+        "Mark what happened in a recording: missed and false steps, steps, picks, notes, spans; "
+        "on the command line, or on a page in the browser. Kept beside the recording at once, "
+        "shown by replay, and truth for score where the recording has none.\n\n"
+        "Example: groundtrace annotate walk.mcap --add missed@12.34 --note 'left foot, soft'",
+    ),
     "plugins": (
         f"{HERE}.listing:plugins",
         "List what is installed: detectors, associators, importers, sinks.\n\n"

@@ -133,7 +133,7 @@ def room(
         triaxial=triaxial,
         random=random,
     )
-    _write(simulate_room(options), out, force=force)
+    store(simulate_room(options), out, force=force)
 
 
 def walk(
@@ -205,7 +205,7 @@ def walk(
         hard_iron_t=None if hard_iron_ut is None else hard_iron_ut / 1e6,
         soft_iron=soft_iron,
     )
-    _write(simulate_walk(options), out, force=force)
+    store(simulate_walk(options), out, force=force)
 
 
 def _sides(text: str) -> tuple[float, float]:
@@ -229,7 +229,8 @@ def _offset(text: str) -> tuple[str, float]:
         raise SimulationError(f"--clock-offset-ms: expected {expected}, found {text!r}") from None
 
 
-def _write(simulation: Simulation, out: Path, *, force: bool) -> None:
+def store(simulation: Simulation, out: Path, *, force: bool) -> None:
+    """Write a simulation and say what its truth holds."""
     write(simulation, writable(out, force=force), force=force)
     print(f"wrote {out}: {_labels([x.kind for x in simulation.labels])}")
 

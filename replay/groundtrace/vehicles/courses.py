@@ -1,0 +1,234 @@
+"""A straight course from the powers of all cycles at once, without a place for any single one.
+
+The paper finds a place in each cycle, (7), and a course through these, (9). Places err unevenly and
+not normally, so much is lost. Here the powers themselves are fitted: mu / r^n with r the distance
+to the course (8), the noise added. See :mod:`groundtrace.vehicles.scoring` for the likelihood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .lines import Course
+from .medium import EXPONENT, PowerLaw, ranges
+from .scoring import Fitted, deviance, fit_powers, usable
+from .search import Search, starts
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Points of Gauss's quadrature within a cycle: a vehicle at speed is not in one place.
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+_LAW = PowerLaw(1.0, EXPONENT)
+#: Courses nearer than this many standard deviations, and 0.1 m, are one.
+_ALIKE, _ALIKE_M = 0.5, 0.1
+#: Log-likelihood that a rival may lack.
+_MOST_LOST = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """Powers of cycles at sensors.
+
+    Attributes
+    ----------
+    times_s
+        Shape (c,): middles of the cycles [s].
+    powers
+        Shape (c, n): (6), noise included; NaN or 0 where there is none.
+    floors
+        Shape (c, n): mean power of the noise.
+    sensors
+        Shape (n, 2) [m].
+    law
+        How power falls; its mu is not used.
+    cycle_s
+        Length of a cycle, within which the vehicle moves on [s]; 0: it does not.
+    """
+
+    times_s: Array
+    powers: Array
+    floors: Array
+    sensors: Array
+    law: PowerLaw = _LAW
+    cycle_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CourseFit:
+    """A course fitted to powers.
+
+    Attributes
+    ----------
+    course
+        The likeliest.
+    log_mu, log_mu_sigma
+        ln of the energy parameter, shape (1,), or (c,) with one per cycle, and standard deviations.
+    log_likelihood
+        Less that of a mean for every power of its own.
+    evidence
+        By how much that is above the log-likelihood of noise alone; inf where no noise is known.
+    relative_sigma
+        Standard deviation of a power over its mean, given or found.
+    samples
+        How many powers.
+    rivals
+        Other courses that are maxima too, and by how much their log-likelihood is lower, at most
+        10; sensors in a line cannot tell a course from its mirror image, and few cycles at times
+        not on which side of a sensor it went.
+    """
+
+    course: Course
+    log_mu: Array
+    log_mu_sigma: Array
+    log_likelihood: float
+    evidence: float
+    relative_sigma: float
+    samples: int
+    rivals: tuple[tuple[Course, float], ...] = ()
+
+    @property
+    def cautious(self) -> Course:
+        """The course with a covariance that takes in the rivals, each by how likely it is."""
+        best = self.course
+        centre = np.concatenate([best.place, best.velocity])
+        total, weights = best.covariance.copy(), 1.0
+        for rival, lost in self.rivals:
+            weight = float(np.exp(_log_volume(rival) - _log_volume(best) - lost))
+            off = np.concatenate([rival.place, rival.velocity]) - centre
+            total += weight * (rival.covariance + np.outer(off, off))
+            weights += weight
+        return replace(best, covariance=total / weights)
+
+
+def fit_course(
+    observed: Observed,
+    search: Search | None = None,
+    each_mu: bool = False,
+    relative_sigma: float | None = None,
+) -> CourseFit | None:
+    """Fit a straight course to powers.
+
+    Parameters
+    ----------
+    observed
+        The powers.
+    search
+        Where and how fast vehicles may be; None: about the sensors.
+    each_mu
+        Whether the vehicle's strength may differ from cycle to cycle; then the directions between
+        sensors tell its places, and not how its power rises and falls.
+    relative_sigma
+        Standard deviation of a power over its mean; None: found.
+
+    Returns
+    -------
+    The likeliest course, or None with fewer than two powers beyond the unknowns, or where these are
+    open, as where there is but noise.
+    """
+    model = _Model(observed, each_mu)
+    if model.samples < 4 + model.strengths + 2:
+        return None
+    reach = search or Search.about(observed.sensors)
+    fits = [
+        fit_powers(model, model.powers, model.start(start), relative_sigma)
+        for start in starts(observed, reach, each_mu)
+    ]
+    fits.sort(key=lambda fit: fit.deviance)
+    found = [model.result(fit) for fit in fits if np.isfinite(fit.covariance).all()]
+    if not found:
+        return None
+    best = found[0]
+    rivals: list[tuple[Course, float]] = []
+    for fit in found[1:]:
+        # each found a fluctuation of its own; they are compared for the best one's
+        lost = best.log_likelihood - fit.log_likelihood * (
+            fit.relative_sigma**2 / best.relative_sigma**2
+        )
+        known = [best.course, *(course for course, _ in rivals)]
+        if lost < _MOST_LOST and all(_differ(fit.course, other) for other in known):
+            rivals.append((fit.course, lost))
+    return replace(best, rivals=tuple(rivals))
+
+
+def _log_volume(course: Course) -> float:
+    return 0.5 * float(np.linalg.slogdet(course.covariance)[1])
+
+
+def _differ(one: Course, other: Course) -> bool:
+    """Return whether two courses are apart by more than they err."""
+    sigma = np.sqrt(np.diag(one.covariance))
+    off = np.abs(np.concatenate([one.place - other.place, one.velocity - other.velocity]))
+    return bool((off > _ALIKE_M + _ALIKE * np.where(np.isfinite(sigma), sigma, 0.0)).any())
+
+
+class _Model:
+    """Mean powers and their slopes for the parameters (x, y, vx, vy, ln mu...)."""
+
+    def __init__(self, observed: Observed, each_mu: bool) -> None:
+        self.observed = observed
+        self.used = usable(observed.powers)
+        self.powers: Array = observed.powers[self.used]
+        self.floors: Array = observed.floors[self.used]
+        self.time_s = float(observed.times_s.mean())
+        self.each_mu = each_mu
+        cycle, _ = np.nonzero(self.used)
+        heard, group = np.unique(cycle, return_inverse=True)
+        self.group = group if each_mu else np.zeros(len(cycle), np.intp)
+        self.strengths = len(heard) if each_mu else 1
+        self.samples = len(self.powers)
+
+    def start(self, course: Array) -> Array:
+        """Return a course (4,) with the strengths that suit it, shape (4 + strengths,)."""
+        spread, _ = self._spread(course)
+        share = np.clip(1 - self.floors / self.powers, 1e-3, 1.0)
+        logs = np.log(self.powers * share / spread)
+        sums = np.bincount(self.group, share**2 * logs)
+        return np.concatenate([course, sums / np.bincount(self.group, share**2)])
+
+    def __call__(self, values: Array) -> tuple[Array, Array]:
+        spread, slopes = self._spread(values[:4])
+        vehicle = spread * np.exp(np.clip(values[4:], -600, 600))[self.group]
+        mean = vehicle + self.floors
+        strength = (self.group[:, None] == np.arange(self.strengths)).astype(np.float64)
+        share = (vehicle / mean)[:, None]
+        return mean, share * np.concatenate([slopes, strength], axis=1)
+
+    def _spread(self, course: Array) -> tuple[Array, Array]:
+        """Return powers for mu = 1 and the slopes of their logarithms, shapes (k,) and (k, 4)."""
+        observed = self.observed
+        power: Array = np.zeros(observed.powers.shape)
+        slopes: Array = np.zeros((*power.shape, 4))
+        for point, weight in zip(*self._quadrature(), strict=True):
+            ahead = observed.times_s - self.time_s + point
+            places = course[:2] + course[2:] * ahead[:, None]
+            r = ranges(places, observed.sensors)
+            part = 0.5 * weight * observed.law.power(r)
+            power += part
+            way = (places[:, None] - observed.sensors) / r[..., None]
+            slope = (part * observed.law.slope(r))[..., None] * way
+            slopes[..., :2] += slope
+            slopes[..., 2:] += slope * ahead[:, None, None]
+        return power[self.used], (slopes / power[..., None])[self.used]
+
+    def _quadrature(self) -> tuple[Array, Array]:
+        if self.observed.cycle_s <= 0:
+            return np.zeros(1), np.full(1, 2.0)
+        return _POINTS * self.observed.cycle_s / 2, _WEIGHTS
+
+    def result(self, fit: Fitted) -> CourseFit:
+        """Return a fit in words of a course."""
+        place, velocity, log_mu = np.split(fit.values, [2, 4])
+        course = Course(self.time_s, place, velocity, fit.covariance[:4, :4])
+        sigma = np.sqrt(np.diag(fit.covariance)[4:])
+        evidence = float("inf")
+        if (self.floors > 0).all():
+            alone = float(deviance(self.powers, self.floors).sum())
+            evidence = (alone - fit.deviance) / (2 * fit.relative_sigma**2)
+        likely, scatter, samples = fit.log_likelihood, fit.relative_sigma, fit.samples
+        return CourseFit(course, log_mu, sigma, likely, evidence, scatter, samples)

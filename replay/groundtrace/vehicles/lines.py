@@ -1,0 +1,232 @@
+"""A straight course in uniform motion: through places of single cycles, and across a line.
+
+Source: the paper, equations (8) and (9). Three errors of (9) are corrected here: in V the sums of
+z_j and of j z_j are interchanged, z_0 has a factor 1 / dt too many, and the denominators belong to
+sums from j = 0, not from 1. With sums from 1 they are others, see :func:`from_one`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..localizers.joint_fit import WEIGHTS
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+Loss = Literal["squares", "huber", "tukey"]
+#: Tukey's constant of 95 % efficiency, in standard deviations.
+_TUKEY = 4.685
+_ROUNDS = 50
+_ROBUST = 1.4826  # standard deviation over median absolute deviation of a normal law
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crossing:
+    """Where and when a course crosses a line.
+
+    Attributes
+    ----------
+    time_s, time_sigma_s
+        When, and its standard deviation [s].
+    place
+        Where, shape (2,) [m].
+    along_m, along_sigma_m
+        How far from the line's first point, and its standard deviation [m].
+    inside
+        Whether that is between the line's two points.
+    rightwards
+        Whether the vehicle goes to the right of one who looks from the first point to the second.
+    """
+
+    time_s: float
+    time_sigma_s: float
+    place: Array
+    along_m: float
+    along_sigma_m: float
+    inside: bool
+    rightwards: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """Straight uniform motion, z(t) = z0 + V (t - t0), (8).
+
+    Attributes
+    ----------
+    time_s
+        t0 [s].
+    place
+        z0, shape (2,) [m].
+    velocity
+        V, shape (2,) [m/s].
+    covariance
+        Shape (4, 4): of (x, y, vx, vy).
+    """
+
+    time_s: float
+    place: Array
+    velocity: Array
+    covariance: Array
+
+    def at(self, times_s: Array) -> Array:
+        """Return the places at times, shape (..., 2) from (...) [m]."""
+        return np.asarray(self.place + self.velocity * (times_s - self.time_s)[..., None])
+
+    def spread_at(self, times_s: Array) -> Array:
+        """Return the covariances of those places, shape (..., 2, 2) [m^2]."""
+        ahead = (times_s - self.time_s)[..., None, None]
+        c = self.covariance
+        mixed = c[:2, 2:] + c[2:, :2]
+        return np.asarray(c[:2, :2] + ahead * mixed + ahead**2 * c[2:, 2:])
+
+    @property
+    def speed_mps(self) -> float:
+        """Length of V [m/s]."""
+        return float(np.hypot(*self.velocity))
+
+    @property
+    def speed_sigma_mps(self) -> float:
+        """Standard deviation of the speed [m/s]."""
+        return self._sigma(self.velocity / self.speed_mps)
+
+    @property
+    def heading_rad(self) -> float:
+        """Direction of V, counter-clockwise from x [rad]."""
+        return float(np.arctan2(self.velocity[1], self.velocity[0]))
+
+    @property
+    def heading_sigma_rad(self) -> float:
+        """Standard deviation of the heading [rad]."""
+        vx, vy = self.velocity
+        return self._sigma(np.array([-vy, vx]) / self.speed_mps**2)
+
+    def _sigma(self, gradient: Array) -> float:
+        return float(np.sqrt(gradient @ self.covariance[2:, 2:] @ gradient))
+
+    def crossing(self, start: Array, end: Array) -> Crossing | None:
+        """Return the crossing of the line through two points, or None for a parallel course.
+
+        Parameters
+        ----------
+        start, end
+            Shapes (2,) [m].
+        """
+        length = float(np.hypot(*(end - start)))
+        along = (end - start) / length
+        across = np.array([along[1], -along[0]])
+        rate = float(across @ self.velocity)
+        if abs(rate) <= 1e-9 * self.speed_mps:
+            return None
+        ahead = float(across @ (start - self.place)) / rate
+        place = self.place + ahead * self.velocity
+        # delta method: what the moment, and the way along the line, owe to (x, y, vx, vy)
+        moved = np.concatenate([np.eye(2), ahead * np.eye(2)], axis=1)
+        time_slope = -(across @ moved) / rate
+        along_slope = along @ moved + float(along @ self.velocity) * time_slope
+        time_sigma, along_sigma = (
+            float(np.sqrt(slope @ self.covariance @ slope)) for slope in (time_slope, along_slope)
+        )
+        way = float(along @ (place - start))
+        when = self.time_s + ahead
+        return Crossing(
+            when, time_sigma, place, way, along_sigma, 0 <= way <= length, rightwards=rate > 0
+        )
+
+
+def from_zero(places: Array, interval_s: float) -> tuple[Array, Array]:
+    """Return z0 and V by (9) as corrected, for places of the cycles j = 0 to i.
+
+    Parameters
+    ----------
+    places
+        Shape (i + 1, 2), i at least 1 [m].
+    interval_s
+        Time between cycles [s].
+
+    Returns
+    -------
+    Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0.
+    """
+    j = np.arange(len(places))
+    i = float(j[-1])
+    total, moment = places.sum(axis=0), j @ places
+    velocity = 12 * moment / (i * (i + 1) * (i + 2)) - 6 * total / ((i + 1) * (i + 2))
+    start = 2 * (2 * i + 1) * total / ((i + 1) * (i + 2)) - 6 * moment / ((i + 1) * (i + 2))
+    return start, velocity / interval_s
+
+
+def from_one(places: Array, interval_s: float) -> tuple[Array, Array]:
+    """Return z0 and V by (9) as corrected, for places of the cycles j = 1 to i.
+
+    Parameters
+    ----------
+    places
+        Shape (i, 2), i at least 2 [m].
+    interval_s
+        Time between cycles [s].
+
+    Returns
+    -------
+    Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0, one interval before the first.
+    """
+    i = float(len(places))
+    total, moment = places.sum(axis=0), np.arange(1, len(places) + 1) @ places
+    velocity = 12 * moment / (i * (i * i - 1)) - 6 * total / (i * (i - 1))
+    start = 2 * (2 * i + 1) * total / (i * (i - 1)) - 6 * moment / (i * (i - 1))
+    return start, velocity / interval_s
+
+
+def through(times_s: Array, places: Array, loss: Loss = "huber") -> Course:
+    """Return the course through places at any times, by reweighting.
+
+    The scale comes from the median of the distances off the course, so that less than half of the
+    cycles may be outliers; Tukey's loss starts where Huber's ends, and leaves far ones out wholly.
+
+    Parameters
+    ----------
+    times_s
+        Shape (n,), n at least 3 [s].
+    places
+        Shape (n, 2) [m].
+    loss
+        ``squares``: (9). ``huber``, ``tukey``: robust ones.
+
+    Returns
+    -------
+    The course, at the mean of the times; its covariance is that of a reweighted fit.
+    """
+    start = float(times_s.mean())
+    design = np.stack([np.ones_like(times_s), times_s - start], axis=1)
+    weights = np.ones(len(times_s))
+    found = _weighted(design, places, weights)
+    for kind in {"squares": (), "huber": ("huber",), "tukey": ("huber", "tukey")}[loss]:
+        for _ in range(_ROUNDS):
+            before = found
+            weights = _weights(kind, places - design @ found)
+            found = _weighted(design, places, weights)
+            if np.abs(found - before).max() <= 1e-12 * (1 + np.abs(found).max()):
+                break
+    off = places - design @ found
+    variance = np.einsum("n,ni,nj->ij", weights, off, off) / max(weights.sum() - 2, 1e-9)
+    inverse = np.linalg.inv(design.T @ (design * weights[:, None]))
+    return Course(start, found[0], found[1], np.kron(inverse, variance))
+
+
+def _weighted(design: Array, places: Array, weights: Array) -> Array:
+    scaled = design * weights[:, None]
+    return np.asarray(np.linalg.solve(design.T @ scaled, scaled.T @ places), np.float64)
+
+
+def _weights(kind: str, off: Array) -> Array:
+    """Return a weight per place for its distances off the course, shape (n, 2)."""
+    scale = _ROBUST * np.median(np.abs(off - np.median(off, axis=0)), axis=0)
+    z = np.linalg.norm(off / np.maximum(scale, 1e-9), axis=1) / np.sqrt(2)
+    if kind == "huber":
+        return WEIGHTS["huber"](z)
+    return np.asarray(np.where(z < _TUKEY, (1 - (z / _TUKEY) ** 2) ** 2, 0.0), np.float64)
