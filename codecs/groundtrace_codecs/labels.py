@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-#: Kinds a truth table may hold; ``walking``, ``ignore`` and ``count`` are spans.
+#: Kinds a truth table may hold; ``walking``, ``ignore``, ``count`` and ``idle`` (movement that is
+#: no walking) are spans; ``trailing`` is the second contact of a side step, no step of its own.
 TRUTH_KINDS = frozenset(
     {
         "step",
@@ -17,8 +18,15 @@ TRUTH_KINDS = frozenset(
         "heading",
         "disturbed",
         "pass",
+        "trailing",
+        "idle",
     }
 )
+#: Kinds a person may mark. ``missed`` is a step that a detector missed, ``false`` a detection where
+#: there was none, ``span`` a span with a word of its own.
+MOMENT_KINDS = frozenset({"missed", "false", "step", "pick", "note"})
+SPAN_KINDS = frozenset({"walking", "ignore", "disturbed", "pass", "span"})
+ANNOTATION_KINDS = MOMENT_KINDS | SPAN_KINDS
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -30,7 +38,7 @@ class Label:
     time_ns
         Moment, or start of the span [ns, on the recording's clock].
     kind
-        One of :data:`TRUTH_KINDS`, or an annotator's own word.
+        One of :data:`TRUTH_KINDS` or of :data:`ANNOTATION_KINDS`.
     end_ns
         End of a half-open span [ns], or None for a moment.
     x_m, y_m
@@ -60,3 +68,11 @@ class Label:
     author: str = ""
     note: str = ""
     target: str = ""
+
+
+def as_truth(label: Label) -> Label:
+    """Return what an annotation says as truth: ``missed`` is a step, others are what they are.
+
+    ``false``, ``note`` and ``span`` are no truth of anything; whoever scores leaves them out.
+    """
+    return replace(label, kind="step") if label.kind == "missed" else label

@@ -9,7 +9,7 @@ from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
 from .errors import SchemaError
-from .labels import TRUTH_KINDS, Label
+from .labels import ANNOTATION_KINDS, TRUTH_KINDS, Label, as_truth
 from .signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -40,10 +40,14 @@ _NEEDS = {
     "count": ("end_ns", "value"),
     "walking": ("end_ns",),
     "ignore": ("end_ns",),
+    "span": ("end_ns",),
+    "idle": ("end_ns",),
     "waypoint": ("x_m", "y_m"),
     "pick": ("channel",),
     "heading": ("value",),
 }
+
+_KINDS = TRUTH_KINDS | ANNOTATION_KINDS
 
 #: Latest moment a label may have [ns]: the end of int64.
 _MAX_NS = 2**63 - 1
@@ -53,7 +57,8 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
     """Read a truth CSV.
 
     Columns: ``time_s`` (from the recording's first sample) or ``time_ns`` (on the recording's
-    clock), ``kind`` (one of :data:`~groundtrace_codecs.labels.TRUTH_KINDS`), and optionally
+    clock), ``kind`` (one of :data:`~groundtrace_codecs.labels.TRUTH_KINDS` or
+    :data:`~groundtrace_codecs.labels.ANNOTATION_KINDS`), and optionally
     ``end_s`` or ``end_ns``, ``x_m``, ``y_m``, ``value``, ``channel``, ``label``, ``author``,
     ``note``, ``target``. Lines that start with ``#`` and empty lines are skipped.
 
@@ -78,6 +83,11 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SchemaError(f"{path.name}: expected UTF-8 text, found {error.reason}") from error
+    return _labels_of(text, path.name, start_ns)
+
+
+def _labels_of(text: str, name: str, start_ns: int) -> tuple[Label, ...]:
+    """Return the labels of a table's text; ``name`` is the file's."""
     reader = csv.reader(io.StringIO(text, newline=""))
     header: list[str] | None = None
     labels: list[Label] = []
@@ -85,17 +95,17 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
         for cells in reader:
             if not any(c.strip() for c in cells) or cells[0].startswith("#"):
                 continue
-            place = f"{path.name}: line {reader.line_num}"
+            place = f"{name}: line {reader.line_num}"
             if header is None:
                 header = _header(cells, place)
             else:
                 labels.append(_Row.of(header, cells, place).label(start_ns))
     except csv.Error as error:
         raise SchemaError(
-            f"{path.name}: line {reader.line_num}: expected CSV, found: {error}"
+            f"{name}: line {reader.line_num}: expected CSV, found: {error}"
         ) from error
     if header is None:
-        raise SchemaError(f"{path.name}: expected a header with time_s and kind, found no line")
+        raise SchemaError(f"{name}: expected a header with time_s and kind, found no line")
     return tuple(labels)
 
 
@@ -110,19 +120,36 @@ def write_truth_csv(path: Path, labels: Sequence[Label], start_ns: int) -> None:
         In the order to be written.
     start_ns
         Time of the recording's first sample [ns]; times are written relative to it.
+
+    Raises
+    ------
+    SchemaError
+        Naming line and column of the first label that would not be read back as it is: a kind
+        that is none, a span without its end, text with blanks at its ends. Nothing is written.
     """
     names = [n for n in COLUMNS if n not in ("time_ns", "end_ns")]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        for label in labels:
-            writer.writerow([_cell(label, name, start_ns) for name in names])
+    table = io.StringIO(newline="")
+    writer = csv.writer(table)
+    writer.writerow(names)
+    for label in labels:
+        writer.writerow([_cell(label, name, start_ns) for name in names])
+    for label, again in zip(labels, _labels_of(table.getvalue(), path.name, start_ns), strict=True):
+        changed = [n for n in Label.__slots__ if getattr(again, n) != getattr(label, n)]
+        if changed:
+            raise SchemaError(
+                f"{path.name}: {label.kind} at {_cell(label, 'time_s', start_ns)} s: {changed[0]}: "
+                f"expected what a table can hold, found {getattr(label, changed[0])!r}"
+            )
+    try:
+        path.write_bytes(table.getvalue().encode())
+    except UnicodeEncodeError as error:
+        raise SchemaError(f"{path.name}: expected UTF-8 text, found {error.reason}") from error
 
 
 def read_truth(
     path: Path, *, start_ns: int, geometry: Geometry | None, labels: Sequence[Label]
 ) -> tuple[Label, ...]:
-    """Read truth from any file that holds it, told by its suffix.
+    """Read truth from any file that holds it, told by its suffix; ``missed`` is a step.
 
     Parameters
     ----------
@@ -141,7 +168,7 @@ def read_truth(
     """
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        return read_truth_csv(path, start_ns)
+        return tuple(as_truth(label) for label in read_truth_csv(path, start_ns))
     if suffix == ".sgt":
         from .importers.sgt import picks_of, read_sgt
 
@@ -151,7 +178,7 @@ def read_truth(
         from .recording import Recording
 
         with Recording.open(path) as recording:
-            return recording.labels
+            return recording.labels or tuple(as_truth(a.label) for a in recording.annotations)
     raise SchemaError(f"{path.name}: expected .csv, .sgt or .mcap, found {suffix or 'no suffix'}")
 
 
@@ -189,8 +216,8 @@ class _Row:
 
     def label(self, start_ns: int) -> Label:
         kind = self.cells.get("kind", "")
-        if kind not in TRUTH_KINDS:
-            raise self.wrong("kind", f"one of {', '.join(sorted(TRUTH_KINDS))}")
+        if kind not in _KINDS:
+            raise self.wrong("kind", f"one of {', '.join(sorted(_KINDS))}")
         time_ns = self.time("time", start_ns)
         end_ns = self.time("end", start_ns)
         if time_ns is None:

@@ -14,6 +14,7 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Pick, StepEvent, TraceBlock
 from groundtrace_codecs.signals import SignalBlock
 
+from .detector import Curve
 from .parameters import describe
 from .stage import DetectorStage
 
@@ -76,10 +77,48 @@ def outcome(events: Iterable[Event]) -> Outcome:
     )
 
 
-def run(stage: DetectorStage, items: Iterable[SignalBlock | Gap]) -> Outcome:
-    """Feed items to a stage and flush it."""
-    events = [event for item in items for event in stage.process(item)]
-    return outcome([*events, *stage.flush()])
+class ToldCurves:
+    """The decision functions that a stage tells while it runs, where its detector tells one."""
+
+    def __init__(self) -> None:
+        self._pieces: dict[str, list[Curve]] = {}
+
+    @property
+    def topics(self) -> set[str]:
+        """The topics of which something was told."""
+        return set(self._pieces)
+
+    def take(self, stage: DetectorStage, topic: str) -> None:
+        """Keep what is new: a detector that holds nothing back tells its last piece again."""
+        curve, known = stage.curve(topic), self._pieces.get(topic, [])
+        if curve is None or not len(curve.time_ns):
+            return
+        if not known or curve.time_ns[-1] > known[-1].time_ns[-1]:
+            self._pieces[topic] = [*known, curve]
+
+    def whole(self, topic: str) -> Curve:
+        """Return what was told of a topic, in one piece."""
+        pieces = self._pieces[topic]
+        return Curve(
+            np.concatenate([c.time_ns for c in pieces]), np.concatenate([c.value for c in pieces])
+        )
+
+
+def run(
+    stage: DetectorStage, items: Iterable[SignalBlock | Gap], curves: ToldCurves | None = None
+) -> Outcome:
+    """Feed items to a stage and flush it; keep in ``curves`` the decision functions it tells."""
+    told = ToldCurves() if curves is None else curves
+    events: list[Event] = []
+    topics: dict[str, None] = {}
+    for item in items:
+        topics[item.topic] = None
+        events += stage.process(item)
+        told.take(stage, item.topic)
+    events += stage.flush()
+    for topic in topics:
+        told.take(stage, topic)
+    return outcome(events)
 
 
 def assert_same(one: Outcome, other: Outcome, what: str) -> None:
@@ -129,12 +168,14 @@ def check_detector(
     """
     parameters = kind.Parameters() if parameters is None else parameters
     check_description(kind)
-    whole = run(_stage(kind, parameters), items)
+    curves = ToldCurves()
+    whole = run(_stage(kind, parameters), items, curves)
     assert len(whole.times), "expected candidates in a signal the detector is meant for, found none"
     check_gates(kind, whole)
     for size in block_sizes:
-        chunked = run(_stage(kind, parameters), rechunked(items, size))
-        assert_same(whole, chunked, f"blocks of {size} samples")
+        parts, what = ToldCurves(), f"blocks of {size} samples"
+        assert_same(whole, run(_stage(kind, parameters), rechunked(items, size), parts), what)
+        assert_same_curves(curves, parts, what)
     check_state(kind, parameters, items, whole)
     check_faults(kind, parameters, items)
     return whole
@@ -164,6 +205,18 @@ def check_gates(kind: type[Detector], found: Outcome) -> None:
     order = np.lexsort((found.channels, found.times))
     assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
     assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
+
+
+def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:
+    """Raise where decision functions differ, or are not in the order of time."""
+    assert one.topics == other.topics, f"{what}: expected curves of {one.topics}"
+    for topic in one.topics:
+        a, b = one.whole(topic), other.whole(topic)
+        assert (np.diff(a.time_ns) > 0).all(), f"{topic}: expected a curve in the order of time"
+        same = np.array_equal(a.time_ns, b.time_ns) and np.allclose(
+            a.value, b.value, TOLERANCE, TOLERANCE, equal_nan=True
+        )
+        assert same, f"{what}: expected the same curve of {topic}, found another"
 
 
 def check_state(

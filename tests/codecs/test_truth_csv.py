@@ -7,14 +7,15 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.labels import TRUTH_KINDS, Label
+from groundtrace_codecs.labels import ANNOTATION_KINDS, TRUTH_KINDS, Label
 from groundtrace_codecs.truth import read_truth, read_truth_csv, write_truth_csv
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 START_NS = 1_700_000_000_123_456_789
-POINTS = sorted(TRUTH_KINDS - {"count", "walking", "ignore", "waypoint", "pick", "heading"})
+SPANS = ("count", "walking", "ignore", "idle")
+POINTS = sorted(TRUTH_KINDS - {*SPANS, "waypoint", "pick", "heading"})
 FAST = settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
@@ -129,8 +130,58 @@ def test_labels_written_are_read_back_exactly(
     assert read_truth_csv(path, start_ns) == tuple(labels)
 
 
+@FAST
+@given(
+    st.lists(
+        st.builds(
+            Label,
+            time_ns=st.integers(0, 2**62),
+            kind=st.sampled_from([*sorted(TRUTH_KINDS | ANNOTATION_KINDS), "stpe", "jump", ""]),
+            end_ns=st.none() | st.integers(0, 2**62),
+            x_m=numbers,
+            y_m=st.none() | st.floats(),
+            value=numbers,
+            channel=st.text(max_size=5),
+            note=st.text(st.characters(), max_size=8),
+        ),
+        max_size=3,
+    )
+)
+@example([Label(1, "step", note="a\rb")])
+@example([Label(1, "step", note="\ud800")])
+def test_labels_are_refused_in_one_line_or_read_back_exactly(
+    tmp_path: Path, labels: list[Label]
+) -> None:
+    path = tmp_path / "any.csv"
+    path.unlink(missing_ok=True)
+    try:
+        write_truth_csv(path, labels, START_NS)
+    except SchemaError as error:
+        lines, written = str(error).splitlines(), path.exists()
+        assert (len(lines), written) == (1, False)
+    else:
+        assert read_truth_csv(path, START_NS) == tuple(labels)
+
+
+@pytest.mark.parametrize(
+    ("label", "message"),
+    [
+        (Label(1, "stpe"), "out.csv: line 2: kind: expected one of count, .*, found 'stpe'"),
+        (Label(1, "idle"), "out.csv: line 2: end_s: expected a value, as kind idle needs one"),
+        (Label(1, "step", note=" a"), "out.csv: step at 0.000000001 s: note: expected .*' a'"),
+    ],
+)
+def test_a_label_that_would_not_be_read_back_is_not_written(
+    tmp_path: Path, label: Label, message: str
+) -> None:
+    with pytest.raises(SchemaError, match=message):
+        write_truth_csv(tmp_path / "out.csv", [label], 0)
+    assert not (tmp_path / "out.csv").exists()
+
+
 def test_spans_are_read_back_exactly(tmp_path: Path) -> None:
     labels = (Label(5, "walking", 12), Label(9, "ignore", 10), Label(5, "count", 12, value=3.0))
+    labels += (Label(6, "idle", 8, label="sit"), Label(7, "trailing", label="left"))
     write_truth_csv(tmp_path / "out.csv", labels, 5)
     assert read_truth_csv(tmp_path / "out.csv", 5) == labels
 

@@ -12,6 +12,7 @@ import pytest
 from groundtrace.engine import replay
 from groundtrace.errors import PipelineError, RecordingError
 from groundtrace.explain.chain import StepChain
+from groundtrace.explain.evidence import stage_evidence
 from groundtrace.explain.grid import Axis, make_grid, parse_axis
 from groundtrace.explain.measuring import EventList, measure_evidence, resolved, with_values
 from groundtrace.explain.ranking import rank
@@ -224,3 +225,15 @@ def test_a_resolved_pipeline_resolves_to_itself() -> None:
     config = resolved(load_pipeline("room-footsteps"))
     assert resolved(config) == config
     assert with_values(config, (), ()) == config
+
+
+def test_a_pipeline_that_takes_in_waypoints_is_measured_again_with_them() -> None:
+    path, config = path_of("waist-walk.mcap"), resolved(load_pipeline("pedestrian-waypoints"))
+    sink = EventList()
+    with Recording.open(path) as recording:
+        chain = build_pipeline(config, recording.geometry, recording.labels)
+        replay(Source(recording), chain, [sink])
+    stored = stage_evidence(sink.events, ["steps", "track"])
+    for one, other in zip(measure_evidence(path, config).stages, stored, strict=True):
+        assert one.spec == other.spec
+        assert np.array_equal(one.candidates.value, other.candidates.value, equal_nan=True)

@@ -124,6 +124,21 @@ def test_the_signal_path_is_measured_again_beside_gates(
         )
 
 
+def test_settings_that_a_replay_refuses_are_left_out_and_counted(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    done(capsys, "replay", path_of("room-walk.mcap"), "--no-viewer", "--out", "room.mcap")
+    grid = ("--grid", "steps.window_s=0.01:0.05:5", "--grid", "picks.ratio=5,6")
+    found = swept(capsys, "room.mcap", *grid)
+    assert found["rate"]["settings"] == 6
+    assert all(r["settings"]["steps.window_s"] >= 0.03 for r in [found["best"], *found["top"]])
+    (note,) = [n for n in found["notes"] if "left out" in n]
+    assert note.startswith("4 of 10 settings left out, which a replay refuses: arrivals.after_s: ")
+    assert swept(capsys, "room.mcap", *grid, "--random", 20)["rate"]["settings"] < 20
+    error = run(capsys, "sweep", "room.mcap", "--grid", "steps.window_s=0.005,0.02").error
+    assert error == "arrivals.after_s: expected at most the 0.005 s that steps waits, found 0.03"
+
+
 def test_the_recording_is_looked_for_beside_the_results_and_where_it_is_said(
     walk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

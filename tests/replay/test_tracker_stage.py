@@ -99,9 +99,24 @@ def test_a_single_fix_is_no_track() -> None:
 
 def test_two_of_three_fixes_make_a_track() -> None:
     far = fix(0.5, 30, 30)
-    assert len(points(tracked([fix(0, 0, 0), far, fix(1.0, 0.35, 0)]))) == 2
+    assert len(points(tracked([fix(0, 0, 0), far, fix(1.0, 0.35, 0)], confirm=2))) == 2
     farther = fix(1.0, -30, 30)
-    assert points(tracked([fix(0, 0, 0), far, farther, fix(1.5, 0.35, 0)])) == []
+    assert points(tracked([fix(0, 0, 0), far, farther, fix(1.5, 0.35, 0)], confirm=2)) == []
+
+
+def test_two_steps_alone_are_no_confirmed_track_and_take_no_number() -> None:
+    events = tracked([*straight(2), *straight(4, start_s=3.0)])
+    assert all(ok for _, ok, _ in decided(events))
+    assert [p.track for p in points(events)] == [1] * 4
+    assert points(events)[0].time_ns == at(3.0)
+    assert len(points(events, smooth=True)) == 4
+
+
+def test_steps_of_an_unconfirmed_track_are_given_once_it_is_confirmed() -> None:
+    said = tracked(straight(4))
+    at_third = [e for e in said if isinstance(e, CandidateBlock | TrackPoint)]
+    kinds = ["step" if isinstance(e, TrackPoint) else "fix" for e in at_third]
+    assert kinds[:7] == ["fix", "fix", "fix", "step", "step", "step", "fix"]
 
 
 def test_a_fix_that_does_not_fit_is_refused_and_stays_visible() -> None:

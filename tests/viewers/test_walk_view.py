@@ -10,7 +10,15 @@ from viewer_sessions import IMU, at, blocks, imu_samples, read_back, walker_sess
 
 from groundtrace.pipeline import build_pipeline, parse_pipeline
 from groundtrace.score.turn import turn_onto
-from groundtrace_codecs.events import Disturbance, Heading, StepEvent, TrackPoint
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Disturbance,
+    Heading,
+    Quantity,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_viewers.serve import quiet_environment, viewer_program
@@ -53,7 +61,7 @@ def written(path: Path, labels: tuple[Label, ...], *items: Event | SignalBlock) 
     return path
 
 
-@pytest.mark.parametrize("plugin", ["adaptive", "dp", "dstp"])
+@pytest.mark.parametrize("plugin", ["adaptive", "dp", "dstp", "rest-swing", "zc"])
 def test_every_candidate_is_a_mark_at_its_peak_on_the_filtered_signal(
     tmp_path: Path, plugin: str
 ) -> None:
@@ -92,6 +100,28 @@ def test_headings_have_the_turn_that_is_nearest_to_the_truth(tmp_path: Path) -> 
     times, shade = read_back(path, "/heading/disturbed", "Measurements:values")
     assert times[[0, -1]].tolist() == [1_000_000_000, 2_000_000_000]
     assert np.isnan(shade[-1][0])
+
+
+def test_headings_by_compass_and_gyroscope_alone_have_curves_of_their_own(tmp_path: Path) -> None:
+    names = ("field", "gyroscope", "compass")
+    columns = tuple(Quantity(name, "deg") for name in names)
+    spec = StageSpec("fused", "compass", "/imu/waist", ("field",), columns, (), (), "heading")
+    times = np.array([at(i / 10) for i in range(31)], np.int64)
+    turning = np.linspace(170.0, 190.0, 31)
+    value = np.column_stack([np.zeros(31), turning + 2, turning - 30])
+    wrapped = ((value + 180) % 360 - 180).astype(np.float32)
+    block = CandidateBlock(
+        spec, times, np.zeros(31, np.int32), wrapped,
+        np.zeros((31, 0), np.float32), np.zeros((31, 0), np.float32), np.ones(31, np.bool_),
+    )  # fmt: skip
+    found = [
+        Heading(int(t), float(np.radians(x)), 0.01, "fused")
+        for t, x in zip(times, turning, strict=True)
+    ]
+    path = written(tmp_path / "alone.rrd", (), *found, block)
+    for name, off in (("gyroscope", 2.0), ("compass", -30.0)):
+        _, values = read_back(path, f"/heading/fused/{name}", "Measurements:values")
+        np.testing.assert_allclose(np.array(values).ravel(), turning + off, atol=1e-3)
 
 
 def test_without_truth_headings_do_not_jump_at_the_full_turn(tmp_path: Path) -> None:

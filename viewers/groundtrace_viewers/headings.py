@@ -1,4 +1,4 @@
-"""Headings on the timeline: each stage's, the truth's, and where the field is disturbed."""
+"""Headings on the timeline: fused, by gyroscope or compass alone, true; disturbances shaded."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Disturbance, Heading
+    from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading
     from groundtrace_codecs.labels import Label
 
     from .timeline import Timeline
@@ -28,13 +28,16 @@ PATIENCE_NS = 2_000_000_000
 #: The shade of disturbances reaches this far up and down [degrees]: beyond any plot, which is
 #: scaled to the headings alone.
 SHADE_DEG = 1e5
+#: Columns of a heading stage's frames that are headings [degrees], by one kind of sensor alone.
+ALONE = ("gyroscope", "compass")
 
 
 class HeadingLog:
     """Logs headings in degrees, without jumps at the full turn.
 
     The truth is unwrapped, and each heading is given the turn that is nearest to it; without
-    truth, nearest to the latest heading of the first stage.
+    truth, nearest to the latest heading of the first stage. Those by gyroscope or compass alone
+    come with the frames of their stage.
 
     Parameters
     ----------
@@ -50,6 +53,7 @@ class HeadingLog:
         self._true_ns = np.array([x.time_ns for x in known], np.int64)
         self._true = np.degrees(np.unwrap([x.value or 0.0 for x in known]))
         self._pending: dict[str, list[Heading]] = {}
+        self._frames: list[CandidateBlock] = []
         self._stages: list[str] = []
         self._latest: tuple[int, float] | None = None  # of the first stage [ns], [degrees]
         self._ended: dict[str, int] = {}
@@ -60,6 +64,11 @@ class HeadingLog:
     def heading(self, heading: Heading) -> None:
         """Take a heading; those of a stage come in the order of time."""
         self._pending.setdefault(heading.stage, []).append(heading)
+
+    def frames(self, block: CandidateBlock) -> None:
+        """Take the frames of a stage; those with headings by one kind of sensor are drawn."""
+        if block.spec.emits == "heading":
+            self._frames.append(block)
 
     def disturbance(self, disturbance: Disturbance) -> None:
         """Take a span in which the field is disturbed."""
@@ -73,6 +82,12 @@ class HeadingLog:
                 self._begin(stage)
             self._log(stage, headings)
         self._pending = {}
+        for block in self._frames:
+            names = [column.name for column in block.spec.columns]
+            for name in (name for name in ALONE if name in names):
+                degrees = block.value[:, names.index(name)].astype(np.float64)
+                self._log_alone(f"{block.spec.stage}/{name}", block.time_ns, degrees)
+        self._frames = []
 
     def close(self) -> None:
         """Log what is pending, and shade what is disturbed."""
@@ -85,7 +100,8 @@ class HeadingLog:
         if not self._stages and len(self._true):
             self._log_truth()
         name = list(HEADING_COLOURS)[len(self._stages) % len(HEADING_COLOURS)]
-        self._timeline.declare(Entity(f"{HEADING}/{stage}", "heading", f"{stage} {name}"))
+        title = f"{stage.replace('/', ': ')} {name}"
+        self._timeline.declare(Entity(f"{HEADING}/{stage}", "heading", title))
         self._stages.append(stage)
 
     def _log_truth(self) -> None:
@@ -102,6 +118,30 @@ class HeadingLog:
         if stage == self._stages[0]:
             self._shown[0].append(times)
             self._shown[1].append(degrees)
+        self._interrupted(stage, times, degrees, sigma)
+
+    def _log_alone(
+        self, curve: str, times: NDArray[np.int64], degrees: NDArray[np.float64]
+    ) -> None:
+        """Log headings by one kind of sensor, with the turn nearest to the truth or the fused."""
+        if curve not in self._stages:
+            self._begin(curve)
+        known = (self._true_ns, self._true)
+        if not len(self._true) and self._shown[0]:
+            known = (np.concatenate(self._shown[0]), np.concatenate(self._shown[1]))
+        if len(known[0]):
+            near = np.interp(times, *known)
+            degrees = degrees + 360.0 * np.round((near - degrees) / 360.0)
+        self._interrupted(curve, times, degrees, np.zeros(len(times)))
+
+    def _interrupted(
+        self,
+        stage: str,
+        times: NDArray[np.int64],
+        degrees: NDArray[np.float64],
+        sigma: NDArray[np.float64],
+    ) -> None:
+        """Log a curve, interrupted where nothing is known for long."""
         before = self._ended.get(stage)
         self._ended[stage] = int(times[-1])
         starts = np.append(before if before is not None else times[0], times[:-1])

@@ -130,12 +130,13 @@ class StepCurve:
         peaks[0].append(peak_ns)
         peaks[1].append(height)
         if "depth" in measured:
-            low, span = -measured["depth"], (peak_ns, peak_ns + VALLEY_NS)
+            low = -measured["depth"]
         elif "swing" in measured:
-            low, span = height - measured["swing"], (peak_ns - VALLEY_NS, peak_ns)
+            low = height - measured["swing"]
         else:
             return
-        valley_ns = self._on_curve(*span, low)
+        # of the valleys before and after it, the one that was measured is met exactly
+        valley_ns = self._on_curve(peak_ns - VALLEY_NS, peak_ns + VALLEY_NS, low)
         if valley_ns is not None:
             valleys[0].append(valley_ns)
             valleys[1].append(low)

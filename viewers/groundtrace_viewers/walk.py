@@ -11,6 +11,7 @@ from .detector import step_like
 from .headings import HeadingLog
 from .masses import MassLog
 from .step_curve import StepCurve
+from .street_map import StreetMap
 from .walk_map import WalkMap
 
 if TYPE_CHECKING:
@@ -31,16 +32,20 @@ class Walk(Details):
         Where to.
     session
         What is replayed.
+    tiles
+        Whether a street map is asked for.
     """
 
-    def __init__(self, timeline: Timeline, session: Session) -> None:
+    def __init__(self, timeline: Timeline, session: Session, *, tiles: bool = False) -> None:
         self._timeline = timeline
         self._session = session
         self._curves: dict[tuple[str, str], StepCurve] = {}
         self._masses: dict[tuple[str, str], MassLog] = {}
         self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
         self._headings = HeadingLog(timeline, session.labels)
-        self._map = WalkMap(timeline, session) if session.application == "walker" else None
+        walker = session.application == "walker"
+        self._map = WalkMap(timeline, session) if walker else None
+        self._streets = StreetMap(timeline, session) if walker and tiles else None
 
     @property
     def bounds(self) -> Bounds | None:
@@ -71,6 +76,8 @@ class Walk(Details):
             curve.feed(block)
         if self._map is not None:
             self._map.signal(block)
+        if self._streets is not None:
+            self._streets.signal(block)
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
@@ -84,11 +91,14 @@ class Walk(Details):
             self._curves[key].candidates(block)
         if key in self._masses:
             self._masses[key].candidates(block)
+        self._headings.frames(block)
 
     def track(self, point: TrackPoint) -> None:
         """Take a point of a track."""
         if self._map is not None:
             self._map.add(point)
+        if self._streets is not None:
+            self._streets.track(point)
 
     def estimate(self, event: Bearing | Heading | Disturbance) -> None:
         """Take a heading, or a span in which it is disturbed."""
@@ -112,3 +122,5 @@ class Walk(Details):
         self._headings.close()
         if self._map is not None:
             self._map.close()
+        if self._streets is not None:
+            self._streets.close()

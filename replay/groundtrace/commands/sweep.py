@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +12,7 @@ from cyclopts import Parameter, validators
 from ..explain.grid import Grid, make_grid, parse_axis
 from ..explain.measuring import with_values
 from ..explain.ranking import rank
+from ..explain.refused import without_refused
 from ..explain.sweep import count, located, measurements
 from ..pipeline import build_pipeline
 from .output import print_json, print_table, progress, say, writable
@@ -80,8 +82,11 @@ def sweep(
             writable(path, force=force, sources=[*inputs, *(recording or [])])
     subjects = subjects_of(inputs, pipeline, truth, recording or [], all_jobs(jobs))
     config = subjects[0].evidence.config
-    settings = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
+    asked = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
+    settings, refused = without_refused(asked, config)
     counted, ranking = _swept(located(subjects, settings), settings, tolerance, top, all_jobs(jobs))
+    if refused:
+        ranking = replace(ranking, notes=(*ranking.notes, refused))
     if write is not None:
         best = with_values(config, settings.axes, list(ranking.best.settings.values()))
         write.write_text(build_pipeline(best).recipe(), encoding="utf-8")

@@ -18,7 +18,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Emits, Measured
+from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
@@ -62,6 +62,7 @@ class _State:
     signal: Lookaround
     rate_hz: float
     reach: int  # samples the machine follows a swing, and looks back for its rise
+    curve: Curve | None = None
 
 
 class SwingDetector:
@@ -111,7 +112,12 @@ class SwingDetector:
         norm, y = state.walking(block)
         times = block.sample_times()
         frames = state.trace.add(times, y, np.abs(y), y * y, norm, norm)
+        state.curve = Curve(times - state.walking.delay_ns, y.T)
         return Measured(self._look(state.signal.add(times, y)), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the filtered norm of the last block, the filter's delay taken out."""
+        return self.state.curve
 
     def finish(self) -> Measured:
         """End the run; the machine stops wherever it is."""

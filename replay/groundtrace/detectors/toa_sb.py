@@ -20,7 +20,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
-from ..detector import Emits, Measured, joined
+from ..detector import Curve, Emits, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
@@ -153,6 +153,10 @@ class NoiseStatisticsPicker:
         recorded = planar(block)
         band = self.state.band(recorded)
         return self._measure(*self.state.stretches.add(block.sample_times(), recorded, band))
+
+    def curve(self) -> Curve | None:
+        """Return the level over the samples that the last ``measure`` or ``finish`` completed."""
+        return self.state.tracker.curve()
 
     def finish(self) -> Measured:
         """End the run."""

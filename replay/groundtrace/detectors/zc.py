@@ -15,7 +15,7 @@ import numpy as np
 
 from groundtrace_codecs.events import Quantity
 
-from ..detector import Emits, Measured
+from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
@@ -46,6 +46,7 @@ class _State:
     crossed_ns: int | None  # crossing whose lobe is still open
     depth: float  # depth of the valley before that crossing
     extreme: float  # largest absolute value of the lobe or valley under way
+    curve: Curve | None = None
 
 
 class ZeroCrossingDetector:
@@ -79,11 +80,16 @@ class ZeroCrossingDetector:
         state = self.state
         norm, y = state.walking(block)
         frames = state.trace.add(block.sample_times(), y, np.abs(y), y * y, norm, norm)
+        state.curve = Curve(block.sample_times() - state.walking.delay_ns, y.T)
         before = y[0, 0] if state.last is None else state.last
         signal = np.concatenate([[before], y[0]])
         state.last = float(signal[-1])
         turns = np.flatnonzero((signal[:-1] < 0) != (signal[1:] < 0))  # index in the block
         return Measured(self._close(block, signal, turns), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the filtered norm of the last block, the filter's delay taken out."""
+        return self.state.curve
 
     def finish(self) -> Measured:
         """End the run; a lobe that has not ended is not one."""

@@ -18,7 +18,7 @@ from scipy import signal
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..detector import Emits, Measured
+from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .filters import planar
@@ -74,6 +74,7 @@ class _State:
     motion: float  # largest statistic since the last interval
     start_ns: int | None  # of the first sample
     end_ns: int  # of the last sample
+    curve: Curve | None = None
 
 
 class ZeroVelocityDetector:
@@ -133,7 +134,13 @@ class ZeroVelocityDetector:
         # nothing lies before the run, and a recording's times begin with 0
         centres = np.maximum(times - state.statistic.delay_ns, state.start_ns)
         state.end_ns = int(centres[-1])
+        inside = times - state.statistic.delay_ns >= state.start_ns
+        state.curve = Curve(centres[inside], still[inside, None])
         return Measured(self._candidates(self._intervals(centres, t, still)), frames)
+
+    def curve(self) -> Curve | None:
+        """Return the stillness of the last block, each value at the centre of its window."""
+        return self.state.curve
 
     def finish(self) -> Measured:
         """End the run, and with it the interval under way."""

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from .parameters import HeadingParameters
     from .rotations import Array
 
-COLUMNS = (
+#: What the tests look at.
+TESTS = (
     Quantity("field", "uT"),
     Quantity("norm", "uT"),
     Quantity("deviation", "uT"),
@@ -43,6 +44,8 @@ COLUMNS = (
     Quantity("dip", "deg"),
     Quantity("iron", "uT"),
 )
+#: Of each frame: what its tests look at, and its heading by gyroscope alone and by compass alone.
+COLUMNS = (*TESTS, Quantity("gyroscope", "deg"), Quantity("compass", "deg"))
 GATES = (
     Level("norm", "uT", "norm_ut", at_least=False),
     Level("deviation", "uT", "deviation_ut", at_least=False),
@@ -85,8 +88,13 @@ class Compass:
     _for_clean: int = 0
     _for_iron: int = 0
 
+    @property
+    def turn_rad(self) -> float:
+        """The compass's heading over that of the attitude, of the frame examined last [rad]."""
+        return self._azimuths[-1]
+
     def examine(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> Array:
-        """Return the columns of a frame; ``axes`` is the rotation matrix at its start."""
+        """Return what the tests look at; ``axes`` is the rotation matrix at its start."""
         iron = attitude.iron if self.clean is None else self.clean[0]
         seen = axes @ (frame.field - frame.mean_turn @ iron)
         flat, norm = math.hypot(seen[0], seen[1]), float(np.linalg.norm(seen))

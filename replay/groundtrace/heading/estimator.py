@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..gates import Candidates, decide
+from .alone import GyroscopeAlone
 from .api import HeadingFrame
 from .attitude import Attitude, AttitudeNoise
 from .calibration import TOO_LITTLE, Calibration
-from .compass import COLUMNS, GATES, TESLA, Compass
+from .compass import COLUMNS, GATES, TESLA, TESTS, Compass
 from .inertial_frames import Samples, frame_of
 from .parameters import HeadingParameters
-from .rotations import headings_of, matrix, product
+from .rotations import headings_of, matrix, product, wrapped
 from .scalar_filters import AzimuthKalman, Exponential
 
 if TYPE_CHECKING:
@@ -63,6 +64,7 @@ class HeadingEstimator:
         self.axis = axis_of(parameters.axis)
         self.attitude = Attitude(AttitudeNoise(scale=parameters.gyro_scale))
         self.compass = Compass(parameters)
+        self.gyroscope = GyroscopeAlone()
         self._scalar = _scalar_filter(parameters)
         self.calibration = Calibration()
         self._waiting: list[Samples] = []
@@ -97,20 +99,26 @@ class HeadingEstimator:
             attitude.start(frame)
         if np.isnan(attitude.earth[0]) and np.isfinite(frame.field).all():
             self._meet(matrix(attitude.orientation) @ frame.field)
-        axes = matrix(attitude.orientation)
+        axes, bias, offset = matrix(attitude.orientation), attitude.bias, self.gyroscope.offset_rad
         orientation = product(attitude.orientation, frame.turns)
+        heading = headings_of(orientation, self.axis)
         sigma = attitude.heading_sigma_rad
         resting = self._move(frame)
-        values, undisturbed = self._look(frame, axes)
-        compass = bool(np.isfinite(values).all())
+        self.gyroscope.go_on(frame, axes, bias, resting=resting)
+        moved = attitude.orientation
+        tests, undisturbed = self._look(frame, axes)
+        self.gyroscope.leave_out(moved, attitude.orientation)
+        compass = bool(np.isfinite(tests).all())
+        alone = (offset, self.compass.turn_rad if compass else math.nan)
+        values = [*tests, *(math.degrees(wrapped(heading[0] + turn)) for turn in alone)]
         notes = self._calibrate(raw, undisturbed=undisturbed) if compass else ()
         return HeadingFrame(
             time_ns=samples.time_ns,
             orientation=orientation,
-            heading_rad=headings_of(orientation, self.axis),
+            heading_rad=heading,
             sigma_rad=min(sigma, math.pi),
             bias=attitude.bias.copy(),
-            values=values,
+            values=np.array(values),
             undisturbed=undisturbed,
             compass=compass,
             resting=resting,
@@ -121,7 +129,9 @@ class HeadingEstimator:
         """Take the first field, earth frame [T], for the earth's."""
         sigma_t = self.parameters.field_sigma_ut * TESLA
         self.attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), sigma_t)
+        before = self.attitude.orientation
         self.attitude.face(field, sigma_t)
+        self.gyroscope.meet(before, self.attitude.orientation)
 
     def _move(self, frame: InertialFrame) -> bool:
         """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
@@ -139,16 +149,18 @@ class HeadingEstimator:
             attitude.hold_bias(frame.rate)
         if self._scalar is not None:
             grown = max(float(attitude.covariance[2, 2] - before), 0.0)
-            attitude.turn_heading(self._scalar.advance(frame.length_s, grown))
+            turn = self._scalar.advance(frame.length_s, grown)
+            attitude.turn_heading(turn)
+            self.gyroscope.offset_rad -= turn
         return resting
 
     def _look(self, frame: InertialFrame, axes: Array) -> tuple[Array, bool]:
         """Test the frame's field and learn from it; return the tests' values and the verdict."""
         if not np.isfinite(frame.field).all():
-            return np.full(len(COLUMNS), np.nan), True
+            return np.full(len(TESTS), np.nan), True
         values = self.compass.examine(self.attitude, frame, axes)
         row = Candidates(np.zeros(1, np.int64), np.zeros(1, np.int32), values[None].astype("f4"))
-        undisturbed = bool(decide(row, COLUMNS, GATES, self.parameters)[0].accepted[0])
+        undisturbed = bool(decide(row, TESTS, GATES, self.parameters)[0].accepted[0])
         if self._scalar is not None:
             self._correct(self._scalar, frame, axes, undisturbed=undisturbed)
         else:

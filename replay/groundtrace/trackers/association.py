@@ -103,7 +103,7 @@ def fit(track: Track, seen: Observed, model: WalkModel, limits: Limits) -> Fit |
 def _motions(track: Track, elapsed_s: float, model: WalkModel) -> list[tuple[Motion, float]]:
     found = [(Motion.ahead(model), 0.0)]
     pace_s = track.pace_s
-    if track.number and pace_s is not None:
+    if track.counts and pace_s is not None:
         ticks = max(1, round(elapsed_s / pace_s))
         if ticks > 1:
             found.append((Motion.ahead(model, ticks), 0.0))
@@ -127,7 +127,7 @@ def paired(
             if found is not None and np.float32(found.distance) <= limits.max_distance:
                 surprise[row, column] = max(found.surprise, 0.0)
     owner: dict[int, int] = {}
-    counts = np.array([track.number > 0 for track in tracks], np.bool_)
+    counts = np.array([track.counts for track in tracks], np.bool_)
     for among in (counts, ~counts):
         left = np.where(among, surprise, np.inf)
         left[list(owner)] = np.inf

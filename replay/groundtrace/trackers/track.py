@@ -61,13 +61,16 @@ class Track:
         What the filter said.
     chances
         How many fixes could have been its own so far.
+    counts
+        Whether it is taken for a walker's, before whom one that has just begun must stand back.
     number
-        Its number once it counts; 0 while it may yet turn out to be none.
+        Its number once it is confirmed and given; 0 while it may yet turn out to be none.
     """
 
     filter: StepFilter
     steps: list[Step]
     chances: int = 1
+    counts: bool = False
     number: int = 0
 
     @property

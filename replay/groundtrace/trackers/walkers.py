@@ -17,7 +17,7 @@ from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Level
-from ..parameters import gate, measured
+from ..parameters import measured
 from .api import TrackerParameters
 from .association import Foot, Limits, Observed, fit, foot_of, nearest, paired
 from .kalman import Motion, StepFilter, WalkModel, first_spread
@@ -38,7 +38,11 @@ START_FIXES, START_CHANCES = 2, 3
 
 @dataclass(frozen=True, slots=True)
 class WalkersParameters(TrackerParameters):
-    """Parameters of :class:`Walkers`."""
+    """Parameters of :class:`Walkers`.
+
+    The two gates say whose step a fix is, and with it where the track goes on: to change one is
+    to track again, it cannot be tried on stored candidates.
+    """
 
     sigma_q: Annotated[
         float, measured("m", "How far a step strays from going straight on.", gt=0)
@@ -48,11 +52,14 @@ class WalkersParameters(TrackerParameters):
         bool, measured("", "Take the covariance of a fix that has one, not sigma_r.")
     ] = False
     max_distance: Annotated[
-        float, gate("1", "Largest Mahalanobis distance from the predicted step.", gt=0)
+        float, measured("1", "Largest Mahalanobis distance from the predicted step.", gt=0)
     ] = 3.7
-    least_pace_s: Annotated[float, gate("s", "Least time between two steps of a walker.", ge=0)] = (
-        0.25
-    )
+    least_pace_s: Annotated[
+        float, measured("s", "Least time between two steps of a walker.", ge=0)
+    ] = 0.25
+    confirm: Annotated[
+        int, measured("1", "A track is given once it has so many steps, all of them then.", ge=2)
+    ] = 3
     end_s: Annotated[float, measured("s", "A track without a fix for so long ends.", gt=0)] = 2.0
     smooth: Annotated[bool, measured("", "Also give each track smoothed, when it ends.")] = True
 
@@ -135,7 +142,7 @@ class Walkers:
             elif row not in self._again:
                 self._missed(fix)
                 begun.append(self._begin(fix))
-        counted = [t for t in self._tracks if t.number or t.chances < START_CHANCES]
+        counted = [t for t in self._tracks if t.counts or t.chances < START_CHANCES]
         self._tracks = counted + begun
         return points
 
@@ -158,7 +165,8 @@ class Walkers:
         track.take(fix.time_ns, motion, track.filter.step(seen.place, seen.noise, motion))
         track.chances += 1
         first = len(track.steps) - 1
-        if not track.number and len(track.steps) >= START_FIXES:
+        track.counts = track.counts or len(track.steps) >= START_FIXES
+        if not track.number and len(track.steps) >= self.parameters.confirm:
             self._count += 1
             track.number, first = self._count, 0
         return filtered_points(track, self.stage, first) if track.number else []
@@ -167,7 +175,7 @@ class Walkers:
         """Count a fix against the nearest track that does not count yet."""
         place = np.array([fix.x_m, fix.y_m])
         stepped = [track for track, _ in self._steps.values()]
-        free = [t for t in self._tracks if not t.number and t not in stepped]
+        free = [t for t in self._tracks if not t.counts and t not in stepped]
         if free:
             nearby = min(free, key=lambda t: float(np.hypot(*(t.steps[-1].state[2:] - place))))
             nearby.chances += 1
