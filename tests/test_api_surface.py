@@ -29,14 +29,18 @@ SURFACE = {
     "groundtrace_codecs.importers": """
         ImportMap ImportReport Imported Importer choose import_recording importers load_map""",
     "groundtrace": "__version__",
+    "groundtrace.annotate": """
+        Annotations Conflict Merge Stored Truth annotated conflicts from_json kept_in stored to_json
+        truth_of_annotations""",
     "groundtrace.belief": """
         Criterion Frame RULES Rule appriou_1 appriou_2 bayesian belief certain check_masses conflict
         decision dempster discount disjunctive dubois_prade dubois_prade_model florea graded
         ignorance neighbour over_ignorance pignistic plausibility scores simple_support smets
         specialised trapezoid yager""",
     "groundtrace.conformance": """
-        BLOCK_SIZES FAULTS Outcome TOLERANCE assert_same check_description check_detector
-        check_faults check_gap check_gates check_state outcome rechunked run""",
+        BLOCK_SIZES FAULTS Outcome TOLERANCE ToldCurves assert_same assert_same_curves
+        check_description check_detector check_faults check_gap check_gates check_state outcome
+        rechunked run""",
     "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
     "groundtrace.gates": """
         Candidates Carry Decisions Gate Level Refractory decide decided_block gate_specs""",
@@ -48,7 +52,8 @@ SURFACE = {
         match_steps normalised_squares ospa score_disturbances score_events score_headings
         score_picks score_positions score_steps score_tracks scored_spans""",
     "groundtrace.simulate": """
-        RoomOptions Simulation WalkOptions simulate_room simulate_walk write""",
+        RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
+        simulate_walk write""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web",
 }

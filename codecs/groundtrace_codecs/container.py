@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .encoders import Output, Packet
+    from .mcap import ChannelRecord, Message, Schema
 
 TOOL = "groundtrace"
 _CHUNK_BYTES = 256 << 10
@@ -98,6 +99,30 @@ class Container:
             )
         self._mcap.add_message(
             self.channel(output), packet.log_ns, packet.data, packet.publish_ns, packet.sequence
+        )
+
+    def copy_channel(self, channel: ChannelRecord, schema: Schema | None) -> int:
+        """Register a channel of another file, and return its id in this one."""
+        schema_id = 0
+        if schema is not None:
+            key = (schema.name, bytes(schema.data))
+            if key not in self._schemas:
+                self._schemas[key] = self._mcap.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+            schema_id = self._schemas[key]
+        return self._mcap.register_channel(
+            channel.topic, channel.message_encoding, schema_id, dict(channel.metadata)
+        )
+
+    def copy(self, channel_id: int, message: Message) -> None:
+        """Write a message of another file on a channel of this one, as it is."""
+        self._mcap.add_message(
+            channel_id,
+            message.log_time,
+            bytes(message.data),
+            message.publish_time,
+            message.sequence,
         )
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:

@@ -16,8 +16,8 @@ _TEXTS = ("channel", "label", "author", "note", "target")
 _NUMBERS = ("x_m", "y_m", "value")
 
 
-def encode_label(label: Label) -> bytes:
-    """Encode one label."""
+def label_message(label: Label) -> Any:
+    """Return the protobuf message of a label."""
     message = message_class("Label")(kind=label.kind)
     set_time(message.timestamp, label.time_ns)
     if label.end_ns is not None:
@@ -26,7 +26,12 @@ def encode_label(label: Label) -> bytes:
         value = getattr(label, name)
         if value is not None:
             setattr(message, name, value)
-    encoded: bytes = message.SerializeToString()
+    return message
+
+
+def encode_label(label: Label) -> bytes:
+    """Encode one label."""
+    encoded: bytes = label_message(label).SerializeToString()
     return encoded
 
 
@@ -46,6 +51,17 @@ def decode_label(data: bytes | memoryview, place: str = "Label") -> Label:
     return Label(get_time(message.timestamp, place), message.kind, **fields)
 
 
+def label_channels(file: McapFile, topic: str) -> set[int]:
+    """Return the ids of the channels of a topic that hold labels."""
+    return {
+        channel.id
+        for channel in file.channels.values()
+        if channel.topic == topic
+        and channel.schema_id in file.schemas
+        and file.schemas[channel.schema_id].name == "groundtrace.Label"
+    }
+
+
 def labels_of(file: McapFile, topic: str) -> tuple[Label, ...]:
     """Return the labels on a topic, by time.
 
@@ -54,13 +70,7 @@ def labels_of(file: McapFile, topic: str) -> tuple[Label, ...]:
     SchemaError
         Where a message there is not a label.
     """
-    wanted = {
-        channel.id
-        for channel in file.channels.values()
-        if channel.topic == topic
-        and channel.schema_id in file.schemas
-        and file.schemas[channel.schema_id].name == "groundtrace.Label"
-    }
+    wanted = label_channels(file, topic)
     if not wanted:
         return ()
     place = f"{file.name}: {topic}"

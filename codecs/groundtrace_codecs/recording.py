@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from .annotations import annotations_of
 from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from types import TracebackType
 
+    from .annotations import Annotation
     from .labels import Label
     from .mcap import ByteSource, Message
 
@@ -141,6 +143,11 @@ class Recording:
     def labels(self) -> tuple[Label, ...]:
         """The recording's own truth, by time."""
         return labels_of(self.file, TRUTH_TOPIC)
+
+    @cached_property
+    def annotations(self) -> tuple[Annotation, ...]:
+        """What people marked, kept inside the file, by time."""
+        return annotations_of(self.file)
 
     @cached_property
     def start_ns(self) -> int:

@@ -6,6 +6,7 @@ import heapq
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from .annotations import ANNOTATIONS_TOPIC, encode_annotation
 from .container import TOOL, Container, tool_version
 from .encoders import (
     Encoder,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from types import TracebackType
 
+    from .annotations import Annotation
     from .events import Event
     from .geometry import Geometry
     from .signals import SignalBlock, Stream
@@ -162,6 +164,15 @@ class RecordingWriter:
         output = protobuf_output(topic, "Label")
         self._container.channel(output)
         packets = (Packet(x.time_ns, x.time_ns, 0, encode_label(x)) for x in labels)
+        self._send(output, packets)
+
+    def add_annotations(self, annotations: Iterable[Annotation]) -> None:
+        """Write annotations, which keep their ids."""
+        output = protobuf_output(ANNOTATIONS_TOPIC, "Label")
+        self._container.channel(output)
+        packets = (
+            Packet(a.label.time_ns, a.label.time_ns, 0, encode_annotation(a)) for a in annotations
+        )
         self._send(output, packets)
 
     def add_event(self, event: Event) -> None:

@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from groundtrace_codecs.events import Event, Gap
+    from groundtrace_codecs.events import Event, Gap, Note
 
     from .clock import Clock
     from .pipeline import Pipeline
@@ -46,7 +46,7 @@ class Tally:
 
 
 def replay(
-    source: Iterable[SignalBlock | Gap],
+    source: Iterable[SignalBlock | Gap | Note],
     pipeline: Pipeline,
     sinks: Sequence[Sink],
     *,
@@ -58,7 +58,7 @@ def replay(
     Parameters
     ----------
     source
-        Blocks and gaps in time order.
+        Blocks and gaps in time order, and notes on them.
     pipeline
         Stages that make events of them.
     sinks

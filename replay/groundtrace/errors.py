@@ -3,6 +3,7 @@
 ::
 
     GroundtraceError
+    ├── AnnotationError   annotations are not what they must be, or cannot be kept
     ├── BeliefError       masses are not what they must be, or a quantity is not defined for them
     │   └── TotalConflictError  the sources contradict each other wholly
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
@@ -18,6 +19,10 @@ from __future__ import annotations
 
 class GroundtraceError(Exception):
     """Root of everything the engine raises on purpose."""
+
+
+class AnnotationError(GroundtraceError):
+    """Annotations are not what they must be, or cannot be kept."""
 
 
 class BeliefError(GroundtraceError):

@@ -27,6 +27,7 @@ GROUPS = (
     "importers",
     "sinks",
     "views",
+    "servers",
 )
 
 

@@ -19,6 +19,7 @@ from .errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from groundtrace_codecs.annotations import Annotation
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
@@ -107,6 +108,8 @@ class ResultsSink:
         if session.geometry is not None:
             self._writer.set_geometry(session.geometry)
         self._writer.add_labels(session.labels)
+        if session.annotations:
+            self._writer.add_annotations(session.annotations)
         self._writer.add_metadata(RUN, {"json": msgspec.json.encode(self.provenance).decode()})
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -139,11 +142,13 @@ class Results:
     provenance
         What made it.
     labels
-        Truth and annotations copied from the recording.
+        Truth copied from the recording.
     geometry
         Copied from the recording.
     events
         In the order of the file.
+    annotations
+        As they were when the recording was replayed.
     """
 
     name: str
@@ -151,6 +156,7 @@ class Results:
     labels: tuple[Label, ...]
     geometry: Geometry | None
     events: tuple[Event, ...]
+    annotations: tuple[Annotation, ...] = ()
 
 
 def read_results(path: Path) -> Results:
@@ -178,7 +184,9 @@ def read_results(path: Path) -> Results:
         provenance = _provenance(run.get("json", ""), path.name)
         labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
         events = tuple(events_of(recording.file))
-        return Results(path.name, provenance, labels, recording.geometry, events)
+        return Results(
+            path.name, provenance, labels, recording.geometry, events, recording.annotations
+        )
 
 
 def _provenance(text: str, name: str) -> Provenance:

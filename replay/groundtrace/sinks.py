@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from groundtrace_codecs.annotations import Annotation
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
@@ -29,11 +30,13 @@ class Session:
     geometry
         Where the sensors stand, or None.
     labels
-        Truth and annotations.
+        The recording's own truth.
     pipeline
         The pipeline's recipe, for people.
     shown_ns
         The part of the recording that is shown, first and last time [ns]; None for all of it.
+    annotations
+        What people marked, beside the recording or inside it.
     """
 
     name: str
@@ -45,6 +48,7 @@ class Session:
     labels: tuple[Label, ...]
     pipeline: str
     shown_ns: tuple[int, int] | None = None
+    annotations: tuple[Annotation, ...] = ()
 
 
 class Sink(Protocol):

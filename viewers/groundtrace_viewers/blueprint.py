@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from . import views
-from .signals import FULL_RATE_HZ
+from .full_rate import FULL_RATE_HZ
+from .spectrogram import AROUND_S
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 #: What is on the map of a walk in metres.
 ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.07, 0.04
+LANE_HEADING, LANE = 0.065, 0.048
 MOST_LANES = 8
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
 SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0)
@@ -67,7 +68,7 @@ def blueprint(
     mapped = bool(_of(entities, "map"))
     detail = _detail(session.application, entities, legend=not mapped)
     below = detail if mapped else []
-    overview = _overview(session.application, entities)
+    overview = _overview(session, entities)
     stack = overview + _lanes(entities, overview + below) + below
     side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
@@ -127,21 +128,29 @@ def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> l
     unit = session.geometry.length_unit if session.geometry is not None else "m"
     name = f"{'Way' if session.application == 'walker' else 'Site'} [{unit}]"
     wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
-    return [(views.site(site, entities, name), 0.5 if wide else 3.0)]
+    shown = [views.site(site, entities, name)]
+    shown += [views.streets()] if _of(entities, "geo") else []
+    return _parts(shown, 0.5 if wide else 3.0)
 
 
-def _overview(application: str, entities: Sequence[Entity]) -> list[Part]:
+def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
     """Everything on the common time axis, from signals to decisions."""
-    seismic = _of(entities, "envelope") or [
+    enveloped = _of(entities, "overview") + _of(entities, "envelope")
+    seismic = enveloped or [
         e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
     ]
     signals = [views.plot(e) for e in seismic]
+    shown_ns = session.shown_ns or (session.start_ns, session.end_ns)
+    span_ns = shown_ns[0] - session.start_ns, shown_ns[1] - session.start_ns
+    signals += [views.whole(e, span_ns) for e in _of(entities, "whole")]
     tonal = [views.fixed(e, e.path, views.linked()) for e in _of(entities, "spectrogram")]
+    follow = views.around(AROUND_S, AROUND_S)
+    tonal += [views.fixed(e, e.path, follow) for e in _of(entities, "tones")]
     tonal += [views.fixed(e, e.path, views.around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
     decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
-    if application == "shots":
+    if session.application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
-    if application == "walker":
+    if session.application == "walker":
         return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
     return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 
 from .errors import ViewerError
 from .serve import quiet_environment
-from .web import fetch
+from .viewer_files import fetch
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from .moments import Moments
 
-def serve_web(path: Path, port: int) -> subprocess.Popen[bytes]:
+
+def serve_web(path: Path, port: int, moments: Moments) -> subprocess.Popen[bytes]:
     """Serve a recording to browsers on this machine at ``http://127.0.0.1:PORT``.
 
     The page talks to this server and to nothing else.
@@ -26,6 +28,8 @@ def serve_web(path: Path, port: int) -> subprocess.Popen[bytes]:
         The ``.rrd``.
     port
         Of the page.
+    moments
+        What the page can jump to.
 
     Returns
     -------
@@ -40,14 +44,19 @@ def serve_web(path: Path, port: int) -> subprocess.Popen[bytes]:
     process = subprocess.Popen(
         [sys.executable, "-m", "groundtrace_viewers.web", str(path.resolve()), str(port)],
         env={**quiet_environment(), "PYTHONPATH": os.pathsep.join(sys.path)},
-        stdin=subprocess.DEVNULL,
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
     try:
+        if process.stdin is not None:
+            process.stdin.write(moments.json())
+            process.stdin.close()
         fetch(port, "/index.html")
-    except ViewerError:
+    except (ViewerError, OSError) as error:
         process.kill()
         process.wait()
-        raise
+        if isinstance(error, ViewerError):
+            raise
+        raise ViewerError(f"page: expected its server to start, found: {error}") from error
     return process

@@ -53,8 +53,7 @@ class PickerCurve:
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
         self._retold = Retold(session, spec)
-        if self._retold.known:
-            self._declare()
+        self._declared = False
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the picker is given: a block, or a gap."""
@@ -63,14 +62,17 @@ class PickerCurve:
             self._excerpts.push(curve.time_ns, curve.value)
 
     def expect(self, time_ns: int) -> None:
-        """Take an arrival, which may become a step."""
+        """Take an arrival, which may become a step, or a true step, which may be missed."""
         self._excerpts.expect(time_ns)
 
-    def step(self, time_ns: int) -> None:
-        """Log the curve around a step."""
+    def show(self, time_ns: int) -> None:
+        """Log the curve around a moment."""
         piece = self._excerpts.around(time_ns)
         if piece is None or not len(piece[0]):
             return
+        if not self._declared:
+            self._declare()
+            self._declared = True
         times, values = self._drawn(*piece)
         # the viewer would draw a line to the next step
         ended = np.full((1, values.shape[1]), np.nan)

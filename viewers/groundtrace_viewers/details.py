@@ -43,6 +43,12 @@ class Details:
     def pick(self, pick: Pick) -> None:
         """Take an arrival."""
 
+    def expect(self, time_ns: int) -> None:
+        """Take a moment that the signal has just come past, and that may be told of later."""
+
+    def near(self, time_ns: int) -> None:
+        """Show every sample around a moment; those of steps come after the steps."""
+
     def step(self, step: StepEvent) -> None:
         """Take a step of the stage that has the last word on steps."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 CEILING = 4.0
 #: Where on it candidates lie that are higher, as part of its height.
 TOP_EDGE = 0.9
+#: Rejected candidates this far below the threshold, as part of it, are in the results alone.
+FLOOR = 0.5
 #: With more channels than this the marks of candidates are smaller.
 FEW_CHANNELS = 12
 DISAGREE = "disagree"
@@ -67,6 +70,18 @@ def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
     if gate is not None:
         return block.gate_value[:, block.spec.gates.index(gate)]
     return block.value[:, 0] if names else np.zeros(len(block), np.float32)
+
+
+def shown_rows(block: CandidateBlock) -> CandidateBlock:
+    """Return the candidates that are shown: those accepted, and those rejected but by far."""
+    gate = decision_gate(block.spec)
+    if gate is None or not gate.at_least or gate.threshold <= 0.0:
+        return block
+    rows = block.accepted | ~(decision_values(block) < FLOOR * gate.threshold)
+    if rows.all():
+        return block
+    columns = [f for f in type(block).__dataclass_fields__ if f != "spec"]
+    return replace(block, **{name: getattr(block, name)[rows] for name in columns})
 
 
 class DetectorLog:
@@ -178,6 +193,7 @@ class DetectorLog:
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
+        block = shown_rows(block)
         if self._spec.trace:
             self._candidates.append(block)
         first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []

@@ -6,10 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .signal_curves import entity_path
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.signals import SignalBlock
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from .signal_curves import Curves, CurveStyles, Role
+    from .timeline import Timeline
 
     Piece = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -76,3 +81,72 @@ class Envelope:
     def _emit(self, bucket: NDArray[np.int64], peaks: NDArray[np.float64]) -> Piece:
         first = bucket * self._factor * self._period_ns
         return (self._anchor_ns or 0) + np.rint(first).astype(np.int64), peaks
+
+
+class EnvelopeLog:
+    """Logs the envelope of the curves of a plot.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    stream
+        Of the curves.
+    curves
+        The plot.
+    styles
+        How it is drawn.
+    role
+        What it is for: ``envelope`` or ``whole``.
+    bucket_s
+        Length of a bucket [s].
+    chunk_s
+        Duration of a chunk [s].
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        stream: Stream,
+        curves: Curves,
+        styles: CurveStyles,
+        role: Role,
+        bucket_s: float,
+        chunk_s: float,
+    ) -> None:
+        self._timeline = timeline
+        self._curves = curves
+        self._pending: list[Piece] = []
+        self._rows = 0
+        self._most = max(1, round(chunk_s / bucket_s))
+        self._path = entity_path(role, curves)
+        self._envelope = Envelope(max(1, round(stream.rate_hz * bucket_s)))
+        timeline.declare(*styles.envelope(curves, role, bucket_s))
+
+    def push(self, block: SignalBlock, values: NDArray[np.float64]) -> None:
+        """Take a block and its values, shape (n, n_channels)."""
+        self._take(self._envelope.push(block, values[:, self._curves.columns]))
+        if self._rows >= self._most:
+            self._log()
+
+    def end(self, end_ns: int) -> None:
+        """End the curves at an interruption: the viewer would draw a line across it."""
+        self._take(self._envelope.flush())
+        self._take((np.array([end_ns]), np.full((1, len(self._curves.columns)), np.nan)))
+
+    def close(self) -> None:
+        """Log what is pending and the last bucket."""
+        self._take(self._envelope.flush())
+        self._log()
+
+    def _take(self, piece: Piece) -> None:
+        if len(piece[0]):
+            self._pending.append(piece)
+            self._rows += len(piece[0])
+
+    def _log(self) -> None:
+        if self._pending:
+            times = np.concatenate([piece[0] for piece in self._pending])
+            peaks = np.concatenate([piece[1] for piece in self._pending])
+            self._timeline.scalars(self._path, times, peaks * self._curves.factor)
+        self._pending, self._rows = [], 0

@@ -75,9 +75,14 @@ class PickLog:
         self._lines = lines
         self._pending: list[tuple[Pick, float]] = []
 
-    def add(self, pick: Pick, height: float) -> None:
-        """Take a pick; its mark lies at ``height`` of the waveform's plot."""
+    def add(self, pick: Pick, height: float, *, told: bool = True) -> None:
+        """Take a pick; its mark lies at ``height`` of the waveform's plot.
+
+        Without being ``told`` it has no line: that of its step would be lost among those of picks.
+        """
         self._pending.append((pick, height))
+        if not told:
+            return
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
         text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"

@@ -25,7 +25,7 @@ KEEP_NS = 3 * NS_PER_S
 #: Arrivals this close together share one excerpt [ns].
 SPREAD_NS = NS_PER_S // 20
 #: So many moments wait at most to be asked for.
-MOST_MOMENTS = 32
+MOST_MOMENTS = 256
 
 
 @dataclass(slots=True)

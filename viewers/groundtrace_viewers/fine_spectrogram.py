@@ -10,7 +10,7 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .excerpts import Excerpts
 from .palette import heat
-from .spectrogram import BANDS, Resolution, band_levels
+from .spectrogram import BANDS, SHADES, Resolution, band_levels
 from .timeline import Entity
 
 if TYPE_CHECKING:
@@ -25,12 +25,10 @@ if TYPE_CHECKING:
 WINDOW_S = 0.003
 #: Highest frequency shown [Hz]: footsteps on floors have little above.
 TOP_HZ = 2000.0
-#: How much is shown around a step [s].
-BEFORE_S, AFTER_S = 0.3, 0.3
+#: How much is shown around a moment [s].
+BEFORE_S, AFTER_S = 0.5, 0.5
 #: What is shown lies within this of a step's loudest band [dB].
 RANGE_DB = 45.0
-#: Colours told apart: fewer compress better.
-SHADES = 64
 #: Slower streams have no spectrum in 3 ms.
 LEAST_RATE_HZ = 4000.0
 
@@ -59,9 +57,8 @@ class FineSpectrogram:
         self._frequencies = self._cut.frequencies_hz(stream.rate_hz)
         self._path = f"/spectrum/{stream.topic.strip('/')}/{channel}"
         self._title = f"Spectrogram of {channel} at steps, Hamming 3 ms, 50 % overlap [Hz]"
-        self._declare(len(self._frequencies))
 
-    def step(self, times_ns: NDArray[np.int64], samples: NDArray[np.float32]) -> None:
+    def show(self, times_ns: NDArray[np.int64], samples: NDArray[np.float32]) -> None:
         """Log the spectrogram of an excerpt: times and samples, shape (n,)."""
         import rerun as rr
 
@@ -70,6 +67,7 @@ class FineSpectrogram:
         if not len(starts):
             return
         levels = band_levels(samples.astype(np.float64), starts, cut, np.hamming(cut.window))
+        self._declare(bands)
         shade = np.clip(1.0 + (levels - levels.max()) / RANGE_DB, 0.0, 1.0)
         colours = heat(np.round(shade * SHADES) / SHADES)
         rows = np.full(len(starts), bands)
@@ -107,6 +105,7 @@ class SpectrumViews:
         names = [stream.channels[column].name for column in self._columns]
         self._parts = [FineSpectrogram(timeline, stream, name) for name in names]
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
+        self._shown_to_ns = 0
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
@@ -114,17 +113,21 @@ class SpectrumViews:
             self._excerpts.push(block.sample_times(), block.select(self._columns).values)
 
     def expect(self, time_ns: int) -> None:
-        """Take an arrival, which may become a step."""
+        """Take an arrival, which may become a step, or a true step, which may be missed."""
         self._excerpts.expect(time_ns)
 
-    def step(self, time_ns: int) -> None:
-        """Log the spectrograms around a step."""
+    def show(self, time_ns: int) -> None:
+        """Log the spectrograms around a moment, without what was shown around others."""
         piece = self._excerpts.around(time_ns)
         if piece is None:
             return
-        times, values = piece
+        new = piece[0] >= self._shown_to_ns
+        times, values = piece[0][new], piece[1][new]
+        if not len(times):
+            return
+        self._shown_to_ns = int(times[-1])
         for column, part in enumerate(self._parts):
-            part.step(times, values[:, column])
+            part.show(times, values[:, column])
 
 
 def chosen(stream: Stream, channels: Sequence[str]) -> list[int]:

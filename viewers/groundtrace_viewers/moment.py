@@ -93,7 +93,7 @@ class MomentSink(RerunSink):
         self, path: Path | None = None, *, at_ns: int, spawn: bool = False, web: bool = False
     ) -> None:
         port = free_port()
-        super().__init__(path, spawn=spawn, web=web, port=port)
+        super().__init__(path, spawn=spawn, web=web, port=port, full_rate="all")
         self._data_port = port
         self._at_ns = at_ns
         self._start_ns = 0

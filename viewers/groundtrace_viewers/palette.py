@@ -74,6 +74,19 @@ DISAGREEMENT = 0xFFD23FFF
 STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
 #: Types of steps, besides left and right; the second contact of a side step.
 TYPE_COLOURS = {"forward": STEP, "backward": 0xE85AD8FF, "trailing": 0x7A8794FF}
+#: Of what people marked; steps by foot and type are as everywhere.
+ANNOTATION_COLOURS = {
+    "missed": 0xE8702AFF,
+    "false": 0xDB8FBBFF,
+    "step": 0x00B283FF,
+    "pick": 0xF2F2F2FF,
+    "note": 0xF0E442FF,
+    "walking": SPAN,
+    "ignore": IGNORED,
+    "disturbed": 0x9E7BD6FF,
+    "pass": 0x4C8FE0FF,
+    "span": 0x8EA4F5FF,
+}
 #: A step detector's signal, the valleys of its candidates, and those refused.
 CURVE, VALLEY, REFUSED = 0xC9D2DBFF, 0x56B4E9FF, 0xFF7A6BFF
 #: Masses on a peak, none, and either, and the conflict.

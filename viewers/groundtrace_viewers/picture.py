@@ -85,7 +85,7 @@ def screenshot(
     process = start_viewer(["--headless", *window, str(rrd)], port)
     try:
         client = connect(process, port)
-        _wait_for_recording(client, rrd)
+        wait_for_recording(client, rrd)
         if at_s is not None:
             client.set_time(TIMELINE, duration=at_s, play_state="paused")
         png.write_bytes(_settled(client, rrd))
@@ -95,7 +95,14 @@ def screenshot(
         process.wait(10)
 
 
-def _wait_for_recording(client: ViewerClient, rrd: Path) -> None:
+def wait_for_recording(client: ViewerClient, rrd: Path) -> None:
+    """Wait until a viewer has opened a recording.
+
+    Raises
+    ------
+    ViewerError
+        Where it is none, or takes too long.
+    """
     deadline = time.monotonic() + SETTLE_S
     while time.monotonic() < deadline:
         state = client.get_state()

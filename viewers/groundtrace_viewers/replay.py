@@ -23,21 +23,20 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .about import PAGE, about
+from .annotation_layer import log_annotations
+from .close_ups import CloseUps
 from .detector import DetectorLog, step_like
-from .disagreements import DisagreementLog
 from .events import LogLines, LossLog, PickLog, StepLog, lane_labels, log_note, log_truth
-from .fine_spectrogram import chosen
-from .fixes import FixLog
+from .full_rate import REACH_NS
 from .lanes import TRUTH, StageLanes
-from .palette import FIX_COLOURS, SensorColours
+from .palette import SensorColours
+from .places import Places
 from .section import Section
-from .sensor_map import SensorMap, bounds
 from .signals import SignalLog
-from .spectrogram import Spectrogram
+from .spectrograms import spectrograms
 from .stepwise import Stepwise
 from .timeline import Timeline
 from .traces import Traces
-from .tracks import TrackLog
 from .verdict import log_verdicts, verdicts
 from .walk import Walk
 
@@ -51,6 +50,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from .details import Details
+    from .full_rate import Plan
     from .sensor_map import Bounds
 
 #: How much of the recording is collected before events are logged.
@@ -58,6 +58,7 @@ FLUSH_NS = 10 * NS_PER_S
 LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
+LIVE_LAG_NS = REACH_NS + NS_PER_S // 20
 LIVE_CHUNK_S = 0.5
 
 
@@ -70,8 +71,12 @@ class Replay:
         Where to.
     session
         What is replayed.
+    plan
+        What is shown at full rate.
     live
         True where somebody watches: smaller chunks.
+    map_tiles
+        Show a street map.
     channels
         Whose spectrograms are shown; empty takes the first seismic channel's.
     """
@@ -80,8 +85,10 @@ class Replay:
         self,
         recording: rr.RecordingStream,
         session: Session,
+        plan: Plan,
         *,
         live: bool,
+        map_tiles: bool = False,
         channels: Sequence[str] = (),
     ) -> None:
         import rerun as rr
@@ -94,12 +101,18 @@ class Replay:
         self._flushed_ns = session.start_ns
         self._chunk_s = LIVE_CHUNK_S if live else None
         self._replayed_ns: tuple[int, int] | None = None
+        self._plan = plan
+        self._map_tiles = map_tiles
+        lag_ns = LIVE_LAG_NS if live else LAG_NS
+        self.close_ups = CloseUps(self.timeline, plan, session, lag_ns)
         self._signals: dict[str, SignalLog] = {}
         self._sections: dict[str, Section] = {}
         self._traces = Traces()
         for stream in session.streams:
             self._begin(stream)
-        self._spectrogram_topic, self._spectrograms = self._tonal(channels)
+        self._spectrogram_topic, self._spectrograms = spectrograms(
+            self.timeline, session, plan, channels
+        )
         self._detectors: dict[tuple[str, str], DetectorLog] = {}
         self._picking: dict[str, str] = {}
         self._stepping: dict[str, str] = {}
@@ -110,49 +123,39 @@ class Replay:
         self._picks = PickLog(self.timeline, self._colours, lines)
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
-        shown = None if session.application == "walker" else bounds(session)
-        self._shown = shown
-        self._map = SensorMap(self.timeline, session, self._colours) if shown else None
-        self._fixes = FixLog(self.timeline, shown) if shown else None
-        self._tracks = TrackLog(self.timeline, shown) if shown else None
-        self._disagreements = self._differing()
+        self._places = Places(self.timeline, session, self._colours, lines)
         self._details = self._particulars(channels)
         log_truth(self.timeline, lane_labels(session), TRUTH)
+        log_annotations(self.timeline, lines, session.annotations)
         self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
-
-    def _differing(self) -> DisagreementLog:
-        site = self._session.geometry
-        unit = site.length_unit if site is not None else "m"
-        return DisagreementLog(self.timeline, self._lines, unit, on_map=self._map is not None)
 
     def _particulars(self, channels: Sequence[str]) -> Details:
         if self._session.application == "room":
-            return Stepwise(self.timeline, self._session, self._colours, self._map, channels)
-        return Walk(self.timeline, self._session)
+            close = self._plan.mode != "none"
+            return Stepwise(
+                self.timeline,
+                self._session,
+                self._colours,
+                self._places.sensors,
+                channels,
+                close=close,
+            )
+        return Walk(self.timeline, self._session, tiles=self._map_tiles)
 
     @property
     def shown(self) -> Bounds | None:
         """What the map must show, as far as is known by now; None without a map."""
-        return self._details.bounds or self._shown
+        return self._details.bounds or self._places.shown
 
     def _begin(self, stream: Stream) -> None:
         """Prepare for a stream."""
         topic = stream.topic
-        self._signals[topic] = SignalLog(self.timeline, stream, self._colours, self._chunk_s)
+        self._signals[topic] = SignalLog(
+            self.timeline, stream, self._colours, self._plan, self._chunk_s
+        )
         recent = self._traces.begin(stream)
         if self._session.application == "shots" and Section.fits(stream):
             self._sections[topic] = Section(self.timeline, stream, self._session.labels, recent)
-
-    def _tonal(self, channels: Sequence[str]) -> tuple[str, list[Spectrogram]]:
-        fitting = [s for s in self._session.streams if Spectrogram.fits(s)]
-        stream = next((s for s in fitting if chosen(s, channels)), next(iter(fitting), None))
-        if stream is None:
-            return "", []
-        duration_s = (self._session.end_ns - self._session.start_ns) / NS_PER_S
-        columns: list[int | None] = [*chosen(stream, channels)] or [None]
-        return stream.topic, [
-            Spectrogram(self.timeline, stream, duration_s, column) for column in columns
-        ]
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event."""
@@ -171,19 +174,16 @@ class Replay:
             case StepEvent():
                 self._step(item)
             case Fix():
-                self._disagreements.fix(item)
-                if self._fixes is not None:
-                    self._fixes.add(item)
+                self._places.fix(item)
             case TrackPoint():
                 self._details.track(item)
-                if self._tracks is not None:
-                    self._tracks.add(item)
+                self._places.track(item)
             case Gap():
                 self._gap(item)
             case Bearing() | Heading() | Disturbance():
                 self._details.estimate(item)
             case Disagreement():
-                self._disagreements.add(item)
+                self._places.disagreement(item)
             case Note():
                 log_note(self._lines, item, self.timeline.seconds(item.time_ns))
 
@@ -202,6 +202,7 @@ class Replay:
             for spectrogram in self._spectrograms:
                 spectrogram.write(block)
         self._details.signal(block)
+        self._show_close_ups(block.last_ns)
         if block.last_ns - self._flushed_ns >= self._flush_every_ns:
             self._flushed_ns = block.last_ns
             self._flush(block.start_ns - LAG_NS)
@@ -212,10 +213,8 @@ class Replay:
             self._picking[spec.topic] = spec.stage
         elif step_like(spec):
             self._stepping[spec.topic] = spec.stage
-        elif spec.emits == "fix" and self._fixes is not None:
-            self._fixes.begin(spec.stage)
-        colour = self._fixes.colour(spec.stage) if spec.emits == "fix" and self._fixes else 0
-        self._details.stage(spec, colour or FIX_COLOURS[0])
+            self.close_ups.moments.judge()
+        self._details.stage(spec, self._places.stage(spec))
         self._detector(spec)
 
     def _detector(self, spec: StageSpec) -> DetectorLog:
@@ -246,11 +245,12 @@ class Replay:
         if self._picking.get(pick.topic, pick.stage) != pick.stage:
             return
         self._answered(pick.time_ns)
-        self._picks.add(pick, self._traces.of_pick(pick))
+        if not self._stepping:
+            self.close_ups.moments.step(pick.time_ns)
+        self._picks.add(pick, self._traces.of_pick(pick), told=not self._stepping)
         if pick.topic in self._sections:
             self._sections[pick.topic].add(pick)
-        if self._map is not None:
-            self._map.arrival(pick.time_ns, pick.channel)
+        self._places.pick(pick)
 
     def _step(self, step: StepEvent) -> None:
         self._lanes.of(step.stage, step.topic).add(
@@ -260,6 +260,7 @@ class Replay:
             return
         self._answered(step.time_ns)
         self._steps_ns.append(step.time_ns)
+        self.close_ups.moments.step(step.time_ns)
         self._steps.add(step, self._traces.of_step(step))
         self._details.step(step)
 
@@ -274,12 +275,10 @@ class Replay:
         for section in self._sections.values():
             section.flush()
         self._details.flush()
-        if self._map is not None:
-            self._map.flush()
-        if self._fixes is not None:
-            self._fixes.flush()
-        if self._tracks is not None:
-            self._tracks.flush()
+        self._places.flush()
+
+    def _show_close_ups(self, last_ns: int | None) -> None:
+        self.close_ups.show(last_ns, self._signals, self._traces, self._details)
 
     def close(self) -> None:
         """Log everything pending."""
@@ -289,11 +288,11 @@ class Replay:
             section.advance()
         for spectrogram in self._spectrograms:
             spectrogram.close()
+        self._show_close_ups(None)
         self._details.close()
         truth = any(x.kind == "step" for x in self._session.labels)
         if truth and self._stepping and self._replayed_ns is not None:
             found = verdicts(self._session, self._steps_ns, self._replayed_ns)
             log_verdicts(self.timeline, self._lines, found)
         self._flush(None)
-        if self._tracks is not None:
-            self._tracks.close()
+        self._places.close()

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import StageSpec
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .blueprint import blueprint
 from .browse import serve_web
 from .errors import ViewerError
+from .full_rate import FullRate, planned
+from .identity import stream_of
 from .replay import Replay
 from .serve import LOOPBACK, connect, data_url, free_port, open_viewer
 from .timeline import TIMELINE
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.signals import SignalBlock
 
 
 class RerunSink:
@@ -43,6 +43,11 @@ class RerunSink:
         Of the viewer's data server (``spawn``) or of the page (``web``); 0 chooses a free one.
     channels
         Whose spectrograms are shown; empty takes the first seismic channel's.
+    full_rate
+        What is shown at full rate of fast streams: ``none``, ``misses``, ``events``, ``all`` or
+        FROM-TO in seconds; empty is ``all`` with ``spawn``, else ``misses``.
+    map_tiles
+        Show positions on a street map too, whose tiles the viewer loads from the internet.
 
     Attributes
     ----------
@@ -54,7 +59,7 @@ class RerunSink:
     Raises
     ------
     ViewerError
-        Where neither a path nor a viewer is given.
+        Where neither a path nor a viewer is given, or ``full_rate`` is something else.
     """
 
     def __init__(
@@ -65,6 +70,8 @@ class RerunSink:
         web: bool = False,
         port: int = 0,
         channels: Sequence[str] = (),
+        full_rate: str = "",
+        map_tiles: bool = False,
     ) -> None:
         if path is None and not spawn and not web:
             raise ViewerError("viewer: expected a file, spawn or web, found none of them")
@@ -77,9 +84,21 @@ class RerunSink:
         self._web = web
         self._port = port or free_port()
         self._channels = tuple(channels)
+        self._full_rate = FullRate.parse(full_rate or ("all" if spawn else "misses"))
+        self._map_tiles = map_tiles
         self._session: Session | None = None
         self._recording: rr.RecordingStream | None = None
         self._replay: Replay | None = None
+        self._events: list[Event] = []
+
+    def expected(self, session: Session) -> str:
+        """Return what the timeline of a session will weigh, one line for people."""
+        return planned(self._full_rate, session).words()
+
+    @property
+    def summary(self) -> str:
+        """What is shown at full rate, for people; empty before anything is."""
+        return self._replay.close_ups.words() if self._replay is not None else ""
 
     def open(self, session: Session) -> None:
         """Begin a replay.
@@ -89,15 +108,18 @@ class RerunSink:
         ViewerError
             Where the viewer does not start.
         """
-        import rerun as rr
-
-        name = hashlib.sha256(session.name.encode()).hexdigest()[:16]
-        recording = rr.RecordingStream(
-            f"groundtrace-{session.application}", recording_id=name, send_properties=False
-        )
+        recording = stream_of(session.name, session.application)
         recording.set_sinks(*self._sinks())
         self._session, self._recording = session, recording
-        self._replay = Replay(recording, session, live=self._spawn, channels=self._channels)
+        plan = planned(self._full_rate, session)
+        self._replay = Replay(
+            recording,
+            session,
+            plan,
+            live=self._spawn,
+            map_tiles=self._map_tiles,
+            channels=self._channels,
+        )
         if self._spawn:
             self._send_layout(follow=True)
 
@@ -123,6 +145,8 @@ class RerunSink:
         if self._replay is None:
             raise ViewerError("viewer: expected open() before write(), found none")
         self._replay.write(item)
+        if self._web and not isinstance(item, SignalBlock):
+            self._events.append(item)
         if self._spawn and isinstance(item, StageSpec):
             self._send_layout(follow=True)
 
@@ -137,8 +161,11 @@ class RerunSink:
         self._recording = None
         if self._spawn:
             self._go_to_first_event()
-        if self._web and self._path is not None:
-            self.viewer = serve_web(self._path, self._port)
+        if self._web and self._path is not None and self._session is not None:
+            from .moments import moments_of_session
+
+            moments = moments_of_session(self._session, self._events)
+            self.viewer = serve_web(self._path, self._port, moments)
             self.url = f"http://{LOOPBACK}:{self._port}"
 
     def _go_to_first_event(self) -> None:

@@ -1,7 +1,9 @@
 """Spectrogram of one channel as coloured squares at their time and frequency.
 
 Squares in a plot share the linked time axis and the cursor with every other plot; an image could
-not. Levels are coloured when the replay ends, by percentiles of the whole recording.
+not. Levels are coloured when the replay ends, by percentiles of the whole recording. The viewer
+draws every square in view in every frame: of a long recording the overview has columns as wide as
+can be told apart, and a second plot has those of 50 ms around the cursor.
 """
 
 from __future__ import annotations
@@ -23,12 +25,18 @@ if TYPE_CHECKING:
 
     from .timeline import Timeline
 
-#: The viewer draws every square of a view in every frame, so their number is bounded.
-MAX_POINTS = 240_000
-BANDS = 48
+#: Most squares of the overview, and of the plot around the cursor.
+MAX_POINTS, MAX_FINE_POINTS = 240_000, 1_000_000
+BANDS = 32
+#: Shortest columns of long recordings [s], and how much of them is shown around the cursor [s].
+COLUMN_S, AROUND_S = 0.05, 5.0
 #: The viewer opens long recordings with about this much in view.
 IN_VIEW_S = 60.0
-COLUMNS_IN_VIEW = 600
+#: Percentiles of the levels that get the darkest and the lightest colour.
+SHOWN = (8.0, 99.7)
+#: Colours told apart: fewer compress better.
+SHADES = 64
+COLUMNS_IN_VIEW = 240
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +85,8 @@ def resolution(rate_hz: float, window_s: float, top_hz: float, duration_s: float
     column_s = max(
         min(duration_s, IN_VIEW_S) / COLUMNS_IN_VIEW, duration_s * BANDS / MAX_POINTS, 0.0125
     )
-    hop = max(1, round(min(column_s, 0.05) * rate_hz))
+    fine_s = max(COLUMN_S, duration_s * BANDS / MAX_FINE_POINTS)
+    hop = max(1, round(min(column_s, fine_s) * rate_hz))
     window = max(8, round(window_s * rate_hz))
     transform = 2 * window
     last = min(window + 1, 2 + round(top_hz * transform / rate_hz))
@@ -186,10 +195,15 @@ class Spectrogram:
         self._times: list[NDArray[np.int64]] = []
         self._levels: list[NDArray[np.float32]] = []
         what = stream.channels[seismic[0]].name if seismic else "|acceleration|"
-        self._path = f"/spectrogram/{stream.topic.strip('/')}"
-        if column is not None:
-            self._path += f"/{what}"
-        self._declare(f"Spectrogram of {what} {stream.topic} [Hz]", duration_s)
+        self._tail = stream.topic.strip("/") + (f"/{what}" if seismic else "")
+        self._title = f"Spectrogram of {what} {stream.topic}"
+        self._fine = bool(seismic) and self._cut.pool > 1
+        shown_s = min(duration_s, IN_VIEW_S)
+        self._declare("spectrogram", f"{self._title} [Hz]", shown_s / self._cut.pool)
+        if self._fine:
+            column_ms = self._hop_ns / 1e6
+            title = f"{self._title}: columns of {column_ms:.0f} ms, cursor ± {AROUND_S:g} s [Hz]"
+            self._declare("tones", title, 2 * AROUND_S)
 
     @staticmethod
     def fits(stream: Stream) -> bool:
@@ -197,16 +211,17 @@ class Spectrogram:
         worn = bool(stream.columns_of({"acceleration"})) and stream.rate_hz >= 50.0
         return not stream.irregular and (worn or bool(stream.columns_of(SEISMIC_QUANTITIES)))
 
-    def _declare(self, title: str, duration_s: float) -> None:
+    def _declare(self, role: str, title: str, hops_s: float) -> None:
+        """Announce a plot; ``hops_s`` is what is in view, as time of as many hops as columns."""
         import rerun as rr
 
         bands = len(self._frequencies)
         top = float(self._frequencies[-1])
-        columns = min(duration_s, IN_VIEW_S) * NS_PER_S / self._column_ns
+        columns = hops_s * NS_PER_S / self._hop_ns
         # Markers are sized in screen points: large enough to close a panel of 960 x 120 points.
         size = float(np.clip(max(120.0 / bands, 960.0 / max(columns, 1.0)) + 0.8, 2.0, 9.0))
         style = rr.SeriesPoints(markers=["square"] * bands, marker_sizes=[size] * bands)
-        self._timeline.declare(Entity(self._path, "spectrogram", title, bands, top=top), style)
+        self._timeline.declare(Entity(f"/{role}/{self._tail}", role, title, bands, top=top), style)
 
     def write(self, block: SignalBlock) -> None:
         """Take a block."""
@@ -219,26 +234,40 @@ class Spectrogram:
 
     def close(self) -> None:
         """Colour and log what was taken."""
-        import rerun as rr
-
         if not self._times:
             return
-        times, levels = self._pooled(np.concatenate(self._times), np.concatenate(self._levels))
-        low, high = np.percentile(levels, [8.0, 99.7])
-        colours = heat((levels - low) / max(float(high - low), 1e-6))
+        times, levels = np.concatenate(self._times), np.concatenate(self._levels)
+        order = np.argsort(times, kind="stable")
+        times, levels = times[order], levels[order]
+        pooled = self._pooled(times, levels)
+        self._log("spectrogram", *pooled, np.percentile(pooled[1], SHOWN))
+        if self._fine:
+            self._log("tones", times, levels, np.percentile(levels, SHOWN))
+
+    def _log(
+        self,
+        role: str,
+        times: NDArray[np.int64],
+        levels: NDArray[np.float32],
+        ends: NDArray[np.floating],
+    ) -> None:
+        """Log columns; ``ends`` are the levels of the darkest and the lightest colour [dB]."""
+        import rerun as rr
+
+        low, high = float(ends[0]), float(ends[1])
+        shade = np.clip((levels - low) / max(high - low, 1e-6), 0.0, 1.0)
+        colours = heat(np.round(shade * SHADES) / SHADES)
         frequencies = np.tile(self._frequencies, len(times))
         rows = np.full(len(times), len(self._frequencies))
         columns = [
             *rr.Scalars.columns(scalars=frequencies).partition(rows),
             *rr.SeriesPoints.columns(colors=colours.ravel()).partition(rows),
         ]
-        self._timeline.send(self._path, times, columns)
+        self._timeline.send(f"/{role}/{self._tail}", times, columns)
 
     def _pooled(
         self, times: NDArray[np.int64], levels: NDArray[np.float32]
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        order = np.argsort(times, kind="stable")
-        times, levels = times[order], levels[order]
         column = (times - times[0] + self._hop_ns / 2) // self._column_ns
         starts = np.flatnonzero(np.diff(column, prepend=-1))
         return times[starts], np.maximum.reduceat(levels, starts, axis=0)

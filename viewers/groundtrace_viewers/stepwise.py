@@ -12,7 +12,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from .decision import PickerCurve
 from .details import Details
-from .fine_spectrogram import AFTER_S, LEAST_RATE_HZ, SpectrumViews
+from .fine_spectrogram import LEAST_RATE_HZ, SpectrumViews
 from .recipe import used
 from .stations import StationViews
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 #: What is lit at a step goes out after this, or with the next step [ns].
 LIT_NS = NS_PER_S // 2
 #: Signal that must have come before what lies around a step is complete [ns].
-COMPLETE_NS = round(AFTER_S * NS_PER_S) + NS_PER_S // 20
+COMPLETE_NS = NS_PER_S * 7 // 20
 #: So many arrivals are remembered: a step is announced when a later arrival closes its window.
 MOST_PICKS = 1024
 #: The plugin that locates by regions.
@@ -61,6 +61,8 @@ class Stepwise(Details):
         The map, or None.
     channels
         Whose spectrograms are wanted; empty takes the first seismic channel's.
+    close
+        Whether anything is shown at every sample.
     """
 
     def __init__(
@@ -70,10 +72,13 @@ class Stepwise(Details):
         colours: SensorColours,
         site: SensorMap | None,
         channels: Sequence[str] = (),
+        *,
+        close: bool = True,
     ) -> None:
         self._timeline = timeline
         self._session = session
         self._colours = colours
+        self._close = close
         self._window_s = LocalizerParameters().window_s
         self._picks: deque[Pick] = deque(maxlen=MOST_PICKS)
         self._due: deque[Due] = deque()
@@ -94,14 +99,15 @@ class Stepwise(Details):
         if site is not None and StationViews.fits(stream, site):
             views = StationViews(self._timeline, stream, site, self._colours)
             self._stations[stream.topic] = views
-        if stream.rate_hz >= LEAST_RATE_HZ and (channels or not self._spectra):
+        fine = self._close and stream.rate_hz >= LEAST_RATE_HZ
+        if fine and (channels or not self._spectra):
             self._spectra[stream.topic] = SpectrumViews(self._timeline, stream, channels)
 
     def stage(self, spec: StageSpec, colour: int) -> None:
         """Take a stage; ``colour`` is that of its places."""
         if spec.emits == "pick":
             self._picking = spec
-            if spec.trace:
+            if spec.trace and self._close:
                 curve = PickerCurve(self._timeline, self._session, spec, self._colours)
                 self._curves.append(curve)
         elif spec.plugin == BY_SIGNS and self._regions is None:
@@ -143,6 +149,20 @@ class Stepwise(Details):
             if pick.topic in views:
                 views[pick.topic].expect(pick.time_ns)
 
+    def expect(self, time_ns: int) -> None:
+        """Take a true step, which may be missed."""
+        for curve in self._curves:
+            curve.expect(time_ns)
+        for spectra in self._spectra.values():
+            spectra.expect(time_ns)
+
+    def near(self, time_ns: int) -> None:
+        """Show decision functions and spectra at every sample around a moment."""
+        for curve in self._curves:
+            curve.show(time_ns)
+        for spectra in self._spectra.values():
+            spectra.show(time_ns)
+
     def step(self, step: StepEvent) -> None:
         """Take a step: what there is to say of it is shown when its signal is complete."""
         self._due.append(Due(step.time_ns, step.topic))
@@ -177,12 +197,8 @@ class Stepwise(Details):
             self._signs.step(due.time_ns, picks)
         if self._regions is not None:
             self._regions.step(due.time_ns, picks)
-        for curve in self._curves:
-            curve.step(due.time_ns)
         if due.topic in self._stations:
             self._stations[due.topic].step(due.time_ns, picks)
-        if due.topic in self._spectra:
-            self._spectra[due.topic].step(due.time_ns)
 
     def _picks_of(self, due: Due) -> list[Pick]:
         """Return the arrivals of a step, of the stage that has the last word on them."""

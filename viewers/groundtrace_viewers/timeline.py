@@ -27,9 +27,10 @@ class Entity:
     path
         Entity path, e.g. ``/envelope/seismic``.
     role
-        What it is, which chooses its view: ``envelope``, ``signal``, ``norm``, ``spectrogram``,
-        ``section``, ``detector``, ``decision``, ``masses``, ``heading``, ``spectrum``,
-        ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``.
+        What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
+        ``norm``, ``spectrogram``, ``tones``, ``section``, ``detector``, ``decision``, ``masses``,
+        ``heading``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``,
+        ``map``.
     title
         Heading of its view.
     series

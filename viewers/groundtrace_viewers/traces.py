@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .full_rate import FULL_RATE_HZ
 from .recent import KEEP_S, Recent
-from .signals import FULL_RATE_HZ, curves_of
+from .signal_curves import curves_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from groundtrace_codecs.events import Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
@@ -32,6 +38,12 @@ class Traces:
     def push(self, block: SignalBlock) -> None:
         """Take a block of a stream that has begun."""
         self._recent[block.topic].push(block)
+
+    def between(
+        self, topic: str, start_ns: int, end_ns: int
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+        """Yield times [ns] and values, shape (n, n_channels), of a half-open span."""
+        return self._recent[topic].between(start_ns, end_ns)
 
     def of_pick(self, pick: Pick) -> float:
         """Return the signal at a pick; 0 where it is not known."""

@@ -11,6 +11,7 @@ from groundtrace_codecs.events import Fix
 from groundtrace_codecs.signals import NS_PER_S
 
 from .fixes import ellipse
+from .growing_line import GrowingLine
 from .palette import TRACK_COLOURS
 from .sensor_map import SITE
 from .timeline import Entity
@@ -51,6 +52,7 @@ class TrackLog:
         self._shown = shown
         self._keys: list[tuple[str, int]] = []
         self._last: dict[tuple[str, int], TrackPoint] = {}
+        self._lines: dict[tuple[str, int], GrowingLine] = {}
         self._pending: list[TrackPoint] = []
 
     def add(self, point: TrackPoint) -> None:
@@ -74,6 +76,8 @@ class TrackLog:
     def close(self) -> None:
         """Log what is pending, and that the walkers are gone some time after their last step."""
         self.flush()
+        for line in self._lines.values():
+            line.close()
         for (stage, track), point in self._last.items():
             if not stage.endswith(SMOOTHED):
                 time_ns = point.time_ns + round(HOLD_S * NS_PER_S)
@@ -82,22 +86,11 @@ class TrackLog:
                     self._timeline.send(path, [time_ns], none)
 
     def _line(self, key: tuple[str, int], points: list[TrackPoint]) -> None:
-        """Log the way to each point from the one before it, a row each."""
-        import rerun as rr
-
-        known = [self._last[key], *points] if key in self._last else points
-        if len(known) < 2:
-            return
-        places = np.array([(p.x_m, p.y_m) for p in known], np.float32)
-        rows = len(known) - 1
-        columns = rr.LineStrips2D.columns(
-            strips=np.stack([places[:-1], places[1:]], axis=1),
-            colors=np.full(rows, _colour(*key), np.uint32),
-            radii=np.full(rows, -1.8),
-        )
-        path = f"{LINES}/{key[0]}/{key[1]}"
-        self._timeline.declare(Entity(path, "map"))
-        self._timeline.send(path, [p.time_ns for p in known[1:]], columns)
+        """Log the way to each point from the one before it."""
+        if key not in self._lines:
+            path = f"{LINES}/{key[0]}/{key[1]}"
+            self._lines[key] = GrowingLine(self._timeline, path, _colour(*key), -1.8)
+        self._lines[key].add([(p.time_ns, (p.x_m, p.y_m)) for p in points])
 
     def _present(self, key: tuple[str, int], points: list[TrackPoint]) -> None:
         for path, columns in _drawn(_present_path(*key), points):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .growing_line import GrowingLine
 from .palette import LEFT, RIGHT, WALKER_COLOURS
 from .timeline import Entity
 
@@ -22,7 +23,7 @@ PATH, FOOTFALLS = f"{TRUE}/path", f"{TRUE}/footfalls"
 
 
 def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
-    """Log where steps and impacts were, and between steps the path, a segment a row."""
+    """Log where steps and impacts were, and between steps the path, which grows."""
     import rerun as rr
 
     if not labels:
@@ -41,19 +42,6 @@ def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
     for target in targets:
         walked = [x for x in known if x.kind != "impact" and x.target == target]
         path = f"{PATH}/{target}" if target else PATH
-        _log_path(timeline, path, walked, walkers[target])
-
-
-def _log_path(timeline: Timeline, path: str, walked: Sequence[Label], colour: int) -> None:
-    import rerun as rr
-
-    if len(walked) < 2:
-        return
-    points = np.array([(x.x_m, x.y_m) for x in walked], np.float32)
-    strips = rr.LineStrips2D.columns(
-        strips=np.stack([points[:-1], points[1:]], axis=1),
-        colors=np.full(len(walked) - 1, colour, np.uint32),
-        radii=np.full(len(walked) - 1, -1.2),
-    )
-    timeline.declare(Entity(path, "map"))
-    timeline.send(path, [x.time_ns for x in walked[1:]], strips)
+        line = GrowingLine(timeline, path, walkers[target], -1.2)
+        line.add([(x.time_ns, (x.x_m or 0.0, x.y_m or 0.0)) for x in walked])
+        line.close()

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING
 from .about import PAGE
 from .disagreements import LINES as DISAGREEMENTS
 from .fixes import ELLIPSES, POINTS
+from .growing_line import RUNS, SEGMENTS_S
 from .headings import HEADING
 from .hodogram import ROOT as HODOGRAM
 from .hodogram import extent
 from .sensor_map import ARRIVALS
+from .street_map import FIXES
+from .street_map import ROOT as STREETS
 from .timeline import TIMELINE
 from .tracks import LINES
 from .truth_map import FOOTFALLS, PATH
@@ -28,14 +31,15 @@ if TYPE_CHECKING:
 LEGEND_CURVES = 4
 #: Parts of what is below these on the map that it shows: all, or since so many seconds.
 VISIBLE_S = {
-    PATH: None,
+    PATH: -SEGMENTS_S,
     FOOTFALLS: -3.0,
     ARRIVALS: -0.25,
     POINTS: -3.0,
     ELLIPSES: -0.5,
     DISAGREEMENTS: -0.5,
-    LINES: None,
+    LINES: -SEGMENTS_S,
     SATELLITES: None,
+    f"{SATELLITES}/lines": -SEGMENTS_S,
 }
 
 
@@ -73,6 +77,22 @@ def plot(entity: Entity, *, legend_shown: bool = True) -> rrb.View:
         name=entity.title,
         axis_x=linked(),
         plot_legend=legend(entity.series, LEGEND_CURVES if legend_shown else 0),
+    )
+
+
+def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
+    """Return curves over a span from end to end, since the first sample [ns]."""
+    import rerun.blueprint as rrb
+
+    first, last = (rrb.TimeRangeBoundary.absolute(nanos=t) for t in span_ns)
+    axis = rrb.TimeAxis(
+        link=rrb.components.LinkAxis.Independent, view_range=rrb.TimeRange(start=first, end=last)
+    )
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=axis,
+        plot_legend=legend(entity.series),
     )
 
 
@@ -226,11 +246,24 @@ def site(bounds: Bounds | None, entities: Sequence[Entity], name: str = "Site [m
         if bounds is not None
         else None,
         overrides={
-            path: _before(seconds)
+            path: _before(None if path.endswith(f"/{RUNS}") else seconds)
             for path in logged
             for part, seconds in VISIBLE_S.items()
             if path == part or path.startswith(part + "/")
         },
+    )
+
+
+def streets() -> rrb.View:
+    """Return the street map, whose tiles the viewer loads from the internet."""
+    import rerun.blueprint as rrb
+
+    return rrb.MapView(
+        origin=STREETS,
+        name="Street map",
+        zoom=17.0,
+        background=rrb.components.MapProvider.OpenStreetMap,
+        overrides={FIXES: _before(None)},
     )
 
 

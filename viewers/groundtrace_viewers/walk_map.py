@@ -10,6 +10,7 @@ import numpy as np
 from groundtrace.reckoning.places import TangentPlane, satellite_columns, satellite_fixes
 from groundtrace.score.turn import turn_onto
 
+from .growing_line import GrowingLine
 from .palette import NORM, SATELLITE, TRUTH, WAYPOINT
 from .sensor_map import MARGIN, MOST_NAMES, SITE, Bounds, framed, log_outline
 from .timeline import Entity
@@ -54,7 +55,7 @@ class WalkMap:
         self._true: list[Label] = []
         self._passed: dict[str, list[TrackPoint]] = {}
         self._keys: list[tuple[str, int]] = []
-        self._fix: tuple[float, float] | None = None
+        self._between = GrowingLine(timeline, f"{SATELLITES}/lines", SATELLITE & 0xFFFFFF50, -0.6)
         self._tracks = TrackLog(timeline, None)
         self._begun = False
         quantities = {c.quantity for s in session.streams for c in s.channels}
@@ -90,6 +91,7 @@ class WalkMap:
     def close(self) -> None:
         """Log what is pending, the key, north and the scale."""
         self._tracks.close()
+        self._between.close()
         if not self._northward:
             self._turn_truth()
         bounds = self.bounds
@@ -182,7 +184,7 @@ class WalkMap:
         """Log a satellite fix, and a line to it from the one before."""
         import rerun as rr
 
-        if self._fix is None:
+        if ("GNSS", SATELLITE) not in self._keys:
             self._keys.append(("GNSS", SATELLITE))
         self._reach(place)
         points = rr.Points2D.columns(
@@ -190,15 +192,7 @@ class WalkMap:
         )
         self._timeline.declare(Entity(f"{SATELLITES}/points", "map"))
         self._timeline.send(f"{SATELLITES}/points", [time_ns], points)
-        if self._fix is not None:
-            lines = rr.LineStrips2D.columns(
-                strips=np.array([[self._fix, place]], np.float32),
-                colors=np.array([SATELLITE & 0xFFFFFF50], np.uint32),
-                radii=[-0.6],
-            )
-            self._timeline.declare(Entity(f"{SATELLITES}/lines", "map"))
-            self._timeline.send(f"{SATELLITES}/lines", [time_ns], lines)
-        self._fix = place
+        self._between.add([(time_ns, place)])
 
     def _log_key(self, bounds: Bounds) -> None:
         import rerun as rr

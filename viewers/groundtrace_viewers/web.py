@@ -1,135 +1,223 @@
-"""Serve one recording to browsers on this machine: ``python -m groundtrace_viewers.web RRD PORT``.
+"""The server of the page: ``python -m groundtrace_viewers.web RRD PORT < MOMENTS.json``.
 
-The viewer's own web server would do, but its page reports usage, asks for new versions and loads
-fonts from elsewhere, whatever the environment says. So its files are taken from it once and served
-here with a content security policy that lets the page talk to this server only.
+It listens on this machine only, answers only pages of its own (their host and origin are looked
+at, so that no other site can reach it through a browser), and its page talks to nobody else.
 """
 
 from __future__ import annotations
 
-import http.client
-import shutil
+import json
+import socket
 import sys
-import time
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlencode, urlsplit
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
 
 from .errors import ViewerError
-from .serve import LOOPBACK, free_port, start_viewer
+from .layout_file import layout_of
+from .page_files import MODULES, page_file
+from .serve import LOOPBACK
+from .viewer_files import VIEWER_FILES, viewer_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Sequence
 
-RECORDING = "/replay.rrd"
-#: Files of the viewer's page and their types.
-FILES = {
-    "/index.html": "text/html; charset=utf-8",
-    "/re_viewer.js": "text/javascript",
-    "/re_viewer_bg.wasm": "application/wasm",
-    "/favicon.ico": "image/x-icon",
-}
+    from starlette.requests import Request
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+#: The script may make a program of bytes (the viewer), but not of text.
 POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'; "
-    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self' data: blob:; worker-src 'self' blob:"
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-START_S = 20.0
+HEADERS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-cache",
+}
+KINDS = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "wasm": "application/wasm",
+    "ico": "image/x-icon",
+    "json": "application/json",
+    "rrd": "application/octet-stream",
+}
 
 
-def fetch(port: int, path: str, timeout_s: float = START_S) -> bytes:
-    """Return a file of a server on this machine, waiting until the server is up.
+def refusal(status: int, text: str) -> JSONResponse:
+    """Return an error: one line of text in a JSON document."""
+    return JSONResponse({"error": " ".join(text.split())}, status)
 
-    Raises
-    ------
-    ViewerError
-        Where it does not come up in time or has no such file.
+
+class Gate:
+    """Lets in requests that name this server, from pages of this server or from none.
+
+    A browser tells which page asks and which name it looked up; a foreign page that points its own
+    name at this machine thus stays out.
+
+    Parameters
+    ----------
+    app
+        What answers.
+    port
+        Where it listens.
     """
-    deadline = time.monotonic() + timeout_s
-    while True:
-        connection = http.client.HTTPConnection(LOOPBACK, port, timeout=timeout_s)
-        try:
-            connection.request("GET", path)
-            answer = connection.getresponse()
-            body = answer.read()
-        except OSError as error:
-            if time.monotonic() > deadline:
-                raise ViewerError(
-                    f"{path}: expected a page within {timeout_s:g} s: {error}"
-                ) from error
-            time.sleep(0.1)
+
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        self._app = app
+        self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        headers = Headers(scope=scope)
+        origin = headers.get("origin")
+        if headers.get("host") not in self._hosts:
+            answer: ASGIApp = refusal(403, "host: expected this machine's, found another")
+        elif origin is not None and origin.removeprefix("http://") not in self._hosts:
+            answer = refusal(403, "origin: expected this page, found another")
+        elif headers.get("sec-fetch-site") in ("cross-site", "same-site"):
+            answer = refusal(403, "request: expected one of this page, found another site's")
         else:
-            if answer.status != HTTPStatus.OK:
-                raise ViewerError(f"{path}: expected status 200, found {answer.status}")
-            return body
-        finally:
-            connection.close()
+            answer = self._app
+        await answer(scope, receive, guarded)
 
 
-def viewer_files() -> dict[str, bytes]:
-    """Return the files of the viewer's page, as the installed viewer serves them.
+def _fixed(path: str, content: bytes) -> Route:
+    kind = KINDS[path.rpartition(".")[2]] if "." in path else KINDS["html"]
+
+    async def answer(_: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return Route(path, answer)
+
+
+def _on_disk(path: str, file: Path, kind: str) -> Route:
+    async def answer(_: Request) -> Response:
+        return FileResponse(file, media_type=kind)
+
+    return Route(path, answer)
+
+
+def page_app(
+    rrd: Path, moments: bytes, port: int, annotations: str, more: Sequence[Route] = ()
+) -> ASGIApp:
+    """Return the page's server: an ASGI application.
+
+    Parameters
+    ----------
+    rrd
+        The viewer's file.
+    moments
+        As JSON, see :class:`~groundtrace_viewers.moments.Moments`.
+    port
+        Where it will listen.
+    annotations
+        Where marks are kept: ``server``, ``browser`` or ``off``.
+    more
+        Routes beside the page's.
 
     Raises
     ------
     ViewerError
-        Where the viewer is not installed or does not serve them.
+        Where the viewer is not installed, or the file is not one of its replays.
     """
-    port = free_port()
-    process = start_viewer(["--serve-web", "--web-viewer-port", str(port)], free_port())
+    folder = viewer_folder()
+    index = page_file("index.html")
+    routes = [
+        _fixed("/", index),
+        _fixed("/index.html", index),
+        *(_fixed(f"/page/{name}", page_file(name)) for name in (*MODULES, "style.css")),
+        *(
+            _on_disk(f"/{name}", folder / name, KINDS[name.rpartition(".")[2]])
+            for name in VIEWER_FILES
+        ),
+        _on_disk("/replay.rrd", rrd, KINDS["rrd"]),
+        _fixed("/layout.rrd", layout_of(rrd)),
+        _fixed("/moments.json", moments),
+        _fixed("/page.json", json.dumps({"annotations": annotations}).encode()),
+        *more,
+    ]
+    return Gate(Starlette(routes=routes, exception_handlers={404: _absent, 405: _absent}), port)
+
+
+async def _absent(request: Request, _: Exception) -> Response:
+    return refusal(404, f"{request.url.path[:200]}: expected a file of the page, found none")
+
+
+def listen(port: int) -> socket.socket:
+    """Return a socket that listens on this machine only; port 0 takes a free one.
+
+    Raises
+    ------
+    ViewerError
+        Where somebody else listens there.
+    """
     try:
-        return {path: fetch(port, path) for path in FILES}
-    finally:
-        process.terminate()
-        process.wait(10)
+        return socket.create_server((LOOPBACK, port))
+    except OSError as error:
+        raise ViewerError(f"port {port}: expected a free one, found: {error.strerror}") from error
 
 
-def page(port: int) -> str:
-    """Return the address that shows the recording."""
-    root = f"http://{LOOPBACK}:{port}"
-    query = urlencode({"url": root + RECORDING, "persist": "0", "theme": "dark"})
-    return f"{root}/index.html?{query}&hide_welcome_screen"
+class _Server(uvicorn.Server):
+    """Says when it answers."""
+
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self._ready()
 
 
-def handler(files: Mapping[str, bytes], rrd: Path, port: int) -> type[BaseHTTPRequestHandler]:
-    """Return a request handler for the page and the recording."""
+def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lambda: None) -> None:
+    """Serve an application until Ctrl-C.
 
-    class Handler(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            path = urlsplit(self.path).path
-            if path == "/":
-                self.send_response(HTTPStatus.FOUND)
-                self.send_header("Location", page(port))
-                self.end_headers()
-            elif path == RECORDING:
-                self._head("application/octet-stream", rrd.stat().st_size)
-                with rrd.open("rb") as file:
-                    shutil.copyfileobj(file, self.wfile, 1 << 20)
-            elif path in files:
-                self._head(FILES[path], len(files[path]))
-                self.wfile.write(files[path])
-            else:
-                self.send_error(HTTPStatus.NOT_FOUND)
-
-        def _head(self, kind: str, length: int) -> None:
-            self.send_response(HTTPStatus.OK)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(length))
-            self.send_header("Content-Security-Policy", POLICY)
-            self.end_headers()
-
-        def log_message(self, *_: object) -> None:
-            """Stay silent: requests are no news."""
-
-    return Handler
+    Parameters
+    ----------
+    app
+        See :func:`page_app`.
+    listening
+        See :func:`listen`.
+    ready
+        Called when requests are answered.
+    """
+    config = uvicorn.Config(
+        app,
+        log_level="error",
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        server_header=False,
+        timeout_graceful_shutdown=1,
+    )
+    _Server(config, ready).run([listening])
 
 
-def main(rrd: Path, port: int) -> None:
-    """Serve a recording until the process ends."""
-    server = ThreadingHTTPServer((LOOPBACK, port), handler(viewer_files(), rrd, port))
-    server.serve_forever()
+def main(rrd: Path, port: int, moments: bytes) -> None:
+    """Serve a recording until the process ends; marks are kept in the browser."""
+    listening = listen(port)
+    run(page_app(rrd, moments, port, "browser"), listening)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), sys.stdin.buffer.read())

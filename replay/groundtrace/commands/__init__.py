@@ -99,6 +99,11 @@ SIMULATIONS = {
         "A walker with an IMU; steps of four types, turns, stops, places and headings known.\n\n"
         "Example: groundtrace simulate walk -o walk.mcap --path loop --types --seed 7",
     ),
+    "vehicle": (
+        f"{HERE}.simulating_vehicle:vehicle",
+        "Vehicles that pass geophones beside a road; passes, ways and speeds known.\n\n"
+        "Example: groundtrace simulate vehicle -o cars.mcap --layout stations --passes 5 --overlap",
+    ),
 }
 ANALYSES = {
     "room": (

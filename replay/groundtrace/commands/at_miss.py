@@ -68,10 +68,16 @@ class Around:
         self._start_ns, self._end_ns = at_ns - reach, at_ns + reach
 
     def open(self, session: Session) -> None:
-        """Begin, with the labels of the window."""
+        """Begin, with the labels and annotations of the window."""
         shown_ns = (max(self._start_ns, session.start_ns), min(self._end_ns, session.end_ns))
         labels = replayed_labels(session.labels, *shown_ns)
-        self._sink.open(replace(session, labels=labels, shown_ns=shown_ns))
+        annotations = tuple(
+            replace(annotation, label=label)
+            for annotation in session.annotations
+            for label in replayed_labels((annotation.label,), *shown_ns)
+        )
+        window = replace(session, labels=labels, annotations=annotations, shown_ns=shown_ns)
+        self._sink.open(window)
 
     def write(self, item: SignalBlock | Event) -> None:
         """Pass on the part of an item that lies in the window."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,12 +16,27 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..source import Source
 from .output import FIRST_DATE_NS, existing, print_json, print_table, progress
+from .truth import annotations_to_show
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
+
+    from ..placement import Measures
+    from ..placement_watch import PlacementWatch
+
+
+@dataclass(frozen=True, slots=True)
+class GuessInfo:
+    """Where a sensor may be worn, and what that was decided by (:mod:`groundtrace.placement`)."""
+
+    placement: str
+    confidence: float
+    contradicts: bool
+    measures: Measures
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +51,7 @@ class StreamInfo:
     samples: int
     start_s: float | None
     end_s: float | None
+    placement_guess: GuessInfo | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +95,7 @@ class RecordingInfo:
     geometry: dict[str, int] | None
     length_unit: str | None
     metadata: list[str]
+    annotations: dict[str, int] = field(default_factory=dict)
 
 
 def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
@@ -96,6 +113,8 @@ def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = Fal
         duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
         with progress(duration_s, "reading") as show:
             found = examine(opened, recording.stat().st_size, show)
+        marked = Counter(a.label.kind for a in annotations_to_show(opened, recording))
+        found = replace(found, annotations=dict(marked))
     if json:
         print_json(found)
         return
@@ -108,10 +127,15 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     samples: Counter[str] = Counter()
     spans: dict[str, tuple[int, int]] = {}
     gaps: list[GapInfo] = []
+    watches = _watches(recording)
     for item in Source(recording):
         if isinstance(item, Gap):
             gaps.append(_gap(item, start_ns))
+            if item.topic in watches and not item.bridged:
+                watches[item.topic].gap()
             continue
+        if item.topic in watches:
+            watches[item.topic].hear(item)
         samples[item.topic] += len(item)
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
@@ -123,7 +147,8 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         start=_date(start_ns),
         duration_s=(recording.end_ns - start_ns) / NS_PER_S,
         streams=[
-            _stream(s, samples[s.topic], spans.get(s.topic), start_ns) for s in recording.streams
+            _stream(s, samples[s.topic], spans.get(s.topic), start_ns, watches.get(s.topic))
+            for s in recording.streams
         ],
         others=[
             {"topic": o.topic, "schema": o.schema, "encoding": o.encoding, "messages": o.messages}
@@ -145,8 +170,28 @@ def _date(time_ns: int) -> str | None:
     return datetime.fromtimestamp(time_ns / NS_PER_S, UTC).isoformat(timespec="milliseconds")
 
 
+def _watches(recording: Recording) -> dict[str, PlacementWatch]:
+    # what filters is not imported before there is something to filter
+    from ..placement_watch import PlacementWatch
+
+    fitting = (s for s in recording.streams if PlacementWatch.fits(s))
+    return {s.topic: PlacementWatch(s) for s in fitting}
+
+
+def _guess(watch: PlacementWatch | None) -> GuessInfo | None:
+    found = None if watch is None else watch.guess()
+    if watch is None or found is None:
+        return None
+    sure = found.contradicts(watch.stated)
+    return GuessInfo(found.site, found.confidence, sure, found.measures, found.text)
+
+
 def _stream(
-    stream: Stream, samples: int, span: tuple[int, int] | None, start_ns: int
+    stream: Stream,
+    samples: int,
+    span: tuple[int, int] | None,
+    start_ns: int,
+    watch: PlacementWatch | None,
 ) -> StreamInfo:
     channels = [
         {"name": c.name, "quantity": c.quantity, "unit": c.unit, "axis": c.axis}
@@ -162,6 +207,7 @@ def _stream(
         samples,
         first,
         last,
+        _guess(watch),
     )
 
 
@@ -201,6 +247,7 @@ def _print(found: RecordingInfo) -> None:
     print(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
     rows = [_stream_row(s) for s in found.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
+    _print_guesses(found.streams)
     for other in found.others:
         print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
     _print_gaps(found.gaps)
@@ -209,9 +256,20 @@ def _print(found: RecordingInfo) -> None:
         print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
     if found.truth:
         print("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
+    if found.annotations:
+        marks = ", ".join(f"{n} {kind}" for kind, n in found.annotations.items())
+        print(f"annotations: {marks} (groundtrace annotate lists them)")
     if found.geometry is not None:
         unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
         print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit)
+
+
+def _print_guesses(streams: Sequence[StreamInfo]) -> None:
+    for stream in streams:
+        guess = stream.placement_guess
+        if guess is not None:
+            but = f"; stated: {stream.placement}, which is taken" if guess.contradicts else ""
+            print(f"placement of {stream.topic}, a guess: {guess.text}{but}")
 
 
 def _stream_row(s: StreamInfo) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,13 +30,13 @@ from ..results import (
 from ..sinks import Session, Sink
 from ..source import BLOCK_S, Source
 from .at_miss import Around, missed_step
-from .output import existing, print_json, progress, say, writable
+from .output import existing, progress, say, writable
+from .replay_report import report
 from .showing import where_to_show
+from .truth import annotations_to_show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from groundtrace_codecs.signals import Stream
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
 
@@ -54,6 +55,8 @@ def replay(
     spawn: Annotated[bool, Parameter(negative="")] = False,
     web: Annotated[bool, Parameter(negative="")] = False,
     no_viewer: Annotated[bool, Parameter(negative="")] = False,
+    full_rate: str = "",
+    map_tiles: Annotated[bool, Parameter(negative="")] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
     force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
@@ -86,6 +89,12 @@ def replay(
         Serve the finished replay to a browser on this machine.
     no_viewer
         Make no viewer's file but the one of --rrd, and open none.
+    full_rate
+        Where fast signals are shown at every sample: none, misses, events, all, or FROM-TO in
+        seconds. Without it misses, without truth events, up to a size that is said before;
+        everything where it fits into 32 MB or with --spawn.
+    map_tiles
+        Show positions on a street map too, whose tiles the viewer loads from the internet.
     rate
         Recorded seconds per second; 0 is as fast as possible.
     force
@@ -105,10 +114,14 @@ def replay(
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)
         span = _span(session, from_, to)
+        session = _shown(session, span)
         stored = ResultsSink(results, _provenance(session, path, chain, span), force=True)
         sinks: list[Sink] = [stored]
         if at_miss is None and (rrd is not None or spawn or web):
-            shown = load("sinks", "rerun")(rrd, spawn=spawn, web=web)
+            shown = load("sinks", "rerun")(
+                rrd, spawn=spawn, web=web, full_rate=full_rate, map_tiles=map_tiles
+            )
+            say(shown.expected(session))
             sinks.append(shown)
         block_s = BLOCK_S if rate == 0 else 0.0
         source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=block_s)
@@ -119,7 +132,8 @@ def replay(
             again = build_pipeline(chain.config, opened.geometry, opened.labels)
             _run(Source(opened), again, [Around(shown, at_ns)], session, rate)
         damage = len(opened.damage)
-    _report(session, chain, tally, results, rrd, damage, json=json)
+    timeline = shown.summary if shown is not None else ""
+    report(session, chain, tally, results, rrd, timeline, damage, json=json)
     _stay_with_the_page(shown, web=web)
 
 
@@ -179,6 +193,7 @@ def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
         geometry=recording.geometry,
         labels=recording.labels,
         pipeline=chain.recipe(),
+        annotations=annotations_to_show(recording, path),
     )
 
 
@@ -212,17 +227,30 @@ def _span(session: Session, from_s: float | None, to_s: float | None) -> tuple[A
     return at(from_s), at(to_s)
 
 
+def _shown(session: Session, span_ns: tuple[int | None, int | None]) -> Session:
+    """Return the session with the part of it that is replayed."""
+    if span_ns == (None, None):
+        return session
+    start_ns, end_ns = span_ns
+    first_ns = session.start_ns if start_ns is None else start_ns
+    last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
+    return replace(session, shown_ns=(first_ns, last_ns))
+
+
 def _run(
     source: Source, chain: Pipeline, sinks: Sequence[Sink], session: Session, rate: float
 ) -> Tally:
     """Replay into sinks, from opening to closing them."""
+    # what filters is not imported before there is something to filter
+    from ..placement_watch import noted
+
     total_s = (session.end_ns - session.start_ns) / NS_PER_S
     for sink in sinks:
         sink.open(session)
     try:
         with progress(total_s, "replaying") as show:
             return run(
-                source,
+                noted(source),
                 chain,
                 sinks,
                 clock=Clock(rate) if rate else None,
@@ -236,58 +264,6 @@ def _run(
     finally:
         for sink in sinks:
             sink.close()
-
-
-def _report(
-    session: Session,
-    chain: Pipeline,
-    tally: Tally,
-    results: Path,
-    rrd: Path | None,
-    damage: int,
-    *,
-    json: bool,
-) -> None:
-    counts = {
-        name: tally.counts.get(kind, 0)
-        for name, kind in (
-            ("candidates", "CandidateBlock"),
-            ("picks", "Pick"),
-            ("steps", "StepEvent"),
-            ("fixes", "Fix"),
-            ("gaps", "Gap"),
-            ("notes", "Note"),
-        )
-    }
-    if json:
-        print_json(
-            {
-                "recording": session.name,
-                "pipeline": chain.config.name,
-                "topics": [s.topic for s in session.streams],
-                "recorded_s": tally.recorded_s,
-                "samples": tally.samples,
-                "events": counts,
-                "damage": damage,
-                "results": str(results),
-                "rrd": str(rrd) if rrd is not None else None,
-            }
-        )
-        return
-    _print_report(session.streams, chain, tally, counts)
-    print(f"results: {results}")
-    if rrd is not None:
-        print(f"timeline: {rrd} (open it with: rerun {rrd})")
-    if damage:
-        print(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
-
-
-def _print_report(
-    streams: tuple[Stream, ...], chain: Pipeline, tally: Tally, counts: dict[str, int]
-) -> None:
-    signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
-    print(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
-    print(", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events")
 
 
 def _stay_with_the_page(sink: Any, *, web: bool) -> None:

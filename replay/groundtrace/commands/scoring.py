@@ -35,6 +35,7 @@ def score(
     results: Path,
     *,
     truth: Path | None = None,
+    author: str | None = None,
     tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0, lt=math.inf))] = 0.12,
     html: Path | None = None,
     force: Annotated[bool, Parameter(negative="")] = False,
@@ -47,7 +48,10 @@ def score(
     results
         Results MCAP that groundtrace replay wrote.
     truth
-        Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
+        Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP, annotations too.
+        Without truth of its own, the annotations beside the recording are used.
+    author
+        Where annotations are the truth: whose; without it everybody's.
     tolerance
         Largest distance between a step and its detection [s].
     html
@@ -61,7 +65,7 @@ def score(
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
     result = read_results(results)
     origin = result.provenance
-    labels = truth_of(result, results, truth)
+    labels = truth_of(result, results, truth, author)
     figures = score_events(labels, result.events, origin.start_ns, origin.end_ns, tolerance)
     if not _parts(figures):
         raise RecordingError(

@@ -1,46 +1,158 @@
-"""The truth that score, why, sweep and compare use."""
+"""The truth that score, why, sweep and compare use, and the annotations that replay shows.
+
+In this order: the file of ``--truth``, the recording's own truth, the annotations beside it, those
+inside it. What a person annotated is never added to a recording's own truth.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import RecordingError
+from ..errors import AnnotationError, RecordingError
+from ..results import file_sha256, replayed_labels
+from .output import say
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.geometry import Geometry
+    from collections.abc import Callable
+
+    from groundtrace_codecs.annotations import Annotation, RecordingKey
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.recording import Recording
 
     from ..results import Results
 
 
-def truth_of(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
-    """Return the truth: a given file, the recording's own, or annotations beside the results."""
-    origin = result.provenance
-    name = path.parent / Path(origin.recording).name
-    return _chosen(result.labels, result.geometry, origin.start_ns, name, truth)
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """Where truth comes from: labels, or where there are none annotations."""
+
+    name: str
+    labels: tuple[Label, ...] = ()
+    annotations: tuple[Annotation, ...] = ()
 
 
-def truth_of_recording(recording: Recording, path: Path, truth: Path | None) -> tuple[Label, ...]:
-    """Return the same for a recording that was not replayed."""
-    return _chosen(recording.labels, recording.geometry, recording.start_ns, path, truth)
-
-
-def _chosen(
-    labels: tuple[Label, ...],
-    geometry: Geometry | None,
-    start_ns: int,
-    recording: Path,
-    truth: Path | None,
+def truth_of(
+    result: Results, path: Path, truth: Path | None, author: str | None = None
 ) -> tuple[Label, ...]:
+    """Return the truth of a result, of the span that was replayed.
+
+    Parameters
+    ----------
+    result, path
+        The result and its file, beside which the recording's annotations are looked for.
+    truth
+        A file instead.
+    author
+        Of annotations: whose are truth; None for everybody's.
+
+    Raises
+    ------
+    RecordingError, AnnotationError
+        Where the file is not there, annotations are of another recording or none by ``author``.
+    """
+    from groundtrace_codecs.annotations import RecordingKey
+
+    origin = result.provenance
+    recording = path.parent / Path(origin.recording).name
+    key = RecordingKey(origin.recording, origin.sha256, origin.start_ns)
+    labels = _chosen(_source(result, recording, key.start_ns, lambda: key, truth), author)
+    return replayed_labels(labels, origin.from_ns, origin.to_ns)
+
+
+def truth_of_recording(
+    recording: Recording, path: Path, truth: Path | None, author: str | None = None
+) -> tuple[Label, ...]:
+    """Return the same for a recording that was not replayed."""
+    from groundtrace_codecs.annotations import RecordingKey
+
+    def key() -> RecordingKey:
+        return RecordingKey(path.name, file_sha256(path), recording.start_ns)
+
+    return _chosen(_source(recording, path, recording.start_ns, key, truth), author)
+
+
+def _source(
+    subject: Results | Recording,
+    recording: Path,
+    start_ns: int,
+    key: Callable[[], RecordingKey],
+    truth: Path | None,
+) -> _Source:
+    """Return where truth comes from; ``key`` is asked only where annotations lie beside."""
+    from groundtrace_codecs.annotations import sidecar_path
+
+    from ..annotate import annotated, kept_in
+
+    if truth is not None:
+        return _given(subject, start_ns, key, truth)
+    if subject.labels:
+        return _Source(recording.name, subject.labels)
+    if annotated(recording):
+        beside = sidecar_path(recording)
+        return _Source(beside.name, (), kept_in(beside, key()).annotations)
+    return _Source(recording.name, (), subject.annotations)
+
+
+def _given(
+    subject: Results | Recording, start_ns: int, key: Callable[[], RecordingKey], truth: Path
+) -> _Source:
+    """Return what a file says."""
+    from groundtrace_codecs.annotations import is_sidecar
+    from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.truth import read_truth
 
-    beside = recording.with_name(f"{recording.stem}.annotations.mcap")
-    if truth is None and not labels and beside.is_file():
-        truth = beside
-    if truth is None:
-        return labels
+    from ..annotate import kept_in
+
     if not truth.is_file():
         raise RecordingError(f"{truth}: expected a truth file, found no such file")
-    return read_truth(truth, start_ns=start_ns, geometry=geometry, labels=labels)
+    if truth.suffix.lower() == ".mcap":
+        with Recording.open(truth) as opened:
+            if not is_sidecar(opened.file):
+                return _Source(truth.name, opened.labels, opened.annotations)
+        return _Source(truth.name, (), kept_in(truth, key()).annotations)
+    labels = read_truth(truth, start_ns=start_ns, geometry=subject.geometry, labels=subject.labels)
+    return _Source(truth.name, labels)
+
+
+def _chosen(source: _Source, author: str | None) -> tuple[Label, ...]:
+    """Return the labels of a source; of annotations, say what was made of them."""
+    from ..annotate import truth_of_annotations
+
+    if source.labels or not source.annotations:
+        if author is not None:
+            raise RecordingError(
+                f"{source.name}: --author: expected annotations as truth, found "
+                f"{'truth of its own' if source.labels else 'none'}"
+            )
+        return source.labels
+    truth = truth_of_annotations(source.annotations, author or "", source.name)
+    said = f"truth: {len(truth.labels)} annotations of {source.name}"
+    if truth.merged:
+        said += f"; {truth.merged} more that another author gives within 50 ms count once"
+    if truth.conflicts:
+        said += f"; {truth.conflicts} conflicts (groundtrace annotate --conflicts lists them)"
+    say(said)
+    steps = {a.label.kind for a in source.annotations} & {"step", "missed"}
+    if steps == {"missed"}:
+        say("truth: every step in it is marked as missed: steps that were found need marking too")
+    return truth.labels
+
+
+def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
+    """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
+    from groundtrace_codecs.errors import CodecError
+
+    from ..annotate import annotated, stored
+
+    if not annotated(path):
+        return recording.annotations
+    try:
+        found = stored(path).kept
+    except (AnnotationError, CodecError) as error:
+        say(f"annotations are left out: {error}")
+        return ()
+    for remark in found.remarks:
+        say(remark)
+    return found.annotations

@@ -1,0 +1,92 @@
+"""What ``groundtrace replay`` prints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from .output import print_json
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from groundtrace_codecs.signals import Stream
+
+    from ..engine import Tally
+    from ..pipeline import Pipeline
+    from ..sinks import Session
+
+
+def report(
+    session: Session,
+    chain: Pipeline,
+    tally: Tally,
+    results: Path,
+    rrd: Path | None,
+    timeline: str,
+    damage: int,
+    *,
+    json: bool,
+) -> None:
+    """Print what a replay did.
+
+    Parameters
+    ----------
+    session
+        What was replayed.
+    chain
+        Through what.
+    tally
+        What came of it.
+    results
+        Where it is stored.
+    rrd
+        The viewer's file, or None.
+    timeline
+        What is shown at full rate.
+    damage
+        Number of places that were skipped.
+    json
+        As one JSON document.
+    """
+    counts = {
+        name: tally.counts.get(kind, 0)
+        for name, kind in (
+            ("candidates", "CandidateBlock"),
+            ("picks", "Pick"),
+            ("steps", "StepEvent"),
+            ("fixes", "Fix"),
+            ("gaps", "Gap"),
+            ("notes", "Note"),
+        )
+    }
+    if json:
+        print_json(
+            {
+                "recording": session.name,
+                "pipeline": chain.config.name,
+                "topics": [s.topic for s in session.streams],
+                "recorded_s": tally.recorded_s,
+                "samples": tally.samples,
+                "events": counts,
+                "damage": damage,
+                "results": str(results),
+                "rrd": str(rrd) if rrd is not None else None,
+                "rrd_bytes": rrd.stat().st_size if rrd is not None else None,
+            }
+        )
+        return
+    _print_report(session.streams, chain, tally, counts)
+    print(f"results: {results}")
+    if rrd is not None:
+        size = f"{rrd.stat().st_size / 1e6:.1f} MB, {timeline}"
+        print(f"timeline: {rrd}, {size} (open it with: rerun {rrd})")
+    if damage:
+        print(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
+
+
+def _print_report(
+    streams: tuple[Stream, ...], chain: Pipeline, tally: Tally, counts: dict[str, int]
+) -> None:
+    signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
+    print(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
+    print(", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events")

@@ -1,0 +1,137 @@
+"""``groundtrace annotate --serve``: the page with a replay, its marks kept beside the recording."""
+
+from __future__ import annotations
+
+import io
+import secrets
+import signal
+import tempfile
+import threading
+import webbrowser
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from groundtrace.annotate import Annotations
+from groundtrace.commands.output import say
+from groundtrace.commands.replaying import replay
+from groundtrace.pipeline import parse_pipeline
+from groundtrace.results import Results, file_sha256, read_results
+from groundtrace_codecs.recording import Recording
+
+from .errors import ViewerError
+from .moments import moments_of_results
+from .page_api import Desk, api
+from .serve import LOOPBACK
+from .web import listen, page_app, run
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def serve(
+    recording: Path, results: Path | None, author: str, port: int, open_browser: bool
+) -> None:
+    """Serve the page that annotates a recording, until Ctrl-C.
+
+    The recording is replayed first, in a folder that goes when the server ends. Marks are on the
+    disk before a page hears that they are kept.
+
+    Parameters
+    ----------
+    recording
+        The recording; its annotations are kept beside it.
+    results
+        Results whose pipeline is shown; None takes the pipeline that fits the recording.
+    author
+        Who annotates, unless the page says otherwise.
+    port
+        Of the page; 0 takes a free one.
+    open_browser
+        Show the page in the browser.
+
+    Raises
+    ------
+    GroundtraceError, CodecError, ViewerError
+        Where the recording cannot be replayed, its annotations are open elsewhere, or the viewer is
+        not installed.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="groundtrace-") as folder,
+        Annotations.open(recording, author) as store,
+    ):
+        drawn = store.items
+        rrd, shown = replayed(recording, results, Path(folder))
+        with Recording.open(recording) as opened:
+            moments = moments_of_results(shown, opened.streams)
+        token, listening = secrets.token_urlsafe(24), listen(port)
+        desk = Desk(store, _application(shown), drawn)
+        port = listening.getsockname()[1]
+        app = page_app(rrd, moments.json(), port, "server", api(desk, token))
+        for remark in store.remarks:
+            say(remark)
+        with _terminable(), suppress(KeyboardInterrupt):
+            run(
+                app,
+                listening,
+                lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser),
+            )
+
+
+def replayed(recording: Path, results: Path | None, folder: Path) -> tuple[Path, Results]:
+    """Replay a recording into a folder: return the viewer's file, and the results.
+
+    Parameters
+    ----------
+    recording, results
+        As :func:`serve`.
+    folder
+        Where to.
+    """
+    rrd, fresh = folder / "replay.rrd", folder / "results.mcap"
+    pipeline, geometry = "", None
+    if results is not None:
+        earlier = read_results(results)
+        _check(earlier, recording)
+        pipeline = str(folder / "pipeline.toml")
+        Path(pipeline).write_text(earlier.provenance.pipeline, "utf-8")
+        if earlier.geometry is not None:
+            geometry = folder / "geometry.toml"
+            geometry.write_text(earlier.geometry.to_toml(), "utf-8")
+    with redirect_stdout(io.StringIO()):  # it would name files that nobody is to see
+        replay(recording, pipeline=pipeline, geometry=geometry, rrd=rrd, out=fresh)
+    return rrd, read_results(fresh)
+
+
+def _check(results: Results, recording: Path) -> None:
+    origin = results.provenance
+    if origin.sha256 != file_sha256(recording):
+        raise ViewerError(
+            f"{results.name}: recording: expected results of {recording.name} as it is, "
+            f"found those of {origin.recording} with another SHA-256"
+        )
+
+
+def _application(results: Results) -> str:
+    """Return the kind of recording, which is part of the name that layers join a replay by."""
+    recipe = results.provenance.pipeline.encode()
+    return parse_pipeline(recipe, f"{results.name}: pipeline").application
+
+
+def _announce(url: str, open_browser: bool) -> None:
+    say(f"annotating at {url} (Ctrl-C ends it)")
+    if open_browser:
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """End as with Ctrl-C where the system asks for it, so that the replay's folder goes."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

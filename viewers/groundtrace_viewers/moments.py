@@ -1,0 +1,252 @@
+"""Moments of a result: what a page jumps to, which are events and wrong decisions with causes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import msgspec
+import numpy as np
+
+from groundtrace.explain import evidence_of, reason_at
+from groundtrace.explain.account import narrowest
+from groundtrace.explain.arrivals import pick_account
+from groundtrace.results import Provenance, Results
+from groundtrace.score import match_steps
+from groundtrace_codecs.events import Disagreement, Disturbance, Fix, Gap, Note, Pick, StepEvent
+from groundtrace_codecs.signals import NS_PER_S
+
+from .timeline import TIMELINE
+from .verdict import TOLERANCE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace.explain import Evidence, GateReading
+    from groundtrace.sinks import Session
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.signals import Stream
+
+#: Length of a frame where no detector has any [s].
+NO_FRAME_S = 0.01
+#: Levels of notes that a page shows.
+LOUD = frozenset({"WARN", "ERROR"})
+
+
+@dataclass(frozen=True, slots=True)
+class PageMoment:
+    """A moment of a page's list.
+
+    Attributes
+    ----------
+    t_s
+        Since the recording's first sample [s].
+    kind
+        Of an event ``step``, ``impact``, ``pick``, ``fix``, ``gap``, ``disturbance``,
+        ``disagreement`` or ``note``; of a wrong decision ``missed``, ``false``, ``late`` or
+        ``early``.
+    stage
+        Which stage it comes from; empty where none.
+    text
+        For people: what it is, or why it went wrong.
+    """
+
+    t_s: float
+    kind: str
+    stage: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """All that a page needs to know of a replay beside the viewer's file.
+
+    Attributes
+    ----------
+    recording, sha256
+        File name of the recording, and of its bytes; empty where unknown.
+    start_ns
+        Its first sample [ns], as digits: a page's numbers hold 53 bits.
+    duration_s
+        From its first to its last sample [s].
+    timeline
+        Name of the viewer's timeline.
+    sample_s, sample_of
+        Sample period of its fastest stream [s] and that stream's topic; None and empty where no
+        stream is known.
+    frame_s, frame_of
+        Length of a detector's frame [s] and which stage has it; 10 ms and empty where none has.
+    channels
+        Names of the channels that can be picked.
+    steps
+        Name of the stage that has the last word on steps; empty where none has.
+    truth
+        True where there is truth to tell wrong decisions by.
+    events, misses
+        In the order of time.
+    """
+
+    recording: str
+    sha256: str
+    start_ns: str
+    duration_s: float
+    timeline: str
+    sample_s: float | None
+    sample_of: str
+    frame_s: float
+    frame_of: str
+    channels: tuple[str, ...]
+    steps: str
+    truth: bool
+    events: tuple[PageMoment, ...]
+    misses: tuple[PageMoment, ...]
+
+    def json(self) -> bytes:
+        """Return it as one JSON document."""
+        return msgspec.json.encode(self)
+
+
+def moments_of_results(
+    results: Results, streams: Sequence[Stream] = (), labels: tuple[Label, ...] | None = None
+) -> Moments:
+    """Return the moments of a result.
+
+    Parameters
+    ----------
+    results
+        As :func:`groundtrace.results.read_results` gives them.
+    streams
+        Of the recording, for the sample period; the results do not know them.
+    labels
+        Truth instead of the results' own.
+    """
+    evidence = evidence_of(results, labels)
+    steps = _last_stage(evidence)
+    fastest = max(streams, key=lambda stream: stream.rate_hz, default=None)
+    frame_of, frame_s = _frames(evidence)
+    found = (_event(event, steps, evidence.start_ns) for event in results.events)
+    misses = (*_wrong_steps(evidence, results.events, steps), *_wrong_picks(evidence))
+    return Moments(
+        results.provenance.recording,
+        results.provenance.sha256,
+        str(evidence.start_ns),
+        (evidence.end_ns - evidence.start_ns) / NS_PER_S,
+        TIMELINE,
+        None if fastest is None else 1 / fastest.rate_hz,
+        "" if fastest is None else fastest.topic,
+        frame_s,
+        frame_of,
+        _channels(evidence, streams),
+        steps,
+        any(label.kind in ("step", "pick") for label in evidence.labels),
+        tuple(sorted((m for m in found if m is not None), key=_order)),
+        tuple(sorted(misses, key=_order)),
+    )
+
+
+def moments_of_session(session: Session, events: Sequence[Event]) -> Moments:
+    """Return the moments of a replay that has ended, of the events it gave."""
+    origin = Provenance(session.name, "", session.start_ns, session.end_ns, session.pipeline)
+    results = Results(session.name, origin, session.labels, session.geometry, tuple(events))
+    return moments_of_results(results, session.streams)
+
+
+def _order(moment: PageMoment) -> tuple[float, str, str]:
+    return moment.t_s, moment.kind, moment.text
+
+
+def _last_stage(evidence: Evidence) -> str:
+    """Return the stage that has the last word on steps."""
+    names = [part.spec.stage for part in evidence.stages if part.spec.emits == "step"]
+    return names[-1] if names else ""
+
+
+def _frames(evidence: Evidence) -> tuple[str, float]:
+    """Return the last stage that has frames, and how long they are [s]."""
+    for part in reversed(evidence.stages):
+        if len(part.frames.time_ns) > 1:
+            length_ns = float(np.median(np.diff(part.frames.time_ns)))
+            if length_ns > 0:
+                return part.spec.stage, length_ns / NS_PER_S
+    return "", NO_FRAME_S
+
+
+def _channels(evidence: Evidence, streams: Sequence[Stream]) -> tuple[str, ...]:
+    """Return the channels of the streams, or where none is known of the stages that pick."""
+    named = [channel.name for stream in streams for channel in stream.channels]
+    picking = [part.spec for part in evidence.stages if part.spec.emits == "pick"]
+    return tuple(dict.fromkeys(named or [name for spec in picking for name in spec.channels]))
+
+
+def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
+    """Return an event as a moment; None of one that a page does not list."""
+    match event:
+        case StepEvent() if event.stage == steps or event.kind != "step":
+            return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
+        case Pick():
+            return _moment(event.time_ns, start_ns, "pick", event.stage, event.channel)
+        case Fix():
+            text = f"({event.x_m:.2f}, {event.y_m:.2f}) m"
+            return _moment(event.time_ns, start_ns, "fix", event.stage, text)
+        case Gap():
+            text = f"{event.topic} {event.reason}, {event.lost} lost".strip()
+            return _moment(event.start_ns, start_ns, "gap", "", text)
+        case Disturbance():
+            return _moment(event.time_ns, start_ns, "disturbance", event.stage, "disturbed field")
+        case Disagreement():
+            text = f"{event.distance_m:.2f} m: {event.methods}"
+            return _moment(event.time_ns, start_ns, "disagreement", event.stage, text)
+        case Note() if event.level in LOUD:
+            return _moment(event.time_ns, start_ns, "note", event.source, event.text)
+        case _:
+            return None
+
+
+def _step_text(step: StepEvent) -> str:
+    """Return what is known of a step: its foot and type, how high it rose, who saw it."""
+    seen = f"{step.channels} channels" if step.channels > 1 else ""
+    value = f"peak {step.value:.3g}" if np.isfinite(step.value) else ""
+    return ", ".join(filter(None, (step.foot, step.type, value, seen)))
+
+
+def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> PageMoment:
+    return PageMoment((time_ns - start_ns) / NS_PER_S, kind, stage, text)
+
+
+def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> list[PageMoment]:
+    """Return missed and false steps, each with the first thing that made it so."""
+    if not steps or not any(label.kind == "step" for label in evidence.labels):
+        return []
+    times = [e.time_ns for e in events if isinstance(e, StepEvent) and e.stage == steps]
+    found_ns, start_ns = np.array(times, np.int64), evidence.start_ns
+    matching = match_steps(evidence.labels, found_ns, start_ns, evidence.end_ns, TOLERANCE_S)
+    wrong = []
+    for time_ns in matching.truth_ns[matching.missed].tolist():
+        reason = reason_at(evidence, time_ns, TOLERANCE_S)
+        text = f"{reason.cause}: {reason.text}"
+        wrong.append(_moment(time_ns, start_ns, "missed", reason.stage, text))
+    for time_ns in matching.found_ns[matching.false].tolist():
+        text = _let_pass(narrowest(evidence, time_ns))
+        wrong.append(_moment(time_ns, start_ns, "false", steps, text))
+    return wrong
+
+
+def _let_pass(gate: GateReading | None) -> str:
+    """Say which gate let something pass that should not have."""
+    if gate is None:
+        return "it passed every gate"
+    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    return f"let pass by {gate.gate} {gate.value:.4g}{unit} (threshold {gate.threshold:.4g}{unit})"
+
+
+def _wrong_picks(evidence: Evidence) -> list[PageMoment]:
+    """Return late, early, missed and false picks where true arrivals are known."""
+    picking = any(part.spec.emits == "pick" for part in evidence.stages)
+    if not picking or not any(label.kind == "pick" for label in evidence.labels):
+        return []
+    found = pick_account(evidence)
+    return [
+        PageMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
+        for bad in found.bad
+    ]

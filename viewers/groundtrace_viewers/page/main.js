@@ -1,0 +1,271 @@
+/* The page: the viewer, the clock that moves its cursor, the lists, and the marks. */
+
+import { asset, bytes_of, document_of } from "./assets.js";
+import { complain, el } from "./dom.js";
+import { Jumps } from "./jumps.js";
+import { Keys } from "./keys.js";
+import { Marks, SPANS } from "./marks.js";
+import { Player } from "./player.js";
+import { exported } from "./exchange.js";
+import { BrowserStore, ServerStore } from "./stores.js";
+import { Strip } from "./strip.js";
+import { Viewer } from "./viewer.js";
+
+const byId = (id) => document.getElementById(id);
+/** A sample of a recording whose rate the page was not told [s]. */
+const UNKNOWN_SAMPLE_S = 0.001;
+
+/** Return a short period as text. */
+function period_text(seconds) {
+  const ms = seconds * 1e3;
+  return ms < 0.5 ? `${+(ms * 1e3).toPrecision(3)} µs` : `${+ms.toPrecision(3)} ms`;
+}
+
+class Page {
+  constructor(config, moments) {
+    this.moments = moments;
+    this.marking = config.annotations !== "off";
+    const kept = config.annotations === "server";
+    this.hint = kept ? "" : "Kept in this browser only: download them for groundtrace annotate --merge.";
+    this.viewer = new Viewer(moments.timeline, (seconds) => this.player.follow(seconds));
+    this.player = new Player(moments.duration_s, (seconds) => this.viewer.seek(seconds), () => this.changed());
+    this.jumps = new Jumps(moments, (seconds) => this.go(seconds));
+    this.strip = new Strip(byId("strip"), moments.duration_s, (seconds) => this.go(seconds));
+    this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments), this);
+    this.sample_s = moments.sample_s ?? UNKNOWN_SAMPLE_S;
+    this.drawing = false;
+    this.keys = new Keys(this.table());
+    this.furnish();
+  }
+
+  at() {
+    return this.player.at;
+  }
+
+  go(seconds) {
+    if (seconds !== null) this.player.go(seconds);
+  }
+
+  by(seconds) {
+    this.player.play(false);
+    this.go(this.player.at + seconds);
+  }
+
+  jump(find, forward) {
+    this.player.play(false);
+    this.go(find.call(this.jumps, this.player.at, forward));
+  }
+
+  faster(by) {
+    this.player.set_speed(this.player.speed * 2 ** by);
+  }
+
+  loop() {
+    this.player.toggle_loop(this.jumps.nearest(this.player.at));
+  }
+
+  async layer() {
+    await this.viewer.opened;
+    const bytes = await this.marks.store.layer(this.marks.revision);
+    if (bytes) this.viewer.push(bytes, "annotations");
+  }
+
+  table() {
+    const { jumps, player, marks, sample_s, moments } = this;
+    const frame = `one frame, ${period_text(moments.frame_s)}`;
+    const sample = `one sample, ${period_text(sample_s)}`;
+    const groups = [
+      ["Move", [
+        [["ArrowRight"], `forward ${frame}`, () => this.by(moments.frame_s)],
+        [["ArrowLeft"], `back ${frame}`, () => this.by(-moments.frame_s)],
+        [["Shift+ArrowRight", "."], `forward ${sample}`, () => this.by(sample_s)],
+        [["Shift+ArrowLeft", ","], `back ${sample}`, () => this.by(-sample_s)],
+        [["Home"], "to the start", () => this.go(0)],
+        [["End"], "to the end", () => this.go(moments.duration_s)],
+      ]],
+      ["Jump", [
+        [["ArrowDown"], "next event of the list", () => this.jump(jumps.event, true)],
+        [["ArrowUp"], "previous event of the list", () => this.jump(jumps.event, false)],
+        [["Shift+ArrowDown", "x"], "next wrong decision", () => this.jump(jumps.miss, true)],
+        [["Shift+ArrowUp", "w"], "previous wrong decision", () => this.jump(jumps.miss, false)],
+        [["PageDown"], "next step", () => this.jump(jumps.step, true)],
+        [["PageUp"], "previous step", () => this.jump(jumps.step, false)],
+        [["/"], "filter the list", () => byId("filter").focus()],
+        [["g"], "type a time to go to", () => byId("time").focus()],
+      ]],
+      ["Play", [
+        [["Space"], "play or pause", () => player.play()],
+        [["+", "="], "twice as fast", () => this.faster(1)],
+        [["-"], "half as fast", () => this.faster(-1)],
+        [["1"], "speed 1x", () => player.set_speed(1)],
+        [["o"], "loop ±0.5 s around the event, or stop", () => this.loop()],
+      ]],
+      ["Page", [
+        [["v"], "the viewer's own menu", () => this.viewer.toggle_menu()],
+        [["?"], "these keys", () => this.help()],
+      ]],
+    ];
+    if (this.marking) groups.splice(3, 0, ["Mark at the cursor", this.marking_table(marks)]);
+    return groups;
+  }
+
+  marking_table(marks) {
+    return [
+      [["m"], "a step that was missed", () => marks.add("missed")],
+      [["f"], "a detection that is false", () => marks.add("false")],
+      [["s"], "a step", () => marks.add("step")],
+      [["l"], "a step, left foot", () => marks.add("step", "left")],
+      [["r"], "a step, right foot", () => marks.add("step", "right")],
+      [["p"], "an arrival at the chosen channel", () => marks.add("pick")],
+      [["n"], "a note: type it, then Enter", () => byId("note").focus()],
+      [["b"], "begin a span, again: end it", () => marks.span(byId("span-kind").value)],
+      [["e"], "edit the chosen mark", () => marks.edit()],
+      [["Delete", "Backspace"], "delete the chosen mark", () => marks.remove()],
+      [["u", "Ctrl+z"], "undo the last change", () => marks.undo()],
+      [["Escape"], "forget the beginning of a span", () => marks.give_up()],
+    ];
+  }
+
+  help() {
+    const dialog = byId("help");
+    if (dialog.open) dialog.close();
+    else dialog.showModal();
+  }
+
+  /** Make the buttons and tie everything to what it does. */
+  furnish() {
+    const button = (text, key, title, action, attributes = {}) => {
+      const made = el("button", { title, tabindex: "-1", ...attributes }, text);
+      if (key) made.append(el("kbd", {}, key));
+      made.onclick = action;
+      return made;
+    };
+    const { moments, jumps, player, marks } = this;
+    const [frame, sample] = [period_text(moments.frame_s), period_text(this.sample_s)];
+    this.play_button = button("▶", "", "Play or pause (Space)", () => player.play());
+    byId("steppers").append(
+      button("−frame", "", `Back one frame of ${frame} (←)`, () => this.by(-moments.frame_s)),
+      button("−sample", "", `Back one sample of ${sample} (Shift ← or ,)`, () => this.by(-this.sample_s)),
+      this.play_button,
+      button("+sample", "", `Forward one sample of ${sample} (Shift → or .)`, () => this.by(this.sample_s)),
+      button("+frame", "", `Forward one frame of ${frame} (→)`, () => this.by(moments.frame_s)));
+    byId("jumpers").append(
+      button("◀ event", "", "Previous event of the list (↑)", () => this.jump(jumps.event, false)),
+      button("event ▶", "", "Next event of the list (↓)", () => this.jump(jumps.event, true)),
+      button("◀ wrong", "", "Previous wrong decision (Shift ↑)", () => this.jump(jumps.miss, false)),
+      button("wrong ▶", "", "Next wrong decision (Shift ↓)", () => this.jump(jumps.miss, true)));
+    this.loop_button = button("loop", "O", "Loop ±0.5 s around the event", () => this.loop());
+    byId("speed-row").prepend(this.loop_button);
+    byId("recording").textContent = byId("recording").title = moments.recording;
+    byId("duration").textContent = `of ${moments.duration_s.toFixed(1)} s`;
+    document.title = `${moments.recording} — groundtrace`;
+    byId("help-button").onclick = () => this.help();
+    byId("speed").oninput = (event) => player.set_speed(10 ** Number(event.target.value));
+    byId("filter").oninput = (event) => { jumps.filter(event.target.value); this.changed(); };
+    byId("filter").onkeydown = (event) => { if (event.key === "Enter") event.target.blur(); };
+    byId("time").onchange = (event) => this.typed_time(event.target.value);
+    byId("time").onkeydown = (event) => { if (event.key === "Enter") event.target.blur(); };
+    this.keys.explain(byId("keys"));
+    if (this.marking) this.furnish_marks(button, marks);
+    else byId("marking").hidden = true;
+    new ResizeObserver(() => this.changed()).observe(byId("strip"));
+  }
+
+  furnish_marks(button, marks) {
+    const kinds = el("select", { id: "span-kind", "aria-label": "Kind of spans", title: "Kind of spans", tabindex: "-1" });
+    kinds.append(...SPANS.map((kind) => el("option", { value: kind }, kind)));
+    const mark = (text, key, title, kind, action) => button(text, key, title, action, { "data-kind": kind });
+    byId("mark-buttons").append(
+      mark("missed", "M", "A step that was missed, at the cursor", "missed", () => marks.add("missed")),
+      mark("false", "F", "A detection that is false", "false", () => marks.add("false")),
+      mark("step", "S", "A step (L left, R right foot)", "step", () => marks.add("step")),
+      mark("pick", "P", "An arrival at the chosen channel", "pick", () => marks.add("pick")));
+    byId("mark-buttons").after(el("div", { class: "row", id: "span-row" },
+      mark("note", "N", "A note: type it, then Enter", "note", () => byId("note").focus()),
+      mark("span", "B", "Begin a span at the cursor; again: end it", "span", () => marks.span(kinds.value)), kinds));
+    const channels = byId("channel");
+    channels.append(...this.moments.channels.map((name) => el("option", { value: name }, name)));
+    channels.hidden = !this.moments.channels.length;
+    this.undo_button = button("undo", "U", "Take the last change back", () => marks.undo());
+    byId("mark-tools").append(
+      button("edit", "E", "Edit the chosen mark (or double-click it)", () => marks.edit()),
+      button("delete", "Del", "Delete the chosen mark", () => marks.remove()), this.undo_button);
+    if (marks.store.keeps === "browser") {
+      byId("mark-tools").append(button("download", "", "Save the marks as a file for groundtrace annotate --merge", () => this.download()));
+    }
+    marks.guide();
+  }
+
+  /** Save the marks as a file. */
+  download() {
+    const name = this.moments.recording.replace(/\.[^.]*$/, "");
+    const link = el("a", { download: `${name}.annotations.json` });
+    link.href = URL.createObjectURL(new Blob([exported(this.moments, this.marks.all)], { type: "application/json" }));
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+  }
+
+  typed_time(text) {
+    const seconds = Number(text.trim().replace(",", "."));
+    if (text.trim() && Number.isFinite(seconds)) this.go(seconds);
+    this.changed();
+  }
+
+  /** Draw once, however much changed since the last picture. */
+  changed() {
+    if (this.drawing || !this.strip) return;
+    this.drawing = true;
+    requestAnimationFrame(() => {
+      this.drawing = false;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const { player, marks } = this;
+    const time = byId("time");
+    if (document.activeElement !== time) time.value = player.at.toFixed(6);
+    byId("speed").value = Math.log10(player.speed);
+    byId("speed-text").textContent = `${+player.speed.toPrecision(2)}x`;
+    this.play_button.textContent = player.playing ? "❚❚" : "▶";
+    this.loop_button.setAttribute("aria-pressed", player.loop !== null);
+    if (this.undo_button) this.undo_button.disabled = !marks.can_undo;
+    this.jumps.follow(player.at);
+    this.strip.draw(this.jumps.all, marks.all, player, marks.span_start);
+  }
+
+  /** Start the viewer, go to the first event, and show the marks. */
+  async start() {
+    const [wasm, layout, recording] = await Promise.all(
+      [asset("re_viewer_bg.wasm"), bytes_of("layout.rrd"), asset("replay.rrd")]);
+    const started = this.viewer.start(byId("viewer"), wasm, layout, recording);
+    if (this.marking) await this.marks.load();
+    await started;
+    byId("status").hidden = true;
+    const first = this.jumps.beyond(-1, true);
+    this.go(first ?? 0);
+    if (this.marking) await this.layer();
+    document.documentElement.dataset.state = "ready";
+    setInterval(() => this.watch(), 2000);
+  }
+
+  watch() {
+    const crash = this.viewer.crash();
+    if (!crash) return;
+    byId("status").hidden = false;
+    byId("status").textContent = `The viewer crashed: ${crash}. Reload the page.`;
+  }
+}
+
+async function main() {
+  try {
+    const page = new Page(await document_of("page.json"), await document_of("moments.json"));
+    await page.start();
+  } catch (error) {
+    byId("status").hidden = true;
+    complain(error.message ?? String(error));
+    document.documentElement.dataset.state = "failed";
+  }
+}
+
+main();

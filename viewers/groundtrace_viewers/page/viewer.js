@@ -1,0 +1,121 @@
+/* The viewer: starts it, moves its cursor, hears where it is, and adds layers to the recording. */
+
+const PAUSED = 1;
+/** So many times that were set are remembered, to know the viewer's echo from a person's hand. */
+const ECHOES = 64;
+/** A viewer that cannot move its cursor yet is asked again after this [ms]. */
+const RETRY_MS = 50;
+
+/** Return a number as the bytes of a protobuf varint. */
+function varint(value) {
+  const bytes = [];
+  let rest = BigInt(value);
+  do {
+    const low = Number(rest & 127n);
+    rest >>= 7n;
+    bytes.push(rest ? low | 128 : low);
+  } while (rest);
+  return bytes;
+}
+
+/** Return a protobuf field that holds bytes. */
+function field(number, bytes) {
+  return [...varint((number << 3) | 2), ...varint(bytes.length), ...bytes];
+}
+
+/** Return the viewer's control message that puts the cursor at a time and pauses. */
+export function cursor_message(timeline, ns) {
+  const name = field(2, field(1, [...new TextEncoder().encode(timeline)]));
+  const time = field(3, [8, ...varint(ns)]);
+  return new Uint8Array(field(6, [...name, ...time, ...varint(5 << 3), PAUSED]));
+}
+
+export class Viewer {
+  /**
+   * @param {string} timeline its name
+   * @param {(seconds: number) => void} moved hears where a person put the viewer's cursor
+   */
+  constructor(timeline, moved) {
+    this.timeline = timeline;
+    this.moved = moved;
+    this.sent = [];
+    this.busy = false;
+    this.next_ns = null;
+    this.chrome = false;
+    this.opened = new Promise((resolve) => { this.resolve = resolve; });
+  }
+
+  /**
+   * Start the viewer in a canvas and open a recording: its bytes or its address.
+   *
+   * The layout goes first: without one the viewer makes its own, and then keeps that.
+   */
+  async start(canvas, wasm, layout, recording) {
+    await wasm_bindgen({ module_or_path: wasm });
+    this.handle = new wasm_bindgen.WebHandle({
+      url: [],
+      hide_welcome_screen: true,
+      check_for_updates_on_startup: false,
+      enable_history: false,
+      notebook: false,
+      persist: false,
+      theme: "dark",
+      render_backend: new URLSearchParams(location.search).get("renderer"),
+      panel_state_overrides: { top: "Hidden" },
+      on_viewer_event: (text) => this.heard(JSON.parse(text)),
+    });
+    await this.handle.start(canvas);
+    this.push(layout, "layout");
+    if (typeof recording === "string") this.handle.add_receiver(recording);
+    else this.push(recording, "replay");
+    await this.opened;
+  }
+
+  heard(event) {
+    if (event.type !== "time_update" && event.type !== "timeline_change") return;
+    // The layout opens the recording; that it has a time says that there are data.
+    this.resolve();
+    const ns = Math.round(event.time);
+    if (this.busy || this.sent.includes(ns)) return;
+    this.moved(ns / 1e9);
+  }
+
+  /** Put the cursor at a time [s]; while the viewer is busy only the last wish is kept. */
+  async seek(seconds) {
+    this.next_ns = Math.max(0, Math.round(seconds * 1e9));
+    if (this.busy || !this.handle) return;
+    this.busy = true;
+    while (this.next_ns !== null) {
+      const ns = this.next_ns;
+      this.next_ns = null;
+      this.sent = [ns, ...this.sent].slice(0, ECHOES);
+      try {
+        await this.handle.viewer_control(cursor_message(this.timeline, ns));
+      } catch {
+        // It is painting, or has not read the first data yet: the same wish again, if no newer one.
+        await new Promise((later) => { setTimeout(later, RETRY_MS); });
+        if (!this.crash()) this.next_ns ??= ns;
+      }
+    }
+    this.busy = false;
+  }
+
+  /** Add a layer: the bytes of a recording with the same ids. */
+  push(bytes, name) {
+    const id = `${name}-${performance.now()}`;
+    this.handle.open_channel(id, name);
+    this.handle.send_rrd_to_channel(id, bytes);
+    this.handle.close_channel(id);
+  }
+
+  /** Show or hide the viewer's own menu bar. */
+  toggle_menu() {
+    this.chrome = !this.chrome;
+    this.handle.override_panel_state("top", this.chrome ? null : "hidden");
+  }
+
+  /** Return what the viewer said when it crashed, or null. */
+  crash() {
+    return this.handle && this.handle.has_panicked() ? this.handle.panic_message() : null;
+  }
+}
