@@ -117,5 +117,64 @@ def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:
     assert axis.angle_rad == 0.0
 
 
+def swing_of(direction_deg: float, lead: float = 0.25, size: float = 0.5) -> np.ndarray:
+    """Swing of one step whose acceleration in a direction leads the one upward, in steps."""
+    phase = np.arange(-80, 51) / 32
+    along = size * np.cos(2 * np.pi * (phase + lead))
+    angle = np.radians(direction_deg)
+    swing = step_swing(
+        np.stack([np.cos(angle) * along, np.sin(angle) * along, np.cos(2 * np.pi * phase)]), phase
+    )
+    assert swing is not None
+    return swing
+
+
+def apart_deg(axis: HeadingAxis, direction_deg: float) -> float:
+    return abs((np.degrees(axis.angle_rad) - direction_deg + 180) % 360 - 180)
+
+
+@pytest.mark.parametrize("direction_deg", [-170.0, -60.0, 0.0, 35.0, 90.0, 120.0, 180.0])
+def test_without_a_nominal_direction_four_steps_tell_axis_and_sign(direction_deg: float) -> None:
+    axis = HeadingAxis(nominal=False)
+    for _ in range(4):
+        axis.add(swing_of(direction_deg, 0.2))
+    assert apart_deg(axis, direction_deg) < 25.0
+    for _ in range(30):
+        axis.add(swing_of(direction_deg, 0.2))
+    assert apart_deg(axis, direction_deg) < 5.0
+
+
+def test_some_dozens_of_steps_back_do_not_turn_the_sign_and_a_whole_walk_back_does() -> None:
+    axis = HeadingAxis(nominal=False)
+    for lead, count, direction_deg in ((0.25, 60, 90.0), (-0.25, 30, 90.0), (-0.25, 200, -90.0)):
+        for _ in range(count):
+            axis.add(swing_of(90.0, lead))
+        assert apart_deg(axis, direction_deg) < 5.0
+
+
+def test_with_a_nominal_direction_a_whole_walk_back_stays_one() -> None:
+    axis = HeadingAxis()
+    for _ in range(200):
+        axis.add(swing_of(10.0, -0.25))
+    assert apart_deg(axis, 10.0) < 2.0
+
+
+@pytest.mark.parametrize("first", ["aside", "ahead"])
+def test_steps_to_the_side_do_not_turn_the_axis_of_the_walk(first: str) -> None:
+    # their swing goes with the acceleration upward, not against the velocity
+    aside, ahead = [swing_of(90.0, 0.03, 1.5)] * 12, [swing_of(0.0)] * 6
+    axis = HeadingAxis(nominal=False)
+    for swing in [*aside, *ahead] if first == "aside" else [*ahead, *aside]:
+        axis.add(swing)
+    assert apart_deg(axis, 0.0) < 20.0
+
+
+def test_the_walk_s_reference_is_an_axis_that_is_level_at_the_start() -> None:
+    _, true = walked(12.0)
+    body = np.stack([true[2] + G, true[0], -true[1]], axis=1)  # x up, y ahead, z to the left
+    found = resolved(body, forward="walk")[:, 500:]
+    assert np.sqrt(np.mean((found - true[:, 500:]) ** 2)) < 0.1
+
+
 def test_without_a_vertical_swing_there_is_none() -> None:
     assert step_swing(np.zeros((3, 131)), np.arange(-80, 51) / 32) is None

@@ -6,7 +6,17 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from typed_walks import TOPIC, Walk, accelerations, begun, simulated, stage, step_at, told
+from typed_walks import (
+    TOPIC,
+    Walk,
+    accelerations,
+    begun,
+    mounted,
+    simulated,
+    stage,
+    step_at,
+    told,
+)
 
 from groundtrace.errors import PipelineError
 from groundtrace.parameters import describe
@@ -38,6 +48,20 @@ def test_types_of_true_contacts_are_told(walk: Walk, events: list[tuple[int, Eve
     assert right >= 0.97 * len(walk.steps), pairs
     closing = [x.time_ns for x in walk.labels if x.kind == "trailing"]
     assert sum(time_ns in said for time_ns in closing) <= 0.1 * len(closing)
+
+
+@pytest.mark.parametrize("turned_deg", [90.0, 180.0, -130.0])
+def test_types_are_told_however_the_sensor_is_turned_about_the_vertical(
+    walk: Walk, turned_deg: float
+) -> None:
+    events = told(begun(stage()), mounted(walk, turned_deg))
+    said = {e.time_ns: e.type for _, e in events if isinstance(e, StepEvent)}
+    wrong = [n for n, (time_ns, kind) in enumerate(walk.steps) if said.get(time_ns) != kind]
+    # only while nothing has told yet how it is turned
+    assert len([n for n in wrong if n >= 5]) <= 0.03 * len(walk.steps), wrong
+    named = told(begun(stage(forward="x")), mounted(walk, turned_deg))
+    by_name = {e.time_ns: e.type for _, e in named if isinstance(e, StepEvent)}
+    assert sum(by_name.get(t) == kind for t, kind in walk.steps) < 0.5 * len(walk.steps)
 
 
 def test_a_type_is_told_within_four_steps(walk: Walk, events: list[tuple[int, Event]]) -> None:

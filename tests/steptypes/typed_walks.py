@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
 
 from groundtrace.conformance import rechunked
 from groundtrace.plugins import load
@@ -14,8 +17,6 @@ from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    import numpy as np
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
@@ -49,6 +50,16 @@ def simulated(seed: int) -> Walk:
     simulation = simulate_walk(WalkOptions(seed=seed, types=True))
     blocks = [b for stream, _, parts in simulation.sources if stream.topic == TOPIC for b in parts]
     return Walk(blocks, simulation.labels)
+
+
+def mounted(walk: Walk, turned_deg: float) -> Walk:
+    """The same walk with the sensor turned about its upper axis, counter-clockwise from above."""
+    mount = Rotation.from_euler("Z", turned_deg, degrees=True).inv()
+    blocks = [
+        replace(b, samples=np.hstack([mount.apply(b.values[:, k : k + 3]) for k in (0, 3)]))
+        for b in walk.blocks
+    ]
+    return Walk(blocks, walk.labels)
 
 
 def stage(**settings: object) -> StepTypeStage:

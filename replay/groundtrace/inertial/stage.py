@@ -12,6 +12,7 @@ from groundtrace_codecs.events import Gap, Note, StageSpec
 from groundtrace_codecs.signals import SignalBlock
 
 from ..gates import Carry, decided_block, gate_specs
+from ..heading.aligned import columns_of_axes
 from ..nonfinite import Holder
 from ..stage import PluginStage
 
@@ -175,9 +176,8 @@ def inertial_columns(stream: Stream) -> list[int] | None:
     """
     columns = []
     for quantity in (*QUANTITIES, "magnetic_field"):
-        found = {stream.channels[i].axis: i for i in stream.columns_of({quantity})}
-        if sorted(found) == ["x", "y", "z"]:
-            columns += [found[axis] for axis in "xyz"]
-        elif quantity in QUANTITIES:
+        found = columns_of_axes(stream, quantity)
+        if not found and quantity in QUANTITIES:
             return None
+        columns += found
     return columns

@@ -1,7 +1,8 @@
 """The body's axes: acceleration ahead, aside and up, from a worn sensor in any orientation.
 
-Up is against gravity. Ahead is what the wearer's nominal axis leaves in the horizontal plane; how
-far the mounting is turned from it is found by :mod:`.heading_axis`.
+Up is against gravity. Ahead is what a reference axis of the sensor leaves in the horizontal plane;
+how far the way is turned from it is found by :mod:`.heading_axis`. The reference is the axis that
+the wearer says looks ahead, or any that is horizontal enough.
 
 Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
 and the specific force only corrects what drifts (a complementary filter, linear in the small
@@ -12,11 +13,12 @@ turn gravity into acceleration. All is causal, and the same whatever the blocks.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..detectors.filters import ExponentialMean, UnbiasedMean, planar
+from ..heading.aligned import columns_of_axes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,11 +26,13 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
-FORCE, TURNING = frozenset({"acceleration"}), frozenset({"angular_velocity"})
+#: What looks ahead: an axis of the sensor, or what the walk tells.
+Ahead = Literal["walk", "x", "-x", "y", "-y", "z", "-z"]
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
 _OFFSET_S = 20.0
-#: A nominal axis nearer than this to the vertical says nothing about ahead [cosine].
-_STEEP = 0.9
+#: An axis nearer than this to the vertical says nothing about ahead; where the walk tells it, an
+#: axis farther than the second is the reference, so that no bow makes it steep [cosine].
+_STEEP, _LEVEL = 0.9, 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,16 +67,22 @@ class BodyAxes:
         Three axes of acceleration, by their names x, y and z; those of angular velocity are used
         where there are three.
     forward
-        The sensor's axis that looks ahead, up to the mounting; where it turns out to be vertical,
-        the axis nearest to the horizontal that follows it in x, y, z takes its place.
+        The sensor's axis that looks ahead, up to the mounting; ``walk``: the first of x, y, z that
+        is level enough at the start. Where it turns out to be vertical, the axis that follows it
+        in x, y, z takes its place.
     gravity_s
         Time constant of gravity [s].
+
+    Attributes
+    ----------
+    forward
+        The reference; ``walk`` until the first sample.
     """
 
-    def __init__(self, stream: Stream, forward: Axis = "x", gravity_s: float = 2.0) -> None:
-        self._force = _triad(stream, FORCE)
-        self._turning = _triad(stream, TURNING)
-        self._ahead = axis_vector(forward)
+    def __init__(self, stream: Stream, forward: Ahead = "x", gravity_s: float = 2.0) -> None:
+        self._force = columns_of_axes(stream, "acceleration")
+        self._turning = columns_of_axes(stream, "angular_velocity")
+        self.forward = forward
         memory = gravity_s * stream.rate_hz
         self._gravity_s = gravity_s
         self._mean = UnbiasedMean(memory)
@@ -82,14 +92,14 @@ class BodyAxes:
     @staticmethod
     def fits(stream: Stream) -> bool:
         """Return whether a stream has three axes of acceleration."""
-        return len(_triad(stream, FORCE)) == 3
+        return bool(columns_of_axes(stream, "acceleration"))
 
     def __call__(self, block: SignalBlock) -> BodyPart:
         """Take a block; return its samples in the body's axes."""
         values = planar(block)
         force = values[self._force]
         gravity = self._mean(force)
-        if len(self._turning) == 3:
+        if self._turning:
             rate = values[self._turning]
             rate = rate - self._offset(rate)
             # a fixed direction turns against the body
@@ -101,7 +111,9 @@ class BodyAxes:
     ) -> NDArray[np.float64]:
         length = np.sqrt(np.einsum("cn,cn->n", gravity, gravity))
         up = np.divide(gravity, length, out=np.zeros_like(gravity), where=length > 0)
-        nominal = np.broadcast_to(self._ahead[:, None], up.shape)
+        if self.forward == "walk":
+            self.forward = _level_axis(up[:, 0])
+        nominal = np.broadcast_to(axis_vector(self.forward)[:, None], up.shape)
         steep = np.abs(np.einsum("cn,cn->n", nominal, up)) > _STEEP
         nominal = np.where(steep, np.roll(nominal, 1, axis=0), nominal)
         ahead = nominal - np.einsum("cn,cn->n", nominal, up) * up
@@ -113,8 +125,9 @@ class BodyAxes:
         return out
 
 
-def _triad(stream: Stream, quantity: frozenset[str]) -> list[int]:
-    """Return the columns of a quantity's axes x, y and z; fewer than three where one lacks."""
-    columns = stream.columns_of(quantity)
-    by_axis = {stream.channels[i].axis: i for i in reversed(columns)}
-    return [by_axis[axis] for axis in get_args(Axis)[::2] if axis in by_axis]
+def _level_axis(up: NDArray[np.float64]) -> Axis:
+    """Return the first axis that is level enough, up being a unit vector, shape (3,)."""
+    if abs(up[0]) < _LEVEL:
+        return "x"
+    # of two axes at right angles to an upright one at least this one is level
+    return "y"

@@ -30,7 +30,7 @@ from ..gates import Candidates, Level
 from ..parameters import gate, measured
 
 # read at run time, where the parameters are described
-from .axes import Axis  # noqa: TC001
+from .axes import Ahead  # noqa: TC001
 from .chains import PHASE, frontal, lateral, strip_of
 from .corrections import Shape, common_share, corrected_lead, linked
 from .heading_axis import HeadingAxis, step_swing
@@ -49,8 +49,9 @@ class StepTypeParameters:
     """Parameters of :class:`StepTypes`."""
 
     forward: Annotated[
-        Axis, measured("", "Axis of the sensor that looks ahead, within 35 degrees or so.")
-    ] = "x"
+        Ahead,
+        measured("", "Sensor axis that looks ahead to 35 degrees; walk: the walk tells."),
+    ] = "walk"
     gravity_s: Annotated[float, measured("s", "Time constant of gravity.", gt=0)] = 2.0
     cutoff_hz: Annotated[float, measured("Hz", "Corner of the low-pass.", gt=0)] = 4.0
     late_s: Annotated[
@@ -109,7 +110,7 @@ class StepTypes:
 
     def __init__(self, parameters: StepTypeParameters) -> None:
         self.parameters = parameters
-        self.axis = HeadingAxis()
+        self.axis = HeadingAxis(parameters.forward != "walk")
 
     def shape(
         self,

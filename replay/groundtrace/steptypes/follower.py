@@ -92,6 +92,7 @@ class Follower:
 
     def __init__(self, worker: StepTypes) -> None:
         self.worker = worker
+        self._forward = worker.parameters.forward
         self._signal: _Signal | None = None
         self._steps: list[StepEvent] = []  # not measured
         self._waiting: list[StepEvent] = []  # measured, not told
@@ -102,6 +103,7 @@ class Follower:
         if self._signal is None:
             self._signal = self._begin(block.stream)
         self._signal.add(block)
+        self._forward = self._signal.axes.forward
 
     def step(self, step: StepEvent) -> None:
         """Take the next step."""
@@ -131,7 +133,7 @@ class Follower:
         p = self.worker.parameters
         sos = smoothing(p.cutoff_hz, stream.rate_hz)
         delay_s = phase_delay_s(sos, NOMINAL_CADENCE_HZ, stream.rate_hz)
-        axes = BodyAxes(stream, p.forward, p.gravity_s)
+        axes = BodyAxes(stream, self._forward, p.gravity_s)
         return _Signal(axes, StreamingFilter(sos), round(delay_s * NS_PER_S))
 
     def _measurable(self, run: _Signal, *, final: bool) -> float | None:

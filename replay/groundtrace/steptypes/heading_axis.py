@@ -1,11 +1,17 @@
-"""How far the sensor is turned about the vertical from its nominal direction, told by walking.
+"""How far the sensor is turned about the vertical from the way its wearer walks, told by walking.
 
 Source: EPFL, the sensor's place on the trunk is free and only its inclination is taken from the
 accelerometers; here the remaining rotation is taken from the walk. What repeats with every step of
 a walk ahead or back swings along the walking axis, while the sway to the sides repeats with every
 second step. So of the horizontal acceleration the part that goes with the vertical one at the
-frequency of the steps is taken, and its principal axis is the walking axis. An axis has no sign;
-it is that of the nominal direction.
+frequency of the steps is taken, and its principal axis is the walking axis.
+
+Its sign: the body is slowed down while it rises from double support to mid stance and driven on
+while it falls. The acceleration ahead therefore goes against the velocity upward, a quarter of a
+step before the acceleration upward. Who walks backward does the same the other way round, so that
+of accelerations alone a walk back is a walk ahead in a sensor turned by half a turn. Where a
+nominal direction is known it gives the sign; else people are taken to walk ahead in most of the
+last hundred steps.
 """
 
 from __future__ import annotations
@@ -19,45 +25,66 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-#: Weight of what was known before a step, and of the nominal direction at the start: that of some
-#: steps whose horizontal swing is half the vertical one.
-_KEEP, _PRIOR = 0.97, 1.0
-#: A step tells the axis where its swing lies nearer to the nominal direction than this [rad].
+#: Weight of what was known before a step, for the axis and for its sign: the axis follows a sensor
+#: that slips, the sign outlasts a walk back of some dozens of steps.
+_KEEP, _KEEP_SIGN = 0.97, 0.99
+#: Weight of the nominal direction at the start: that of a step or two whose horizontal swing is
+#: half the vertical one.
+_PRIOR = 0.25
+#: With a nominal direction, a step tells the axis where its swing lies so near to it [rad].
 _REACH_RAD = math.radians(35.0)
 
 
 @dataclass(slots=True)
 class HeadingAxis:
-    """Principal axis of the horizontal swing of the steps so far.
+    """Principal axis of the horizontal swing of the steps so far, and its sign.
 
     Attributes
     ----------
+    nominal
+        Whether "ahead" of the swings is the nominal direction, right to 35 degrees or so; else it
+        is any direction, and the walk alone tells axis and sign.
     scatter
         Weighted sum of the products of the swing ahead and to the right, shape (2, 2).
+    drive
+        Weighted sum of the swing that goes against the velocity upward, shape (2,).
     """
 
+    nominal: bool = True
     scatter: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[_PRIOR, 0.0], [0.0, 0.0]])
     )
+    drive: NDArray[np.float64] = field(default_factory=lambda: np.array([_PRIOR, 0.0]))
 
     @property
     def angle_rad(self) -> float:
-        """Return the walking axis against the nominal one, positive to the right [rad]."""
-        (aa, ar), (_, rr) = self.scatter.tolist()
-        return 0.5 * math.atan2(2 * ar, aa - rr)
+        """Return the walking direction against the nominal one, positive to the right [rad]."""
+        angle = _principal(self.scatter)
+        ahead = float(self.drive @ (math.cos(angle), math.sin(angle)))
+        if self.nominal or ahead >= 0:
+            return angle
+        return angle - math.copysign(math.pi, angle)
 
     def add(self, swing: NDArray[np.complex128]) -> None:
         """Take a step's swing ahead and to the right, as parts of the vertical one, shape (2,)."""
-        products = np.outer(swing, swing.conj()).real
-        angle = 0.5 * math.atan2(2 * products[0, 1], products[0, 0] - products[1, 1])
-        if abs(angle) <= _REACH_RAD:
-            self.scatter = _KEEP * self.scatter + products
+        along = swing.imag / (1 + float(np.vdot(swing, swing).real))
+        products = np.outer(along, along)
+        if self.nominal and abs(_principal(products)) > _REACH_RAD:
+            return
+        self.scatter = _KEEP * self.scatter + products
+        self.drive = _KEEP_SIGN * self.drive + along
 
     def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return accelerations ahead, to the right and up about the axis, shape (3, n)."""
         cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
         ahead, right, up = values
         return np.stack([cos * ahead + sin * right, cos * right - sin * ahead, up])
+
+
+def _principal(products: NDArray[np.float64]) -> float:
+    """Return the direction of the principal axis of a symmetric matrix, within a quarter turn."""
+    (aa, ar), (_, rr) = products.tolist()
+    return 0.5 * math.atan2(2 * ar, aa - rr)
 
 
 def step_swing(
