@@ -164,7 +164,7 @@ def _differ(one: Course, other: Course) -> bool:
     """Return whether two courses are apart by more than they err."""
     sigma = np.sqrt(np.diag(one.covariance))
     off = np.abs(np.concatenate([one.place - other.place, one.velocity - other.velocity]))
-    return bool((off > _ALIKE_M + _ALIKE * np.where(np.isfinite(sigma), sigma, 0.0)).any())
+    return bool((off > _ALIKE_M + _ALIKE * sigma).any())
 
 
 class _Model:

@@ -66,7 +66,9 @@ def fit_medium(
     Parameters
     ----------
     distances_m
-        Shape (cycles, sensors): from the known track [m].
+        Shape (cycles, sensors), or (cycles, sensors, moments) with those at several moments evenly
+        through a cycle, where the vehicle moves by more than a part of its distance: from the
+        known track [m].
     powers
         Shape (cycles, sensors), noise included; NaN or 0 where there is none.
     floors
@@ -78,23 +80,23 @@ def fit_medium(
     -------
     The law, or None with fewer than two powers beyond its unknowns, or at one distance only.
     """
-    used = usable(powers) & np.isfinite(distances_m)
-    r = clamped(distances_m[used])
+    used = usable(powers) & np.isfinite(distances_m.reshape(*powers.shape, -1)).all(axis=-1)
+    r = clamped(distances_m.reshape(*powers.shape, -1)[used])
     noise = np.broadcast_to(floors, powers.shape)[used]
     lossy = centre_hz is not None
     if len(r) < 4 + lossy or np.ptp(r) <= 0:
         return None
     columns = [np.ones_like(r), -np.log(r), *([-r] if lossy else [])]
-    design = np.stack(columns, axis=1)
+    design = np.stack(columns, axis=-1)
 
     def mean(values: Array) -> tuple[Array, Array]:
-        vehicle = np.exp(np.clip(design @ values, -600, 600))
-        total = vehicle + noise
-        return total, design * (vehicle / total)[:, None]
+        parts = np.exp(np.clip(design @ values, -600, 600)) / r.shape[1]
+        total = parts.sum(axis=1) + noise
+        return total, (design * parts[..., None]).sum(axis=1) / total[:, None]
 
-    found = fit_powers(mean, powers[used], _start(design, powers[used], noise))
+    found = fit_powers(mean, powers[used], _start(design.mean(axis=1), powers[used], noise))
     covariance = np.zeros((3, 3))
-    covariance[: design.shape[1], : design.shape[1]] = found.covariance
+    covariance[: 2 + lossy, : 2 + lossy] = found.covariance
     if not np.isfinite(covariance).all():
         return None
     mu, n, loss = (*found.values.tolist(), 0.0)[:3]
