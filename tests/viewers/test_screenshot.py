@@ -1,10 +1,8 @@
 from __future__ import annotations
 
-import http.client
 from typing import TYPE_CHECKING
 
 import numpy as np
-import psutil
 import pytest
 from conftest import skip_or_fail
 from PIL import Image
@@ -20,12 +18,10 @@ from viewer_sessions import (
     write_walker,
 )
 
-from groundtrace_viewers.browse import serve_web
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.headless import ViewerState, main, screenshot
 from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment
 from groundtrace_viewers.sink import RerunSink
-from groundtrace_viewers.web import fetch
 
 if TYPE_CHECKING:
     import subprocess
@@ -100,29 +96,6 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     for name in ("absent.rrd", "bad.rrd"):
         with pytest.raises(ViewerError, match=f"{name}: expected a recording"):
             screenshot(tmp_path / name, tmp_path / "x.png")
-
-
-def test_the_page_is_served_on_this_machine_only_and_calls_nobody(tmp_path: Path) -> None:
-    rrd = write_walker(tmp_path / "w.rrd")
-    port = free_port()
-    server = serve_web(rrd, port)
-    try:
-        found = psutil.Process(server.pid).net_connections("tcp")
-        listening = {c.laddr for c in found if c.status == psutil.CONN_LISTEN}
-        assert listening == {("127.0.0.1", port)}
-        connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
-        connection.request("GET", "/")
-        answer = connection.getresponse()
-        assert "replay.rrd" in answer.headers["Location"]
-        answer.read()
-        connection.request("GET", "/index.html")
-        answer = connection.getresponse()
-        assert "connect-src 'self'" in answer.headers["Content-Security-Policy"]
-        connection.close()
-        assert fetch(port, "/replay.rrd") == rrd.read_bytes()
-    finally:
-        server.terminate()
-        server.wait(10)
 
 
 def test_started_programs_are_told_not_to_report() -> None:

@@ -44,7 +44,7 @@ def layout_of(rrd: Path) -> bytes:
         )
     )
     kept = rr.memory_recording(copy)
-    rr.send_chunks(reader.stream(store=layout), recording=copy)
+    rr.send_chunks(reader.store(store=layout).stream(), recording=copy)
     target = rr.RecordingStream(
         shown.application_id, recording_id=shown.recording_id, send_properties=False
     )

@@ -103,6 +103,10 @@ class MomentSink(RerunSink):
         self._start_ns = session.start_ns
         super().open(session)
 
+    @property
+    def _opens_ns(self) -> int | None:
+        return self._at_ns
+
     def close(self) -> None:
         """End the replay, and go to the moment."""
         super().close()

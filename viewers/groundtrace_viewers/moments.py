@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -11,7 +11,7 @@ import numpy as np
 from groundtrace.explain import evidence_of, reason_at
 from groundtrace.explain.account import narrowest
 from groundtrace.explain.arrivals import pick_account
-from groundtrace.results import Provenance, Results
+from groundtrace.results import Provenance, Results, replayed_labels
 from groundtrace.score import match_steps
 from groundtrace_codecs.events import Disagreement, Disturbance, Fix, Gap, Note, Pick, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
@@ -85,6 +85,8 @@ class Moments:
         True where there is truth to tell wrong decisions by.
     events, misses
         In the order of time.
+    opens_s
+        Where the page opens [s]; None stands for the first event.
     """
 
     recording: str
@@ -101,6 +103,7 @@ class Moments:
     truth: bool
     events: tuple[PageMoment, ...]
     misses: tuple[PageMoment, ...]
+    opens_s: float | None = None
 
     def json(self) -> bytes:
         """Return it as one JSON document."""
@@ -145,11 +148,23 @@ def moments_of_results(
     )
 
 
-def moments_of_session(session: Session, events: Sequence[Event]) -> Moments:
-    """Return the moments of a replay that has ended, of the events it gave."""
+def moments_of_session(
+    session: Session, events: Sequence[Event], at_ns: int | None = None
+) -> Moments:
+    """Return the moments of a replay that has ended, of the events it gave.
+
+    Parameters
+    ----------
+    session, events
+        Of the replay.
+    at_ns
+        Where the page opens [ns]; None stands for the first event.
+    """
     origin = Provenance(session.name, "", session.start_ns, session.end_ns, session.pipeline)
-    results = Results(session.name, origin, session.labels, session.geometry, tuple(events))
-    return moments_of_results(results, session.streams)
+    labels = replayed_labels(session.labels, *(session.shown_ns or (None, None)))
+    results = Results(session.name, origin, labels, session.geometry, tuple(events))
+    found = moments_of_results(results, session.streams)
+    return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
 
 
 def _order(moment: PageMoment) -> tuple[float, str, str]:

@@ -20,6 +20,14 @@ MODULES = (
     "viewer.js",
     "main.js",
 )
+#: What a page may do whose files lie beside it: run them, make a program of bytes (the viewer) but
+#: not of text, and talk to where it came from.
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
+    "base-uri 'none'; form-action 'none'"
+)
+_CHARSET = '<meta charset="utf-8">'
 _IMPORT = re.compile(r"^import \{[^}]*\} from \"\./[a-z]+\.js\";\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(async )?(function|class|const) )", re.MULTILINE)
 
@@ -27,6 +35,12 @@ _EXPORT = re.compile(r"^export (?=(async )?(function|class|const) )", re.MULTILI
 def page_file(name: str) -> bytes:
     """Return one file of the page: ``index.html``, ``style.css`` or one of :data:`MODULES`."""
     return (FOLDER / name).read_bytes()
+
+
+def index_page(policy: str = POLICY) -> str:
+    """Return ``index.html`` with a content security policy inside, for who sends no headers."""
+    inside = f'{_CHARSET}\n    <meta http-equiv="Content-Security-Policy" content="{policy}">'
+    return page_file("index.html").decode().replace(_CHARSET, inside, 1)
 
 
 def joined_script() -> str:

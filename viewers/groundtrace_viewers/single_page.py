@@ -7,7 +7,7 @@ import gzip
 import hashlib
 from typing import TYPE_CHECKING
 
-from .page_files import joined_script, page_file
+from .page_files import index_page, joined_script, page_file
 from .viewer_files import viewer_folder
 
 if TYPE_CHECKING:
@@ -45,8 +45,6 @@ def single_page(assets: Mapping[str, bytes]) -> str:
     held = {name: assets[name] for name in ASSETS}
     held["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
     replaced = {
-        '<meta charset="utf-8">': '<meta charset="utf-8">\n    '
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
         '<link rel="icon" href="favicon.ico">': '<link rel="icon" href="data:,">',
         '<link rel="stylesheet" href="page/style.css">': f"<style>{style}</style>",
         '<script src="re_viewer.js"></script>': f"<script>{viewer}</script>",
@@ -57,7 +55,7 @@ def single_page(assets: Mapping[str, bytes]) -> str:
             ]
         ),
     }
-    html = page_file("index.html").decode()
+    html = index_page(policy)
     for there, instead in replaced.items():
         before, _, after = html.partition(there)
         html = before + instead + after

@@ -164,9 +164,14 @@ class RerunSink:
         if self._web and self._path is not None and self._session is not None:
             from .moments import moments_of_session
 
-            moments = moments_of_session(self._session, self._events)
+            moments = moments_of_session(self._session, self._events, self._opens_ns)
             self.viewer = serve_web(self._path, self._port, moments)
             self.url = f"http://{LOOPBACK}:{self._port}"
+
+    @property
+    def _opens_ns(self) -> int | None:
+        """Where a page opens [ns]; None stands for the first event."""
+        return None
 
     def _go_to_first_event(self) -> None:
         """Pause at the first event; a file's layout cannot hold a cursor, a viewer's can be set."""

@@ -20,7 +20,7 @@ from starlette.routing import Route
 
 from .errors import ViewerError
 from .layout_file import layout_of
-from .page_files import MODULES, page_file
+from .page_files import MODULES, POLICY, page_file
 from .serve import LOOPBACK
 from .viewer_files import VIEWER_FILES, viewer_folder
 
@@ -30,14 +30,8 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-#: The script may make a program of bytes (the viewer), but not of text.
-POLICY = (
-    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
-    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
-    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
 HEADERS = {
-    "content-security-policy": POLICY,
+    "content-security-policy": f"{POLICY}; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",

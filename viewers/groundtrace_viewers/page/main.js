@@ -234,7 +234,7 @@ class Page {
     this.strip.draw(this.jumps.all, marks.all, player, marks.span_start);
   }
 
-  /** Start the viewer, go to the first event, and show the marks. */
+  /** Start the viewer, go to where the page opens, and show the marks. */
   async start() {
     const [wasm, layout, recording] = await Promise.all(
       [asset("re_viewer_bg.wasm"), bytes_of("layout.rrd"), asset("replay.rrd")]);
@@ -242,8 +242,7 @@ class Page {
     if (this.marking) await this.marks.load();
     await started;
     byId("status").hidden = true;
-    const first = this.jumps.beyond(-1, true);
-    this.go(first ?? 0);
+    this.go(this.moments.opens_s ?? this.jumps.beyond(-1, true) ?? 0);
     if (this.marking) await this.layer();
     document.documentElement.dataset.state = "ready";
     setInterval(() => this.watch(), 2000);

@@ -126,7 +126,8 @@ export class Marks {
   row(mark) {
     const length = mark.end_s === null ? "" : `${(mark.end_s - mark.time_s).toFixed(2)} s`;
     const said = [mark.label, mark.channel, length, mark.note].filter(Boolean).join(" · ");
-    const by = mark.author === this.author.value.trim() ? [] : [el("span", { class: "by" }, mark.author)];
+    const own = this.author.value.trim() || "annotator";
+    const by = mark.author === own ? [] : [el("span", { class: "by" }, mark.author)];
     const what = el("span", { class: "what" }, said, ...by);
     what.title = `${said} (${mark.author})`;
     const row = el("li", { "data-kind": mark.kind, "data-id": mark.id },

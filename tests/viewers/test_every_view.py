@@ -1,0 +1,175 @@
+"""Every view of every layout shows its data: pictures with and without them are compared."""
+
+from __future__ import annotations
+
+import io
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import rerun as rr
+import rerun.blueprint as rrb
+from conftest import skip_or_fail
+from PIL import Image
+from shot_sessions import shot_labels, write_shots
+
+from groundtrace.engine import replay
+from groundtrace.pipeline import build_pipeline, load_pipeline
+from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace.sinks import Session
+from groundtrace.source import Source
+from groundtrace_codecs.recording import Recording
+from groundtrace_viewers.blueprint import blueprint
+from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.picture import wait_for_recording
+from groundtrace_viewers.serve import connect, free_port, start_viewer
+from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.timeline import TIMELINE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rerun.experimental import ViewerClient
+
+    from groundtrace.simulate import Simulation
+
+#: A view has loaded what it shows when two pictures in a row are equal, or after so long [s].
+SETTLE_S = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A kind of recording: through what it is replayed, and how long it lasts [s]."""
+
+    pipeline: str
+    simulation: Simulation
+    map_tiles: bool = False
+
+
+def cases() -> dict[str, Case]:
+    # longer than the viewer shows at first: it has views that shorter ones have not
+    room = RoomOptions(seed=4, duration_s=64.0, channels=4, rate_hz=4000.0)
+    stations = RoomOptions(seed=4, duration_s=5.0, channels=4, triaxial=True)
+    walk = WalkOptions(seed=3, duration_s=14.0, gnss=True)
+    return {
+        "room": Case("room-footsteps", simulate_room(room)),
+        "bearings": Case("room-bearings", simulate_room(stations)),
+        "walker": Case("pedestrian", simulate_walk(walk), map_tiles=True),
+    }
+
+
+def side_by_side(*args: Any, **options: Any) -> rrb.Blueprint:
+    """Return a layout's views without tabs: what no tab shows has no picture."""
+    found = blueprint(*args, **options)
+    panel = rrb.TimePanel(timeline=TIMELINE, play_state="paused")
+    return rrb.Blueprint(
+        rrb.Grid(*views_of(found.root_container)), panel, auto_views=False, auto_layout=False
+    )
+
+
+def views_of(part: Any) -> list[rrb.View]:
+    if isinstance(part, rrb.View):
+        return [part]
+    return [view for inner in part.contents for view in views_of(inner)]
+
+
+def replayed(folder: Path, case: Case) -> tuple[Path, float]:
+    """Replay a simulation; return its timeline and the time of its third step [s]."""
+    path = folder / "r.mcap"
+    write(case.simulation, path)
+    with Recording.open(path) as recording:
+        chain = build_pipeline(load_pipeline(case.pipeline), recording.geometry, recording.labels)
+        source = Source(recording)
+        session = Session(
+            path.name,
+            chain.config.application,
+            recording.start_ns,
+            recording.end_ns,
+            source.streams,
+            recording.geometry,
+            recording.labels,
+            chain.recipe(),
+        )
+        sink = RerunSink(folder / "r.rrd", map_tiles=case.map_tiles)
+        sink.open(session)
+        replay(source, chain, [sink])
+        sink.close()
+    steps = sorted(x.time_ns for x in session.labels if x.kind == "step")
+    return folder / "r.rrd", (steps[2] - session.start_ns) / 1e9 + 0.01
+
+
+def without_data(folder: Path, rrd: Path) -> Path:
+    """Write a recording of the same kind in which there is nothing."""
+    application = rr.chunk.RrdReader(str(rrd)).recordings()[0].application_id
+    recording = rr.RecordingStream(application, recording_id="empty", send_properties=False)
+    recording.save(folder / "empty.rrd")
+    recording.set_time(TIMELINE, duration=0.0)
+    recording.log("/nothing", rr.AnyValues(nothing=True))
+    recording.set_time(TIMELINE, duration=20.0)
+    recording.log("/nothing", rr.AnyValues(nothing=True))
+    recording.flush()
+    recording.disconnect()
+    return folder / "empty.rrd"
+
+
+def pictures(client: ViewerClient, at_s: float) -> dict[str, np.ndarray]:
+    """Return a picture of every view, taken when nothing changes any more."""
+    client.set_time(TIMELINE, duration=at_s, play_state="paused")
+    deadline = time.monotonic() + SETTLE_S
+    before = b""
+    while time.monotonic() < deadline and (now := client.take_screenshot()) != before:
+        before = now
+        time.sleep(0.3)
+    found = {}
+    for view in client.get_state().views:
+        with Image.open(io.BytesIO(client.take_screenshot(view.view_id))) as image:
+            found[view.name] = np.asarray(image.convert("RGB"), np.int16)
+    return found
+
+
+def changed(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the part of two pictures that differs; they may be a pixel apart in size."""
+    height, width = np.minimum(one.shape, other.shape)[:2]
+    apart = np.abs(one[:height, :width] - other[:height, :width])
+    return float((apart.max(axis=2) > 24).mean())
+
+
+def complaints_and_sameness(rrd: Path, empty: Path, at_s: float) -> tuple[dict, list[str], int]:
+    """Return complaints of views, views that look the same without data, and how many there are."""
+    port = free_port()
+    window = ["--headless", "--window-size", "1600x1000", "--hide-welcome-screen"]
+    process = start_viewer([*window, str(rrd)], port)
+    try:
+        client = connect(process, port)
+        wait_for_recording(client, rrd)
+        shown = pictures(client, at_s)
+        views = client.get_state().views
+        client.open(str(empty))
+        time.sleep(1.0)
+        nothing = pictures(client, at_s)
+    except (ViewerError, RuntimeError) as error:
+        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
+    finally:
+        process.terminate()
+        process.wait(10)
+    assert shown.keys() == nothing.keys(), "one layout for both"
+    reports = {v.name: [r.summary for r in v.reports] for v in views if v.reports}
+    same = [name for name, picture in shown.items() if changed(picture, nothing[name]) < 1e-3]
+    return reports, same, len(views)
+
+
+@pytest.mark.parametrize("kind", ["room", "bearings", "walker", "shots"])
+def test_every_view_shows_its_data_and_none_complains(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundtrace_viewers.sink.blueprint", side_by_side)
+    if kind == "shots":
+        rrd, at_s = write_shots(tmp_path / "r.rrd", shot_labels()), 1.05
+    else:
+        rrd, at_s = replayed(tmp_path, cases()[kind])
+    reports, same, views = complaints_and_sameness(rrd, without_data(tmp_path, rrd), at_s)
+    assert reports == {}
+    assert same == []
+    assert views >= 8

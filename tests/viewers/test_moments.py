@@ -1,0 +1,119 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+from page_sessions import write_walk
+from viewer_sessions import IMU, SEISMIC, at, decisions, room_session
+
+from groundtrace.simulate import WalkOptions, simulate_walk, write
+from groundtrace_codecs.events import Fix, Gap, Note, StepEvent
+from groundtrace_codecs.labels import Label
+from groundtrace_viewers.annotate_server import replayed
+from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.moments import Moments, moments_of_results, moments_of_session
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from groundtrace.results import Results
+
+PIPELINE = """
+name = "room"
+application = "room"
+[[stage]]
+use = "sta-lta"
+name = "picker"
+[[stage]]
+use = "coincidence"
+name = "associate"
+"""
+
+
+def moments(*more: object) -> Moments:
+    session = replace(room_session(), pipeline=PIPELINE, labels=())
+    return moments_of_session(session, [*decisions(), *more])
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    folder = tmp_path_factory.mktemp("walked")
+    return replayed(write_walk(folder / "walk.mcap"), None, folder)[1]
+
+
+def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:
+    found = moments(
+        Gap("/seismic", at(2.2), at(2.3), "missing", 200),
+        Fix(at(2.6), 1.5, 2.25, (0.1, 0.0, 0.1), 0.1, "hyperbolic", 4, "places"),
+        Note(at(3.0), "loud", "WARN", "picker"),
+        Note(at(3.1), "chatter", "INFO", "picker"),
+    )
+    times = [m.t_s for m in found.events]
+    assert times == sorted(times)
+    texts = {(m.kind, m.text) for m in found.events}
+    assert {("gap", "/seismic missing, 200 lost"), ("fix", "(1.50, 2.25) m")} <= texts
+    assert ("note", "loud") in texts
+    assert ("note", "chatter") not in texts
+
+
+def test_the_page_knows_how_long_samples_and_frames_are() -> None:
+    found = moments()
+    assert (found.sample_of, found.sample_s) == ("/seismic", 1 / SEISMIC.rate_hz)
+    assert found.channels == tuple(c.name for stream in (SEISMIC, IMU) for c in stream.channels)
+    assert found.start_ns == str(room_session().start_ns)
+
+
+def test_only_the_stage_with_the_last_word_makes_steps() -> None:
+    other = StepEvent(at(4.7), "step", "", "/seismic", "an earlier stage", 1.0)
+    found = moments(other)
+    assert found.steps == "associate"
+    assert {m.stage for m in found.events if m.kind == "step"} == {"associate"}
+
+
+def test_a_missed_step_says_why_and_a_false_one_what_let_it_pass(walked: Results) -> None:
+    steps = [e for e in walked.events if isinstance(e, StepEvent)]
+    quiet_ns = walked.provenance.start_ns + 100_000_000
+    here = Label(steps[0].time_ns, "step")
+    found = moments_of_results(walked, labels=(Label(quiet_ns, "step"), here))
+    missed = [m for m in found.misses if m.kind == "missed"]
+    false = [m for m in found.misses if m.kind == "false"]
+    assert [m.t_s for m in missed] == [0.1]
+    assert missed[0].text.partition(":")[0] in ("threshold", "quiet", "filter")
+    assert len(false) == len(steps) - 1
+    assert all("threshold" in m.text for m in false)
+
+
+def test_without_truth_nothing_is_wrong(walked: Results) -> None:
+    found = moments_of_results(walked, labels=())
+    assert (found.truth, found.misses) == (False, ())
+    assert found.events
+
+
+def test_frames_are_those_of_the_detector(walked: Results) -> None:
+    assert moments_of_results(walked).frame_s == pytest.approx(0.05)
+
+
+def test_the_document_is_made_of_what_browsers_can_read(walked: Results) -> None:
+    document = json.loads(moments_of_results(walked).json())
+    assert document["sha256"] == walked.provenance.sha256
+    assert document["timeline"] == "t"
+    assert isinstance(document["start_ns"], str)
+    assert document["sample_s"] is None
+
+
+def test_results_choose_the_pipeline_and_those_of_another_recording_are_refused(
+    tmp_path: Path,
+) -> None:
+    recording = write_walk(tmp_path / "walk.mcap")
+    for name in ("first", "again"):
+        (tmp_path / name).mkdir()
+    _, first = replayed(recording, None, tmp_path / "first")
+    results = tmp_path / "first" / "results.mcap"
+    _, again = replayed(recording, results, tmp_path / "again")
+    assert again.provenance.pipeline == first.provenance.pipeline
+    other = tmp_path / "other.mcap"
+    write(simulate_walk(WalkOptions(seed=4, duration_s=2.0)), other)
+    with pytest.raises(ViewerError, match=r"expected results of other\.mcap as it is, found"):
+        replayed(other, results, tmp_path)

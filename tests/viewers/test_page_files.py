@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+
+import pytest
+from viewer_sessions import write_walker
+
+from groundtrace_viewers import viewer_files
+from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.layout_file import layout_of
+from groundtrace_viewers.page_files import (
+    FOLDER,
+    MODULES,
+    POLICY,
+    index_page,
+    joined_script,
+    page_file,
+)
+from groundtrace_viewers.viewer_files import VIEWER_FILES, viewer_folder
+
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "page.md"
+
+
+def names(pattern: str, text: str) -> list[str]:
+    return re.findall(pattern, text, re.MULTILINE)
+
+
+def test_every_file_of_the_page_is_known() -> None:
+    assert {p.name for p in FOLDER.iterdir()} == {*MODULES, "index.html", "style.css"}
+
+
+def test_a_module_stands_after_what_it_imports() -> None:
+    for index, module in enumerate(MODULES):
+        imported = names(r'from "\./(\w+\.js)"', page_file(module).decode())
+        assert set(imported) <= set(MODULES[:index])
+
+
+def test_modules_join_into_one_script_without_names_twice() -> None:
+    script = joined_script()
+    assert not names(r"^(import|export) ", script)
+    defined = names(r"^(?:async )?(?:function|class|const|let) (\w+)", script)
+    assert len(defined) == len(set(defined))
+
+
+def test_the_page_refers_to_nothing_but_its_own_files_and_puts_text_in_as_text() -> None:
+    for name in (*MODULES, "index.html", "style.css"):
+        text = page_file(name).decode()
+        assert not names(r"https?://", text)
+        assert not names(r"innerHTML|insertAdjacentHTML|document\.write|\beval\(", text)
+    assert not names(r"<script>|style=\"|onclick=", page_file("index.html").decode())
+
+
+def test_a_page_without_a_server_brings_its_policy() -> None:
+    (policy,) = names(r'http-equiv="Content-Security-Policy" content="([^"]+)"', index_page())
+    assert policy == POLICY
+
+
+def test_the_viewers_files_are_taken_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    made: list[int] = []
+
+    def files() -> dict[str, bytes]:
+        made.append(1)
+        return dict.fromkeys(VIEWER_FILES, b"content")
+
+    monkeypatch.setattr(viewer_files, "cache_folder", lambda: tmp_path / "a" / "b")
+    monkeypatch.setattr(viewer_files, "_files", files)
+    assert viewer_folder() == viewer_folder() == tmp_path / "a" / "b"
+    assert made == [1]
+    assert {p.name for p in (tmp_path / "a" / "b").iterdir()} == set(VIEWER_FILES)
+
+
+def test_a_home_that_cannot_be_written_to_is_no_obstacle(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "home").write_text("a file, not a folder")
+    monkeypatch.setattr(viewer_files, "cache_folder", lambda: tmp_path / "home" / "cache")
+    monkeypatch.setattr(viewer_files, "_files", lambda: dict.fromkeys(VIEWER_FILES, b"x"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = viewer_folder()
+    assert folder.parent == tmp_path
+    assert (folder / "re_viewer.js").read_bytes() == b"x"
+
+
+def test_the_layout_of_a_replay_is_told_from_its_data(tmp_path: Path) -> None:
+    import rerun as rr
+
+    rrd = write_walker(tmp_path / "walker.rrd")
+    (tmp_path / "layout.rrd").write_bytes(layout_of(rrd))
+    reader, whole = (rr.chunk.RrdReader(str(tmp_path / n)) for n in ("layout.rrd", "walker.rrd"))
+    (layout,) = reader.blueprints()
+    assert layout.application_id == whole.recordings()[0].application_id
+    assert not [c for c in reader.stream(store=layout) if c.entity_path.startswith("/signals")]
+
+
+def test_what_is_no_replay_has_no_layout(tmp_path: Path) -> None:
+    (tmp_path / "bad.rrd").write_bytes(b"no")
+    for name in ("bad.rrd", "absent.rrd"):
+        with pytest.raises(ViewerError, match=rf"{name}: expected a viewer's file, found"):
+            layout_of(tmp_path / name)
+
+
+def test_the_documentation_lists_every_key() -> None:
+    table = page_file("main.js").decode()
+    keys = {key for keys in names(r"^ +\[\[(\".+?\")\], ", table) for key in keys.split('", "')}
+    written = {"ArrowRight": "→", "ArrowLeft": "←", "ArrowDown": "↓", "ArrowUp": "↑"}
+    written |= {"PageDown": "PgDn", "PageUp": "PgUp", "Escape": "Esc", "Delete": "Del"}
+    documented = set(
+        names(r"`([^`\n]+)`", DOCUMENTATION.read_text("utf-8").partition("## Keys")[2])
+    )
+    parts = {part for key in keys for part in key.strip('"').split("+") if part} or {"+"}
+    assert len(keys) > 25
+    assert {written.get(p, p if len(p) > 1 else p.upper()) for p in parts} <= documented

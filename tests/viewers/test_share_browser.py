@@ -1,0 +1,123 @@
+"""What was shared, in a real browser: served as a folder, and as one file by a double click."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from command_runs import done
+from share_sessions import shared_walk
+from test_page_browser import browser, drawn, page, picture, ready, rows  # noqa: F401
+
+from groundtrace.annotate import stored
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Page, Route
+
+Capture = pytest.CaptureFixture[str]
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """Serve a folder with what Python brings."""
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    options = ("--bind", "127.0.0.1", "--directory", str(folder))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "http.server", str(port), *options],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        for _ in range(100):
+            try:
+                socket.create_connection(("127.0.0.1", port), 1).close()
+                break
+            except OSError:
+                time.sleep(0.1)
+        yield f"http://127.0.0.1:{port}/"
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+def only(allowed: str, refused: list[str], route: Route) -> None:
+    """Let requests through to one place, and no others."""
+    if route.request.url.startswith((allowed, "blob:", "data:")):
+        route.continue_()
+    else:
+        refused.append(route.request.url)
+        route.abort()
+
+
+def test_a_folder_shows_the_replay_over_a_plain_server_without_a_network(
+    page: Page,  # noqa: F811
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    walk = shared_walk(tmp_path, capsys)
+    done(capsys, "share", walk.results, "-o", tmp_path / "out", "--light")
+    refused: list[str] = []
+    with served(tmp_path / "out") as url:
+        page.route("**/*", partial(only, url, refused))
+        page.goto(url)
+        ready(page)
+        drawn(page, "shared-folder")
+        listed = rows(page, "events")
+        assert listed.count("missed") == walk.missed > 0
+        page.keyboard.press("x")
+        page.wait_for_selector("#events li.here[data-kind=missed]")
+        page.keyboard.press("m")
+        page.wait_for_selector("#marks li[data-kind=missed]")
+        with page.expect_download() as download:
+            page.get_by_role("button", name="download").click()
+        download.value.save_as(tmp_path / "marks.json")
+        page.get_by_role("link", name="Summary").click()
+        page.wait_for_selector("h1:text('walk.mcap')")
+        assert page.locator("svg").count() >= 2
+        picture(page, "shared-summary")
+    assert refused == []
+    done(capsys, "annotate", walk.recording, "--merge", tmp_path / "marks.json")
+    assert [a.label.kind for a in stored(walk.recording).kept.annotations] == ["missed"]
+
+
+def test_one_file_opens_by_a_double_click_with_all_inside(
+    page: Page,  # noqa: F811
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    walk = shared_walk(tmp_path, capsys)
+    done(capsys, "share", walk.results, "-o", tmp_path / "walk.html", "--single-file", "--light")
+    refused: list[str] = []
+    page.route("**/*", partial(only, (tmp_path / "walk.html").as_uri(), refused))
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
+    page.goto((tmp_path / "walk.html").as_uri())
+    ready(page)
+    before = drawn(page, "shared-file")
+    assert rows(page, "events").count("missed") == walk.missed
+    page.get_by_role("button", name="Summary").click()
+    summary = page.frame_locator("iframe[title=Summary]")
+    summary.locator("h1:text('walk.mcap')").wait_for()
+    page.wait_for_timeout(500)
+    above = picture(page, "shared-file-summary")
+    assert (np.abs(above - before).max(axis=2) > 40).mean() > 0.3
+    assert summary.locator("body").evaluate("b => getComputedStyle(b).marginTop") == "0px"
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Close").first.click()
+        page.get_by_role("link", name="pipeline.toml").click()
+    download.value.save_as(tmp_path / "pipeline.toml")
+    assert 'name = "waist-steps"' in (tmp_path / "pipeline.toml").read_text()
+    assert refused == []
+    refusals = [line for line in said if "Content Security Policy" in line]
+    assert all("connect-src" in line for line in refusals), "the viewer reports to nobody"

@@ -1,0 +1,245 @@
+from __future__ import annotations
+
+import http.client
+import json
+import signal
+import socket
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import psutil
+import pytest
+import rerun as rr
+from page_sessions import Served, serving, write_walk
+
+from groundtrace.annotate import Annotations, stored
+from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.page_api import LARGEST_BODY
+from groundtrace_viewers.web import listen
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+class Answer(NamedTuple):
+    status: int
+    headers: http.client.HTTPMessage
+    body: bytes
+
+    @property
+    def document(self) -> Any:
+        return json.loads(self.body)
+
+
+def ask(
+    served: Served,
+    path: str,
+    method: str = "GET",
+    body: object = None,
+    *,
+    token: str | None = None,
+    headers: dict[str, str] | None = None,
+) -> Answer:
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=20)
+    given = {"X-Groundtrace-Token": served.token if token is None else token} | (headers or {})
+    content = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
+    try:
+        connection.request(method, path, content, given)
+        answer = connection.getresponse()
+        return Answer(answer.status, answer.headers, answer.read())
+    finally:
+        connection.close()
+
+
+def mark(kind: str, time_s: float, **said: object) -> dict[str, object]:
+    return {"author": "ada", "mark": {"kind": kind, "time_s": time_s, **said}}
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_walk(tmp_path_factory.mktemp("served") / "walk.mcap")
+
+
+@pytest.fixture(scope="module")
+def served(recording: Path) -> Iterator[Served]:
+    with serving(recording, "--author", "ada") as running:
+        yield running
+
+
+def test_it_listens_on_this_machine_only(served: Served) -> None:
+    found = psutil.Process(served.process.pid).net_connections("tcp")
+    assert {c.laddr for c in found if c.status == psutil.CONN_LISTEN} == {
+        ("127.0.0.1", served.port)
+    }
+
+
+@pytest.mark.parametrize("token", ["", "wrong", "naïve"])
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("GET", "/api/annotations"),
+        ("POST", "/api/annotations"),
+        ("PUT", "/api/annotations/x"),
+        ("DELETE", "/api/annotations/x"),
+        ("POST", "/api/undo"),
+        ("GET", "/api/layer.rrd"),
+    ],
+)
+def test_marks_are_for_those_who_have_the_token(
+    served: Served, method: str, path: str, token: str
+) -> None:
+    answer = ask(served, path, method, mark("note", 1.0), token=token)
+    assert (answer.status, answer.document) == (
+        403,
+        {"error": "token: expected that of the address, found another"},
+    )
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://example.org"},
+        {"Origin": "null"},
+        {"Origin": "https://127.0.0.1:1"},
+        {"Host": "example.org"},
+        {"Host": "127.0.0.1"},
+        {"Sec-Fetch-Site": "cross-site"},
+    ],
+)
+def test_pages_of_others_are_kept_out_even_with_the_token(
+    served: Served, headers: dict[str, str]
+) -> None:
+    for path in ("/", "/replay.rrd", "/api/annotations"):
+        answer = ask(served, path, headers=headers)
+        assert answer.status == 403
+        assert set(answer.document) == {"error"}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../../../../etc/passwd",
+        "/page/../../pyproject.toml",
+        "/page/..%2fweb.py",
+        "/page/%2e%2e/web.py",
+        "/walk.mcap",
+        "/page/",
+        "//etc/passwd",
+    ],
+)
+def test_there_is_nothing_but_the_files_of_the_page(served: Served, path: str) -> None:
+    answer = ask(served, path)
+    assert answer.status == 404
+    assert len(answer.document["error"].splitlines()) == 1
+
+
+def test_the_page_may_run_its_own_scripts_and_talk_to_its_own_server(served: Served) -> None:
+    policy = ask(served, "/").headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "script-src 'self' 'wasm-unsafe-eval';" in policy
+    assert "connect-src 'self' data: blob:" in policy
+    assert "unsafe-inline" not in policy
+
+
+def test_a_part_of_the_recording_can_be_asked_for(served: Served) -> None:
+    whole = ask(served, "/replay.rrd")
+    part = ask(served, "/replay.rrd", headers={"Range": "bytes=4-11"})
+    assert (part.status, part.body) == (206, whole.body[4:12])
+
+
+def test_a_body_larger_than_any_mark_is_refused(served: Served) -> None:
+    answer = ask(served, "/api/annotations", "POST", b" " * (LARGEST_BODY + 1))
+    assert answer.status == 413
+
+
+@pytest.mark.parametrize(
+    ("body", "found"),
+    [
+        (b"{", "truncated"),
+        (b"[" * 5000, ""),
+        (b"\xff\xfe", ""),
+        ({}, "mark: expected one"),
+        (mark("dance", 1.0), "found 'dance'"),
+        (mark("missed", 99.0), "found 99.000 s"),
+        (mark("missed", -1.0), "found -1.000 s"),
+        (mark("missed", 1.0, more=1), "unknown field"),
+        (mark("pick", 1.0), "channel"),
+        (mark("span", 1.0), "end"),
+    ],
+)
+def test_what_is_no_mark_is_refused_in_one_line(served: Served, body: object, found: str) -> None:
+    answer = ask(served, "/api/annotations", "POST", body)
+    assert answer.status == 400
+    assert found in answer.document["error"]
+    assert len(answer.document["error"].splitlines()) == 1
+
+
+def test_marks_are_made_changed_taken_away_and_taken_back(served: Served, recording: Path) -> None:
+    made = ask(served, "/api/annotations", "POST", mark("missed", 2.5, note="<b>soft</b>")).document
+    (kept,) = made["marks"]
+    assert (kept["kind"], kept["time_s"], kept["author"]) == ("missed", 2.5, "ada")
+    assert kept["note"] == "<b>soft</b>"
+    change = mark("step", 2.5, label="left", time_ns=kept["time_ns"])
+    (changed,) = ask(served, f"/api/annotations/{made['id']}", "PUT", change).document["marks"]
+    assert (changed["kind"], changed["label"], changed["note"]) == ("step", "left", "")
+    assert [a.label.label for a in stored(recording).kept.annotations] == ["left"]
+    assert ask(served, f"/api/annotations/{made['id']}", "DELETE", {}).document["marks"] == []
+    assert ask(served, "/api/undo", "POST", {}).document["marks"] == [changed]
+    assert ask(served, "/api/undo", "POST", {}).document["marks"] == [kept]
+    undone = ask(served, "/api/undo", "POST", {}).document
+    assert undone["marks"] == []
+    assert ask(served, "/api/undo", "POST", {}).document["undo"] is False
+
+
+def test_the_layer_joins_the_replay_and_paints_over_what_was_taken_away(
+    served: Served, tmp_path: Path
+) -> None:
+    (tmp_path / "replay.rrd").write_bytes(ask(served, "/replay.rrd").body)
+    before = ask(served, "/api/annotations").document["revision"]
+    made = ask(served, "/api/annotations", "POST", mark("false", 3.0)).document
+    first = states_of(ask(served, f"/api/layer.rrd?drawn={before}").body, tmp_path)
+    assert first[3_000_000_000] == "false"
+    ask(served, f"/api/annotations/{made['id']}", "DELETE", {})
+    ask(served, "/api/annotations", "POST", mark("walking", 2.0, end_s=5.0))
+    now = ask(served, "/api/annotations").document["revision"]
+    then = states_of(ask(served, f"/api/layer.rrd?drawn={made['revision']}").body, tmp_path)
+    assert then[3_000_000_000] == "walking"
+    ask(served, "/api/undo", "POST", {})
+    after = states_of(ask(served, f"/api/layer.rrd?drawn={now}").body, tmp_path)
+    assert set(after.values()) == {""}
+    assert {2_000_000_000, 3_000_000_000} <= set(after)
+    assert ask(served, "/api/layer.rrd?drawn=99999").status == 400
+
+
+def states_of(layer: bytes, folder: Path) -> dict[int, str]:
+    path = folder / "layer.rrd"
+    path.write_bytes(layer)
+    reader, replay = rr.chunk.RrdReader(str(path)), rr.chunk.RrdReader(str(folder / "replay.rrd"))
+    assert reader.recordings() == replay.recordings()
+    found: dict[int, str] = {}
+    for chunk in reader.stream().filter(content="/state/2-annotations"):
+        batch = chunk.to_record_batch()
+        if not chunk.is_static:
+            times = batch.column("t").cast("int64").to_pylist()
+            values = batch.column("StateChange:state").to_pylist()
+            found |= {t: v[0] for t, v in zip(times, values, strict=True)}
+    return found
+
+
+def test_nothing_is_lost_when_the_server_is_killed(tmp_path: Path) -> None:
+    recording = write_walk(tmp_path / "killed.mcap")
+    with serving(recording) as served:
+        assert ask(served, "/api/annotations", "POST", mark("missed", 1.25)).status == 200
+        served.process.send_signal(signal.SIGKILL)
+        served.process.wait(10)
+    with Annotations.open(recording) as store:
+        (kept,) = store.items
+    assert (kept.label.kind, kept.label.author) == ("missed", "ada")
+    assert not list(tmp_path.glob("*.lock"))
+
+
+def test_a_port_that_is_taken_is_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ViewerError, match=f"port {port}: expected a free one, found"):
+            listen(port)
