@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from groundtrace.simulate import Simulation
 
 #: A view has loaded what it shows when two pictures in a row are equal, or after so long [s].
-SETTLE_S = 20.0
+SETTLE_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Case:
 
 def cases() -> dict[str, Case]:
     # longer than the viewer shows at first: it has views that shorter ones have not
-    room = RoomOptions(seed=4, duration_s=64.0, channels=4, rate_hz=4000.0)
+    room = RoomOptions(seed=4, duration_s=61.0, channels=4, rate_hz=4000.0)
     stations = RoomOptions(seed=4, duration_s=5.0, channels=4, triaxial=True)
     walk = WalkOptions(seed=3, duration_s=14.0, gnss=True)
     return {
@@ -139,7 +139,7 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
 def complaints_and_sameness(rrd: Path, empty: Path, at_s: float) -> tuple[dict, list[str], int]:
     """Return complaints of views, views that look the same without data, and how many there are."""
     port = free_port()
-    window = ["--headless", "--window-size", "1600x1000", "--hide-welcome-screen"]
+    window = ["--headless", "--window-size", "1200x800", "--hide-welcome-screen"]
     process = start_viewer([*window, str(rrd)], port)
     try:
         client = connect(process, port)

@@ -78,9 +78,7 @@ def test_what_is_asked_for_is_a_word_or_a_span(text: str, found: FullRate) -> No
 
 @pytest.mark.parametrize("text", ["", "some", "3", "5-5", "5-2", "-1-3", "1-inf", "nan-3"])
 def test_anything_else_is_refused_in_one_line(text: str) -> None:
-    with pytest.raises(
-        ViewerError, match="--full-rate: expected none, misses, events"
-    ):
+    with pytest.raises(ViewerError, match="--full-rate: expected none, misses, events"):
         FullRate.parse(text)
 
 

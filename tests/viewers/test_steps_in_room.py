@@ -104,7 +104,7 @@ def test_the_region_of_a_steps_signs_is_lit_and_goes_out(tmp_path: Path) -> None
     apart = np.linalg.norm(corners.mean(axis=0) - [(0, 0), (6, 0), (6, 5), (0, 5)], axis=1)
     assert np.argsort(apart).tolist() == [0, 1, 3, 2], "the order of the arrivals"
     assert len(read_back(path, "/map/site/regions/fills", STRIPS)[1][0]) > 5
-    [page] = read_back(path, "/signs", "TextDocument:text")[1][0]
+    [page] = read_back(path, "/signs", "TextDocument:text")[1][-1]
     assert "0 of 6 signs wrong" in page
 
 
@@ -112,7 +112,7 @@ def test_wrong_signs_are_counted_and_marked(tmp_path: Path) -> None:
     # of a rectangle's corners the farthest lies opposite the nearest
     events = arrivals({"G1": 0.0, "G3": 2.0, "G2": 3.0, "G4": 4.0})
     path = written(tmp_path / "r.rrd", room_session(), events)
-    [page] = read_back(path, "/signs", "TextDocument:text")[1][0]
+    [page] = read_back(path, "/signs", "TextDocument:text")[1][-1]
     assert "of 6 signs wrong" in page
     assert "0 of 6" not in page
     assert "✗" in page.split("```")[1]
@@ -135,7 +135,8 @@ def test_two_arrivals_light_nothing(tmp_path: Path) -> None:
     path = written(tmp_path / "r.rrd", room_session(), arrivals({"G1": 0.0, "G2": 1.0}))
     _, rings = read_back(path, "/map/site/regions/rings", STRIPS)
     assert not any(len(r) for r in rings)
-    assert not len(read_back(path, "/signs", "TextDocument:text")[0])
+    [[page]] = read_back(path, "/signs", "TextDocument:text")[1]
+    assert page == "No step with 3 arrivals so far."
 
 
 def test_a_site_without_places_has_neither_map_nor_regions(tmp_path: Path) -> None:

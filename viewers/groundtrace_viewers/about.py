@@ -16,6 +16,12 @@ _READING = """\
 * Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
 zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
 the waveform at the cursor follows it.
+* Envelopes are the largest |x| of each bucket, so that no impact is lost: per 10 ms; in \
+recordings longer than a minute per 50 ms, with 10 ms and the whole recording in the tabs beside. \
+Spectrograms: time to the right, frequency upwards, lighter is louder.
+* Samples of fast signals that are not everywhere are where the lane `full-rate` says; there the \
+decision functions and the spectrogram of 3 ms are too. Elsewhere those plots are empty: \
+everything is in the recording, and `groundtrace replay --full-rate FROM-TO` shows another part.
 * One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
 a wave arrives; at a step its name says how long after the first arrival, and is grey where it has \
 none. Triangles on the map are shot points.
@@ -33,7 +39,8 @@ colours, and of several walkers each true path.
 * Detector: the decision function of every channel, the threshold in red, accepted candidates as \
 green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
 since its peaks reach thousands; candidates beyond lie at its upper edge. Below the samples around \
-the cursor is the same at every sample, 0.1 s before to 0.1 s after each step.
+the cursor is the same at every sample, 0.1 s before to 0.1 s after each step, found or missed. \
+Rejected candidates below half the threshold are in the results alone.
 * Walkers: the detector's plot has its filtered signal at every sample, with accepted peaks as \
 green triangles, their valleys as blue ones, and rejected ones as red crosses. Masses: what each \
 sensor, and both combined, believe of each candidate; the three add up to one.
@@ -42,7 +49,7 @@ is none. The shade is where a stage finds the field disturbed; the truth's own s
 * The way of a walker: truth, waypoints, satellite fixes in metres from the first, tracks. Up is \
 north where the arrow says so; elsewhere a track's direction is free, and the truth is turned and \
 shifted onto the last track, as the key then says: distances between the two are then no errors.
-* Spectrogram at steps: 0.3 s before to 0.3 s after each, down to 45 dB below the loudest.
+* Spectrogram at steps: 0.5 s before to 0.5 s after each, down to 45 dB below the loudest.
 * Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
 number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
 The next tab has true amplitudes.

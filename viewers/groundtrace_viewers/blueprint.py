@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
@@ -135,14 +136,15 @@ def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> l
 
 def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
     """Everything on the common time axis, from signals to decisions."""
-    enveloped = _of(entities, "overview") + _of(entities, "envelope")
+    overview, finest = _of(entities, "overview"), _of(entities, "envelope")
+    enveloped = [*overview, *map(_short, finest)] if overview else finest
     seismic = enveloped or [
         e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
     ]
     signals = [views.plot(e) for e in seismic]
     shown_ns = session.shown_ns or (session.start_ns, session.end_ns)
     span_ns = shown_ns[0] - session.start_ns, shown_ns[1] - session.start_ns
-    signals += [views.whole(e, span_ns) for e in _of(entities, "whole")]
+    signals += [views.whole(_short(e), span_ns) for e in _of(entities, "whole")]
     tonal = [views.fixed(e, e.path, views.linked()) for e in _of(entities, "spectrogram")]
     follow = views.around(AROUND_S, AROUND_S)
     tonal += [views.fixed(e, e.path, follow) for e in _of(entities, "tones")]
@@ -153,6 +155,11 @@ def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
     if session.application == "walker":
         return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
     return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
+
+
+def _short(entity: Entity) -> Entity:
+    """Return an envelope under the title of a tab beside that of the same signal."""
+    return replace(entity, title=entity.title.rpartition(": ")[2])
 
 
 def _is_other(entity: Entity) -> bool:

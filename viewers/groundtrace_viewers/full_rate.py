@@ -32,6 +32,8 @@ SMALL_BYTES = 32e6
 MOST_OF_RAW = 0.25
 #: Everything else takes about this much for a second of a fast channel, and of any recording.
 REST_BYTES, LEAST_REST_BYTES = 1_400.0, 4_000.0
+#: Layout, pages and what is logged once [bytes].
+ONCE_BYTES = 350e3
 #: A sample of a slow stream with its share of filtered signals and magnitudes [bytes].
 SLOW_BYTES = 25.0
 
@@ -161,7 +163,7 @@ def planned(asked: FullRate, session: Session) -> Plan:
     channels = sum(_fast_channels(stream) for stream in session.streams)
     rate = sum(_fast_channels(stream) * stream.rate_hz for stream in session.streams)
     slow = sum(len(s.channels) * s.rate_hz for s in session.streams if s.rate_hz <= FULL_RATE_HZ)
-    rest = duration_s * (LEAST_REST_BYTES + REST_BYTES * channels + SLOW_BYTES * slow)
+    rest = ONCE_BYTES + duration_s * (LEAST_REST_BYTES + REST_BYTES * channels + SLOW_BYTES * slow)
     whole = duration_s * rate * SHOWN_BYTES
     mode = "all" if asked.mode == "misses" and whole <= SMALL_BYTES else asked.mode
     budget = max(SMALL_BYTES, MOST_OF_RAW * RAW_BYTES * duration_s * rate)

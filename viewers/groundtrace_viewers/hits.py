@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 REGIONS = f"{SITE}/regions"
 BORDERS, FILLS, RINGS = f"{REGIONS}/borders", f"{REGIONS}/fills", f"{REGIONS}/rings"
 PAGE = "/signs"
+#: On the page before the first step that has signs.
+NO_STEP = f"No step with {LEAST_PICKS} arrivals so far."
 #: Strokes that fill a region; they overlap, so that no gap is seen between them.
 STROKES, OVERLAP = 24, 1.15
 #: Brightness of the fill as part of the border's.
@@ -108,7 +110,7 @@ class RegionLog:
         self._picking = picking.stage
         self._fills = Strips(timeline, FILLS, -40.0)
         self._rings = Strips(timeline, RINGS, -20.0)
-        self._pages: list[tuple[int, str]] = []
+        self._pages = [(timeline.start_ns, NO_STEP)]
         self._drawn: dict[int, Drawn] = {}
         self._timeline.declare(Entity(PAGE, "page", "Signs"))
         self._log_borders()

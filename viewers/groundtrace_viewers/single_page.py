@@ -24,6 +24,7 @@ def single_page(assets: Mapping[str, bytes]) -> str:
     ----------
     assets
         Contents of :data:`ASSETS`: ``page.json`` is ``{"annotations": "browser"}`` or ``"off"``,
+        with ``"marks"`` those that the page begins with, as items of the exchange format,
         ``moments.json`` as of :class:`~groundtrace_viewers.moments.Moments`, ``layout.rrd`` as of
         :func:`~groundtrace_viewers.layout_file.layout_of`, and the viewer's file.
 

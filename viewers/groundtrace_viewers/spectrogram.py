@@ -86,7 +86,7 @@ def resolution(rate_hz: float, window_s: float, top_hz: float, duration_s: float
         min(duration_s, IN_VIEW_S) / COLUMNS_IN_VIEW, duration_s * BANDS / MAX_POINTS, 0.0125
     )
     fine_s = max(COLUMN_S, duration_s * BANDS / MAX_FINE_POINTS)
-    hop = max(1, round(min(column_s, fine_s) * rate_hz))
+    hop = max(1, round((fine_s if column_s >= 2 * fine_s else column_s) * rate_hz))
     window = max(8, round(window_s * rate_hz))
     transform = 2 * window
     last = min(window + 1, 2 + round(top_hz * transform / rate_hz))

@@ -69,6 +69,11 @@ class Timeline:
         self._entities: dict[str, Entity] = {}
 
     @property
+    def start_ns(self) -> int:
+        """Time that is zero [ns]."""
+        return self._start_ns
+
+    @property
     def entities(self) -> tuple[Entity, ...]:
         """What was declared, in order."""
         return tuple(self._entities.values())

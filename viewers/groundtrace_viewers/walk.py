@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import Bearing, Disturbance, Heading
 
+from .azimuths import AzimuthLog
 from .details import Details
 from .detector import step_like
 from .headings import HeadingLog
@@ -43,6 +44,7 @@ class Walk(Details):
         self._masses: dict[tuple[str, str], MassLog] = {}
         self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
         self._headings = HeadingLog(timeline, session.labels)
+        self._azimuths = AzimuthLog(timeline)
         walker = session.application == "walker"
         self._map = WalkMap(timeline, session) if walker else None
         self._streets = StreetMap(timeline, session) if walker and tiles else None
@@ -92,6 +94,7 @@ class Walk(Details):
         if key in self._masses:
             self._masses[key].candidates(block)
         self._headings.frames(block)
+        self._azimuths.candidates(block)
 
     def track(self, point: TrackPoint) -> None:
         """Take a point of a track."""
@@ -112,6 +115,7 @@ class Walk(Details):
         for curve in self._curves.values():
             curve.flush()
         self._headings.flush()
+        self._azimuths.flush()
         if self._map is not None:
             self._map.flush()
 
@@ -120,6 +124,7 @@ class Walk(Details):
         for curve in self._curves.values():
             curve.close()
         self._headings.close()
+        self._azimuths.flush()
         if self._map is not None:
             self._map.close()
         if self._streets is not None:

@@ -31,7 +31,7 @@ class Page {
     this.player = new Player(moments.duration_s, (seconds) => this.viewer.seek(seconds), () => this.changed());
     this.jumps = new Jumps(moments, (seconds) => this.go(seconds));
     this.strip = new Strip(byId("strip"), moments.duration_s, (seconds) => this.go(seconds));
-    this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments), this);
+    this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments, config.marks ?? []), this);
     this.sample_s = moments.sample_s ?? UNKNOWN_SAMPLE_S;
     this.drawing = false;
     this.keys = new Keys(this.table());

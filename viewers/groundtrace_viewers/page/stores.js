@@ -62,15 +62,22 @@ export class ServerStore {
 
 /** Marks kept in this browser, for pages that nobody serves; a download takes them elsewhere. */
 export class BrowserStore {
-  constructor(moments) {
+  /** @param {object[]} given marks that came with the page */
+  constructor(moments, given) {
     this.moments = moments;
+    this.given = given;
     this.name = `groundtrace:${moments.sha256 || moments.recording}`;
     this.keeps = "browser";
   }
 
+  /** Return what is kept here; what came with the page joins it once, so that deleting it lasts. */
   read() {
     const kept = localStorage.getItem(this.name);
-    return kept ? JSON.parse(kept) : { author: "", marks: [], past: [] };
+    const state = { author: "", marks: [], past: [], seen: [], ...(kept ? JSON.parse(kept) : {}) };
+    const known = new Set([...state.seen, ...state.marks.map((mark) => mark.id)]);
+    const joining = this.given.filter((mark) => !known.has(mark.id));
+    const marks = [...state.marks, ...joining].sort((a, b) => a.time_s - b.time_s);
+    return { ...state, marks, seen: [...state.seen, ...joining.map((mark) => mark.id)] };
   }
 
   write(state) {
@@ -87,7 +94,7 @@ export class BrowserStore {
     const state = this.read();
     const past = [...state.past, state.marks].slice(-50);
     const marks = marks_of(state.marks).sort((a, b) => a.time_s - b.time_s);
-    return { ...this.write({ author, marks, past }), id };
+    return { ...this.write({ ...state, author, marks, past }), id };
   }
 
   async add(mark, author) {
@@ -110,7 +117,7 @@ export class BrowserStore {
   async undo(author) {
     const state = this.read();
     const marks = state.past.at(-1) ?? state.marks;
-    return { ...this.write({ author, marks, past: state.past.slice(0, -1) }), id: null };
+    return { ...this.write({ ...state, author, marks, past: state.past.slice(0, -1) }), id: null };
   }
 
   async layer() {
