@@ -113,6 +113,40 @@ def lower_back(folder: Path, pipeline: str) -> None:
             )
 
 
+def references(folder: Path, pipeline: str) -> None:
+    """What the two references of the same walks say of each other and of the steps found."""
+    print("lower back (mobgap), insoles / optical: F1 at 0.25 s and 0.12 s, latency")
+    told = map_path("mobgap-test11.toml").read_text()
+    for path in sorted(folder.glob("*/*/data.mat")):
+        for test in ("Test11.Trial1", "Test5.Trial1", "Test5.Trial2"):
+            plain = told.replace("Test11.Trial1", test)
+            insoles, optical = (
+                _by(path, plain.replace("INDIP", name)) for name in ("INDIP", "Stereophoto")
+            )
+            found = insoles.steps(pipeline)
+            print(
+                f"  {path.parent.parent.name} {test:13}: {_both(insoles, found)} / "
+                f"{_both(optical, found)}; optical by insoles {_both(insoles, _contacts(optical))}"
+            )
+
+
+def _by(path: Path, text: str) -> Walk:
+    with tempfile.TemporaryDirectory() as place:
+        told = Path(place) / "map.toml"
+        told.write_text(text)
+        return read(path, told)
+
+
+def _contacts(walk: Walk) -> np.ndarray:
+    return np.array([x.time_ns for x in walk.labels if x.kind == "step"], np.int64)
+
+
+def _both(walk: Walk, found: np.ndarray) -> str:
+    ends = (walk.labels, found, walk.start_ns, walk.end_ns)
+    wide, narrow = (score_steps(*ends, tolerance) for tolerance in (0.25, 0.12))
+    return f"{wide.f1:.3f} {narrow.f1:.3f} {wide.latency_ms.median:+.0f} ms"
+
+
 def carried(folder: Path, pipeline: str) -> None:
     """Counts of phones carried in six ways, and F1 against the counted instants."""
     print("phone (oxford-step validation): count, F1 at 0.25 s")
@@ -120,7 +154,7 @@ def carried(folder: Path, pipeline: str) -> None:
     for path in sorted((folder / "validation").glob("*.csv")):
         walk = read(path, map_path("oxford-step-validation.toml"))
         found = walk.steps(pipeline)
-        true = np.array([x.time_ns for x in walk.labels if x.kind == "step"], np.int64)
+        true = _contacts(walk)
         origin = walk.start_ns
         f1 = f1_of((true - origin) / NS_PER_S, (found - origin) / NS_PER_S, 0.25)
         errors.append(abs(len(found) / len(true) - 1))
@@ -176,6 +210,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     lower_back(options.data / "mobgap", options.pipeline)
+    references(options.data / "mobgap", options.pipeline)
     carried(options.data / "oxford-step", options.pipeline)
     optimised(options.data / "oxford-step", options.pipeline)
     on_wrist(options.data / "rieck-stepcounter", options.pipeline)

@@ -59,6 +59,13 @@ def test_every_cadence_is_counted_however_unequal_the_feet(cadence_hz, stride):
     assert abs(len(found) - 20 * cadence_hz) <= 2
 
 
+@pytest.mark.parametrize("placement", ["waist", "wrist"])
+@pytest.mark.parametrize("cadence_hz", [0.9, 1.0, 1.2, 1.3])
+def test_a_slow_walk_is_counted_once_a_step(cadence_hz, placement):
+    found = steps_of(walking(50.0, cadence_hz, duration_s=40.0, stride=0.1), 50.0, placement)
+    assert abs(len(found) - 30 * cadence_hz) <= 2
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_way_the_sensor_is_turned_changes_nothing(seed):
     force = walking(100.0)

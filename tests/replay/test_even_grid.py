@@ -98,13 +98,25 @@ def test_gravity_is_found_under_the_movement_and_up_is_along_it():
     assert not along(np.ones((3, 4)), np.zeros((3, 4))).any()
 
 
-@pytest.mark.parametrize("period_s", [0.4, 0.55, 0.7, 1.1])
-def test_a_rhythm_is_its_period(period_s):
-    t = np.arange(320) / GRID_HZ
-    wave = np.sin(2 * np.pi * t / period_s) + 0.4 * np.sin(4 * np.pi * t / period_s + 1)
-    strength, found_s = repetition(wave, 2)
+def waved(period_s, *harmonics):
+    """Eight seconds of a periodic signal, amplitudes of its harmonics given."""
+    phase = 2 * np.pi * np.arange(320) / GRID_HZ / period_s
+    return sum(a * np.sin(k * phase + k) for k, a in enumerate(harmonics, 1))
+
+
+@pytest.mark.parametrize("step_s", [0.38, 0.43, 0.55, 0.7, 0.8, 0.95, 1.1])
+def test_a_rhythm_is_its_step_however_fast_or_slow(step_s):
+    strength, found_s = repetition(waved(step_s, 1.0, 0.4), 2)
     assert strength > 0.9
-    assert min(abs(found_s - k * period_s) for k in (1, 2)) <= 1 / GRID_HZ
+    assert found_s == pytest.approx(step_s, abs=1 / GRID_HZ)
+
+
+@pytest.mark.parametrize("step_s", [0.38, 0.43, 0.55, 0.6])
+@pytest.mark.parametrize("one_foot", [0.3, 1.0, 1.5])
+def test_a_stride_of_unequal_feet_is_two_steps(step_s, one_foot):
+    strength, found_s = repetition(waved(2 * step_s, one_foot, 1.0), 2)
+    assert strength > 0.9
+    assert found_s == pytest.approx(step_s, abs=1 / GRID_HZ)
 
 
 def test_noise_has_no_rhythm_and_silence_none_at_all():

@@ -60,7 +60,7 @@ class AdaptiveParameters:
         measured("1", "Part of the rise at which a step at the trunk is timed.", gt=0, le=1),
     ] = 0.8
     floor: Annotated[float, measured("m/s2", "Lowest peak kept as a candidate.", ge=0)] = 0.05
-    swing: Annotated[float, gate("m/s2", "Least rise from the valley before.", ge=0)] = 0.3
+    swing: Annotated[float, gate("m/s2", "Least rise from the valley before.", ge=0)] = 0.2
     share: Annotated[float, gate("1", "Least part of the rhythm's usual swing.", ge=0)] = 0.15
     dominance: Annotated[
         float, gate("1", "Least time to a higher peak, in step times.", ge=0, le=1)

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 
     from .rhythm import Scale
 
-#: A longer period is a stride: two steps.
-LONGEST_STEP_S = 0.75
 #: Step times that have a filter of their own; between them, the filtered signals are mixed.
-_NODES_S = np.geomspace(PERIODS_S[0], LONGEST_STEP_S, 5)
+_NODES_S = np.geomspace(*PERIODS_S, 8)
 #: Standard deviations of the band's two Gaussians as parts of the step time: the first takes out
 #: the second peak of a step, the second what is slower than a step.
 _FINE, _COARSE = 0.16, 0.4
@@ -28,11 +26,6 @@ _FINE, _COARSE = 0.16, 0.4
 _TREND_S = 0.4
 #: Low-pass in which a rise is timed: corner [Hz] and half length [s].
 _TIMED_HZ, _TIMED_S = 3.0, 0.5
-
-
-def step_time(period_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the step time that a period stands for [s]: a long one is a stride."""
-    return np.where(period_s > LONGEST_STEP_S, period_s / 2, period_s)
 
 
 class Followed(NamedTuple):
@@ -100,7 +93,7 @@ class StepBand:
         self._filters = _filters()
         self._rhythm = Rhythm(scales, ahead_s)
         self._bands = Kept(len(_NODES_S) + 1)  # one by node, and the one that rises are timed in
-        self._hops = Kept(3)  # strength of the rhythm, period, swing
+        self._hops = Kept(3)  # strength of the rhythm, step time, swing
 
     def __call__(self, up: NDArray[np.float64]) -> Followed:
         """Take the acceleration upward, shape (1, n); return the points known by now."""
@@ -129,7 +122,7 @@ class StepBand:
         at = np.arange(start, end) / HOP
         grid = np.arange(hop, hop + known.shape[1])
         rhythm = np.interp(at, grid, known[0])
-        step_s = np.interp(at, grid, step_time(known[1]))
+        step_s = np.interp(at, grid, known[1])
         self._bands.forget_before(end)
         self._hops.forget_before(end // HOP)
         usual = np.interp(at, grid, known[2])

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .even_grid import GRID_HZ, Kept
+from .rhythm import PERIODS_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,9 +21,9 @@ _VALLEY_STEPS = 1.2
 #: How far a higher peak is looked for, in step times.
 REACH_STEPS = 1.0
 #: Longest look ahead, a reach at the longest step time [points of the grid].
-_AHEAD = 30
+_AHEAD = round(REACH_STEPS * PERIODS_S[1] * GRID_HZ)
 #: Longest look back [points of the grid].
-_BACK = 40
+_BACK = round(_VALLEY_STEPS * PERIODS_S[1] * GRID_HZ) + 1
 #: A rise is looked for this long before and after the peak of the band [s], its valley within
 #: this part of a step.
 _RISE_NEAR_S, _RISE_STEPS = 0.1, 0.6

@@ -30,12 +30,16 @@ PERIODS_S = (0.36, 1.3)
 _FITS = 0.6
 #: Amplitudes are clipped at this multiple of their median.
 _CLIP = 1.5
+#: What part of a period must correlate by, as a part of what the period does, to be its step:
+#: more than this at a third; at a half more than minus this, because nearly always a long period is
+#: a stride, however much more one foot or one arm swings.
+_PART = 0.5
 #: Shortest run in which a rhythm can be told [s].
 _SHORTEST_S = 2.6
 #: Peak to peak of a sinusoid as a multiple of the median of its absolute values.
 _SWING = 2.0 * np.sqrt(2.0)
-#: Period where there is no rhythm at all [s].
-USUAL_PERIOD_S = 0.55
+#: Step time where there is no rhythm at all [s].
+USUAL_STEP_S = 0.55
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,21 +81,39 @@ def autocorrelation(window: NDArray[np.float64], lags: int) -> NDArray[np.float6
 
 
 def repetition(window: NDArray[np.float64], repeats: int) -> tuple[float, float]:
-    """Return how strongly a window repeats itself (at most 1), and its period [s].
+    """Return how strongly a window repeats itself (at most 1), and its step time [s].
 
-    -1 and the usual period where no period stands out.
+    -1 and the usual step time where no period stands out.
     """
     longest_s = min(PERIODS_S[1], _FITS * len(window) / GRID_HZ / repeats)
     periods = np.arange(int(PERIODS_S[0] * GRID_HZ), int(longest_s * GRID_HZ) + 1)
     if len(periods) < 3:
-        return -1.0, USUAL_PERIOD_S
+        return -1.0, USUAL_STEP_S
     correlation = autocorrelation(window, repeats * int(periods[-1]))
     comb = np.mean([correlation[k * periods] for k in range(1, repeats + 1)], axis=0)
     peaks = np.flatnonzero((comb[1:-1] > comb[:-2]) & (comb[1:-1] >= comb[2:])) + 1
     if not len(peaks):
-        return -1.0, USUAL_PERIOD_S
+        return -1.0, USUAL_STEP_S
     best = peaks[np.argmax(comb[peaks])]
-    return float(comb[best]), float(periods[best]) / GRID_HZ
+    return float(comb[best]), _step_s(correlation, int(periods[best]), float(comb[best]))
+
+
+def _step_s(correlation: NDArray[np.float64], period: int, strength: float) -> float:
+    """Return the step time that a period of so many points stands for [s].
+
+    The correlations at a step and at a stride tell the two apart (Moe-Nilssen and Helbostad, J.
+    Biomechanics 37, 2004): at half a period, the even harmonics count positive and the odd ones
+    negative. Of a stride, two steps, the even ones are strong; a step of one who walks slowly has
+    little but its first. Three steps of a fast walker fit in a long period, too.
+    """
+    at = np.arange(len(correlation))
+    half, third = np.interp([period / 2, period / 3], at, correlation)
+    steps = 1
+    if period >= 3 * PERIODS_S[0] * GRID_HZ and third > _PART * strength:
+        steps = 3
+    elif period >= 2 * PERIODS_S[0] * GRID_HZ and half > -_PART * strength:
+        steps = 2
+    return period / steps / GRID_HZ
 
 
 class Rhythm:
@@ -104,7 +126,7 @@ class Rhythm:
     Parameters
     ----------
     scales
-        The first also gives the period.
+        The first also gives the step time.
     ahead_s
         How far ahead of a time its windows may reach [s], the first ones of a run excepted.
     """
@@ -117,7 +139,7 @@ class Rhythm:
         self._next = 0
 
     def __call__(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take values of the grid, shape (1, n); return strength, period [s] and swing, by hop."""
+        """Take values of the grid, shape (1, n); return strength, step time and swing by hop."""
         self._signal.add(signal)
         for scale, found in zip(self.scales, self._found, strict=True):
             count = (self._signal.end - scale.points) // HOP + 1
@@ -137,10 +159,10 @@ class Rhythm:
 
     def _window(self, start: int, scale: Scale) -> NDArray[np.float64]:
         window = self._signal.between(start, start + scale.points)[0]
-        strength, period_s = repetition(window, scale.repeats)
+        strength, step_s = repetition(window, scale.repeats)
         longer = len(window) / GRID_HZ / self.scales[0].window_s
         swing = _SWING * np.median(np.abs(window))
-        return np.array([[strength * np.sqrt(longer)], [period_s], [swing]])
+        return np.array([[strength * np.sqrt(longer)], [step_s], [swing]])
 
     def _last(self, hop: int, scale: Scale) -> int:
         """Return the last window that counts at a hop."""
@@ -162,14 +184,14 @@ class Rhythm:
         return values
 
     def _at(self, hop: int) -> tuple[float, float, float]:
-        strongest, period_s, swing = 0.0, USUAL_PERIOD_S, 0.0
+        strongest, step_s, swing = 0.0, USUAL_STEP_S, 0.0
         for index, (scale, found) in enumerate(zip(self.scales, self._found, strict=True)):
             last = min(self._last(hop, scale), found.end - 1)
             windows = found.between(min(hop - 1 - scale.points // HOP, last), last + 1)
             if windows.shape[1]:
                 best = int(np.argmax(windows[0]))
-                strength, its_period_s, its_swing = windows[:, best].tolist()
-                period_s = its_period_s if index == 0 else period_s
+                strength, its_step_s, its_swing = windows[:, best].tolist()
+                step_s = its_step_s if index == 0 else step_s
                 if strength > strongest:
                     strongest, swing = strength, its_swing
-        return strongest, period_s, swing
+        return strongest, step_s, swing
