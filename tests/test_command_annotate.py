@@ -102,7 +102,15 @@ def test_serving_gives_the_page_the_recording_and_its_results(
     results = rec.with_name("rec.results.mcap")
     results.touch()
     done(capsys, "annotate", rec, "--serve")
-    assert calls == [(rec, None, "bea", 99, False), (rec, results, "annotator", 0, True)]
+    done(capsys, "annotate", rec, "--serve", "--pipeline", "waist-peaks")
+    assert calls == [
+        (rec, None, "", "bea", 99, False),
+        (rec, results, "", "annotator", 0, True),
+        (rec, None, "waist-peaks", "annotator", 0, True),
+    ]
+    both = ("--serve", "--pipeline", "heading", "--results", results)
+    found = run(capsys, "annotate", rec, *both).error
+    assert "--pipeline: expected it or --results, found both" in found
 
 
 def test_the_json_is_as_its_schema_says_and_can_be_merged(

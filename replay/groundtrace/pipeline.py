@@ -41,6 +41,8 @@ STAGE_GROUPS = (
     "navigators",
     "reckoners",
     "headings",
+    "vehicles",
+    "ratios",
 )
 
 
@@ -82,7 +84,7 @@ class PipelineConfig:
     application
         Kind of recording, one of :data:`APPLICATIONS`; chooses the viewer's layout.
     stage
-        In order.
+        In order. None at all must be said, as ``stage = []``: it shows the signals alone.
     """
 
     name: str
@@ -134,7 +136,7 @@ def parse_pipeline(text: bytes, place: str) -> PipelineConfig:
         )
     keys = [stage.key for stage in config.stage]
     twice = next((key for key in keys if keys.count(key) > 1), None)
-    if not keys or twice:
+    if twice or "stage" not in table:
         expected = "stages of different names" if twice else "at least one [[stage]]"
         raise PipelineError(f"{place}: stage: expected {expected}, found {twice or 'none'}")
     return config
@@ -235,6 +237,7 @@ def build_pipeline(
     stages: list[Stage] = []
     before = Before()
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
+    lines += [] if config.stage else ["stage = []"]
     for stage in config.stage:
         group, kind = find(STAGE_GROUPS, stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)

@@ -46,6 +46,13 @@ def test_a_pipeline_is_read():
     assert [stage.key for stage in config.stage] == ["picks", "coincidence"]
 
 
+def test_a_pipeline_without_stages_must_say_so_and_its_recipe_is_read_again() -> None:
+    config = parse_pipeline(b'name = "signals"\nstage = []', "mine.toml")
+    pipeline = build_pipeline(config)
+    assert pipeline.stages == ()
+    assert parse_pipeline(pipeline.recipe().encode(), "recipe") == config
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -40,7 +40,7 @@ def moments(*more: object) -> Moments:
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Results:
     folder = tmp_path_factory.mktemp("walked")
-    return replayed(write_walk(folder / "walk.mcap"), None, folder)[1]
+    return replayed(write_walk(folder / "walk.mcap"), None, "", folder)[1]
 
 
 def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:
@@ -109,11 +109,11 @@ def test_results_choose_the_pipeline_and_those_of_another_recording_are_refused(
     recording = write_walk(tmp_path / "walk.mcap")
     for name in ("first", "again"):
         (tmp_path / name).mkdir()
-    _, first = replayed(recording, None, tmp_path / "first")
+    _, first = replayed(recording, None, "", tmp_path / "first")
     results = tmp_path / "first" / "results.mcap"
-    _, again = replayed(recording, results, tmp_path / "again")
+    _, again = replayed(recording, results, "", tmp_path / "again")
     assert again.provenance.pipeline == first.provenance.pipeline
     other = tmp_path / "other.mcap"
     write(simulate_walk(WalkOptions(seed=4, duration_s=2.0)), other)
     with pytest.raises(ViewerError, match=r"expected results of other\.mcap as it is, found"):
-        replayed(other, results, tmp_path)
+        replayed(other, results, "", tmp_path)

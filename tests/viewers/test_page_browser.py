@@ -141,7 +141,7 @@ def test_a_page_of_one_file_keeps_marks_itself_and_gives_them_away(
     page: Page, tmp_path: Path
 ) -> None:
     recording = write_walk(tmp_path / "walk.mcap")
-    rrd, results = replayed(recording, None, tmp_path)
+    rrd, results = replayed(recording, None, "", tmp_path)
     with Recording.open(recording) as opened:
         moments = moments_of_results(results, opened.streams)
     assets = {

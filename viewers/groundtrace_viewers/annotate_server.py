@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
+from groundtrace.commands.fitting import SIGNALS, fitting_pipeline
 from groundtrace.commands.output import say
 from groundtrace.commands.replaying import replay
 from groundtrace.pipeline import parse_pipeline
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 
 
 def serve(
-    recording: Path, results: Path | None, author: str, port: int, open_browser: bool
+    recording: Path,
+    results: Path | None,
+    pipeline: str,
+    author: str,
+    port: int,
+    open_browser: bool,
 ) -> None:
     """Serve the page that annotates a recording, until Ctrl-C.
 
@@ -42,7 +48,10 @@ def serve(
     recording
         The recording; its annotations are kept beside it.
     results
-        Results whose pipeline is shown; None takes the pipeline that fits the recording.
+        Results whose pipeline is shown, or None.
+    pipeline
+        What is shown without results: a pipeline's name or file; empty takes the one that fits the
+        recording, or the signals alone where none does.
     author
         Who annotates, unless the page says otherwise.
     port
@@ -61,7 +70,7 @@ def serve(
         Annotations.open(recording, author) as store,
     ):
         drawn = store.items
-        rrd, shown = replayed(recording, results, Path(folder))
+        rrd, shown = replayed(recording, results, pipeline, Path(folder))
         with Recording.open(recording) as opened:
             moments = moments_of_results(shown, opened.streams)
         token, listening = secrets.token_urlsafe(24), listen(port)
@@ -78,18 +87,20 @@ def serve(
             )
 
 
-def replayed(recording: Path, results: Path | None, folder: Path) -> tuple[Path, Results]:
+def replayed(
+    recording: Path, results: Path | None, pipeline: str, folder: Path
+) -> tuple[Path, Results]:
     """Replay a recording into a folder: return the viewer's file, and the results.
 
     Parameters
     ----------
-    recording, results
+    recording, results, pipeline
         As :func:`serve`.
     folder
         Where to.
     """
     rrd, fresh = folder / "replay.rrd", folder / "results.mcap"
-    pipeline, geometry = "", None
+    geometry = None
     if results is not None:
         earlier = read_results(results)
         _check(earlier, recording)
@@ -98,6 +109,9 @@ def replayed(recording: Path, results: Path | None, folder: Path) -> tuple[Path,
         if earlier.geometry is not None:
             geometry = folder / "geometry.toml"
             geometry.write_text(earlier.geometry.to_toml(), "utf-8")
+    elif not pipeline:
+        with Recording.open(recording) as opened:
+            pipeline = fitting_pipeline(opened) or SIGNALS
     with redirect_stdout(io.StringIO()):  # it would name files that nobody is to see
         replay(recording, pipeline=pipeline, geometry=geometry, rrd=rrd, out=fresh)
     return rrd, read_results(fresh)

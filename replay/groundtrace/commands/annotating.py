@@ -80,6 +80,7 @@ def annotate(
     force: Annotated[bool, FLAG] = False,
     serve: Annotated[bool, FLAG] = False,
     results: Path | None = None,
+    pipeline: str = "",
     port: Annotated[int, Parameter(validator=validators.Number(gte=0, lt=65536))] = 0,
     no_browser: Annotated[bool, FLAG] = False,
     json: Annotated[bool, FLAG] = False,
@@ -129,6 +130,9 @@ def annotate(
         Annotate on a page in the browser, with the replay.
     results
         What is shown on the page, as groundtrace replay wrote it.
+    pipeline
+        What is shown without --results: a pipeline's name or TOML file. Without either, the one
+        that fits the recording, or the signals alone.
     port
         Of the page; 0 chooses a free one.
     no_browser
@@ -140,6 +144,8 @@ def annotate(
     if commit != (out is not None):
         found = "--commit alone" if commit else "--out alone"
         raise AnnotationError(f"--commit: expected it together with --out FILE, found {found}")
+    if pipeline and results is not None:
+        raise AnnotationError("--pipeline: expected it or --results, found both")
     if out is not None:
         writable(out, force=force, sources=[path])
     words = _Words(label, channel, note)
@@ -154,7 +160,8 @@ def annotate(
     else:
         _report(done, asked, listed=list_, conflicts=conflicts, other=serve or commit)
     if serving is not None:
-        serving(path, _results(path, results), named(author), port, not no_browser)
+        shown = None if pipeline else _results(path, results)
+        serving(path, shown, pipeline, named(author), port, not no_browser)
 
 
 def _check_words(asked: _Asked) -> None:

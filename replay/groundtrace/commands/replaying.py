@@ -12,7 +12,7 @@ from cyclopts import Parameter, validators
 
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+from groundtrace_codecs.signals import NS_PER_S
 
 from ..clock import Clock
 from ..engine import Tally
@@ -30,6 +30,7 @@ from ..results import (
 from ..sinks import Session, Sink
 from ..source import BLOCK_S, Source
 from .at_miss import Around, missed_step
+from .fitting import default_pipeline
 from .output import existing, progress, say, writable
 from .replay_report import report
 from .showing import where_to_show
@@ -162,22 +163,8 @@ def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
 
 
 def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
-    config = load_pipeline(name or _default_pipeline(recording))
+    config = load_pipeline(name or default_pipeline(recording))
     return build_pipeline(with_settings(config, settings), recording.geometry, recording.labels)
-
-
-def _default_pipeline(recording: Recording) -> str:
-    """Choose by what the recording holds, or ask."""
-    seismic = sum(len(s.columns_of(SEISMIC_QUANTITIES)) for s in recording.streams)
-    if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
-        return "room-footsteps"
-    if any(s.columns_of({"acceleration"}) for s in recording.streams):
-        return "waist-steps"
-    topics = ", ".join(s.topic for s in recording.streams) or "no signals"
-    raise RecordingError(
-        f"{recording.name}: expected --pipeline NAME (groundtrace pipelines lists them), since a "
-        f"recording with {topics} tells no pipeline by itself"
-    )
 
 
 def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
