@@ -10,16 +10,18 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
 from groundtrace.score.closure import score_closure
 from groundtrace.score.places import true_places
 from groundtrace.score.waypoints import score_waypoints
-from groundtrace.simulate import WalkOptions, simulate_walk, write
+from groundtrace.simulate import Simulation, WalkOptions, simulate_walk, write
 from groundtrace.source import Source
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.importers.run import import_recording
@@ -28,6 +30,8 @@ from groundtrace_codecs.recording import Recording
 PIPELINES = ("pedestrian", "pedestrian-aligned", "pedestrian-compass")
 STAGES = ("track", "track.smoothed")
 LOOP_M = 260.0
+#: Seed of the loop whose sensor is turned about the vertical, and by how much.
+TURNED_SEED, TURNED_DEG = 2, (90.0, 180.0, -130.0)
 
 
 class Points:
@@ -92,6 +96,38 @@ def loops(seeds: range) -> None:
                 print(f"  seed {seed}: {', '.join(told)}")
 
 
+def turned(simulation: Simulation, angle_deg: float) -> Simulation:
+    """Return the same walk with the sensor turned about its upper axis, counter-clockwise."""
+    mount = Rotation.from_euler("Z", angle_deg, degrees=True).inv()
+    sources = []
+    for stream, form, blocks in simulation.sources:
+        axes = range(0, len(stream.channels) if stream.channels[0].axis else 0, 3)
+        moved = [
+            replace(b, samples=np.hstack([mount.apply(b.values[:, k : k + 3]) for k in axes]))
+            if axes
+            else b
+            for b in blocks
+        ]
+        sources.append((stream, form, moved))
+    return replace(simulation, sources=sources)
+
+
+def turned_loops() -> None:
+    """End errors of one of the loops, the sensor turned further."""
+    print(f"waist, seed {TURNED_SEED}, sensor turned further: end off, part of the way")
+    for angle_deg in TURNED_DEG:
+        with tempfile.TemporaryDirectory() as place:
+            out = Path(place) / "loop.mcap"
+            walk = simulate_walk(WalkOptions(path="epfl", seed=TURNED_SEED))
+            write(turned(walk, angle_deg), out)
+            with Recording.open(out) as opened:
+                points = tracks(opened, "pedestrian")["track"]
+                closure = score_closure(true_places(opened.labels), points)
+            if closure is not None:
+                off = abs(closure.apart_m - closure.true_apart_m)
+                print(f"  {angle_deg:g} degrees: {off:.2f} m {100 * off / LOOP_M:.2f} %")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -102,6 +138,7 @@ def main() -> None:
     options = parser.parse_args()
     indoors(options.data / "indoor-location-20")
     loops(range(1, options.seeds + 1))
+    turned_loops()
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from groundtrace.reckoning.filter import OFFSET, PLACE, SCALE, ReckoningFilter, ReckoningNoise
-from groundtrace.reckoning.track import Sight, Track
+from groundtrace.reckoning.track import Sight, Stride, Track
 from groundtrace_codecs.signals import NS_PER_S
 
 NOISE = ReckoningNoise(drift=0.002, mount=0.1, length=0.15, scale=0.1, way=0.1)
@@ -32,7 +32,7 @@ def at(step: int) -> int:
 
 def walk(along: Track, count: int, sight: Sight | None = None, first: int = 1) -> None:
     for k in range(first, first + count):
-        along.step(at(k), 0.7, 0.0, sight, 0.0)
+        along.step(Stride(at(k), 0.7, 0.0, sight, 0.0), 0.0, settled=True)
 
 
 def test_steps_go_their_length_along_their_azimuth() -> None:
@@ -135,7 +135,11 @@ def test_sights_that_err_alike_count_as_one() -> None:
 def test_sights_find_the_drift_of_the_gyroscope() -> None:
     along = track(walker())
     for k in range(1, 400):
-        along.step(at(k), 0.7, 0.002 * at(k) / NS_PER_S, Sight(-0.002 * k / 2, 0.05, 2.0), 0.0)
+        along.step(
+            Stride(at(k), 0.7, 0.002 * at(k) / NS_PER_S, Sight(-0.002 * k / 2, 0.05, 2.0), 0.0),
+            0.0,
+            settled=True,
+        )
     assert along.filter.state[OFFSET + 1] == pytest.approx(-0.002, rel=0.2)
 
 
@@ -152,7 +156,7 @@ def test_smoothing_in_pieces_says_every_moment_once() -> None:
     along = track(walker(), smooth_s=5.0)
     said = along.begin()
     for k in range(1, 61):
-        said += along.step(at(k), 0.7, 0.0, None, 0.0)
+        said += along.step(Stride(at(k), 0.7, 0.0, None, 0.0), 0.0, settled=True)
     said += along.finish()
     smoothed = [p.time_ns for p in said if p.stage == "track.smoothed"]
     assert smoothed == [at(k) for k in range(61)]

@@ -50,7 +50,9 @@ def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> Motion:
     wave = 2 * math.pi / step_s
     up = -0.5 * rise_m * wave**2 * np.cos(wave * time_s)
     times = np.rint(time_s * NS_PER_S).astype(np.int64)
-    return Motion(times, np.zeros(n), up, np.full((n, 3), np.nan), np.zeros(n))
+    acceleration = np.stack([0 * up, 0 * up, up], axis=1)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    return Motion(times, still, acceleration, np.full((n, 3), np.nan), np.zeros(n))
 
 
 def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from typed_walks import accelerations
 
 from groundtrace.conformance import rechunked
+from groundtrace.heading.walking_axis import WalkingAxis, step_swing
 from groundtrace.steptypes.axes import BodyAxes, axis_vector
-from groundtrace.steptypes.heading_axis import HeadingAxis, step_swing
 
 G = 9.80665
 
@@ -88,7 +88,7 @@ def test_the_mounting_is_the_principal_axis_of_what_goes_with_every_step(
     phase = np.arange(-80, 51) / 32
     angle = np.radians(mounted_deg)
     rng = np.random.default_rng(4)
-    axis = HeadingAxis()
+    axis = WalkingAxis()
     for _ in range(20):
         ahead = np.cos(2 * np.pi * (phase + lead)) + 0.1 * rng.normal(size=len(phase))
         sway = 1.5 * np.sin(np.pi * phase + rng.choice([0.0, np.pi]))  # every second step
@@ -110,7 +110,7 @@ def test_the_mounting_is_the_principal_axis_of_what_goes_with_every_step(
 def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:
     phase = np.arange(-80, 51) / 32
     up = np.cos(2 * np.pi * phase)
-    axis = HeadingAxis()
+    axis = WalkingAxis()
     swing = step_swing(np.stack([0.1 * up, 3.0 * up, up]), phase)
     assert swing is not None
     axis.add(swing)
@@ -129,13 +129,13 @@ def swing_of(direction_deg: float, lead: float = 0.25, size: float = 0.5) -> np.
     return swing
 
 
-def apart_deg(axis: HeadingAxis, direction_deg: float) -> float:
+def apart_deg(axis: WalkingAxis, direction_deg: float) -> float:
     return abs((np.degrees(axis.angle_rad) - direction_deg + 180) % 360 - 180)
 
 
 @pytest.mark.parametrize("direction_deg", [-170.0, -60.0, 0.0, 35.0, 90.0, 120.0, 180.0])
 def test_without_a_nominal_direction_four_steps_tell_axis_and_sign(direction_deg: float) -> None:
-    axis = HeadingAxis(nominal=False)
+    axis = WalkingAxis(nominal=False)
     for _ in range(4):
         axis.add(swing_of(direction_deg, 0.2))
     assert apart_deg(axis, direction_deg) < 25.0
@@ -145,7 +145,7 @@ def test_without_a_nominal_direction_four_steps_tell_axis_and_sign(direction_deg
 
 
 def test_some_dozens_of_steps_back_do_not_turn_the_sign_and_a_whole_walk_back_does() -> None:
-    axis = HeadingAxis(nominal=False)
+    axis = WalkingAxis(nominal=False)
     for lead, count, direction_deg in ((0.25, 60, 90.0), (-0.25, 30, 90.0), (-0.25, 200, -90.0)):
         for _ in range(count):
             axis.add(swing_of(90.0, lead))
@@ -153,7 +153,7 @@ def test_some_dozens_of_steps_back_do_not_turn_the_sign_and_a_whole_walk_back_do
 
 
 def test_with_a_nominal_direction_a_whole_walk_back_stays_one() -> None:
-    axis = HeadingAxis()
+    axis = WalkingAxis()
     for _ in range(200):
         axis.add(swing_of(10.0, -0.25))
     assert apart_deg(axis, 10.0) < 2.0
@@ -163,7 +163,7 @@ def test_with_a_nominal_direction_a_whole_walk_back_stays_one() -> None:
 def test_steps_to_the_side_do_not_turn_the_axis_of_the_walk(first: str) -> None:
     # their swing goes with the acceleration upward, not against the velocity
     aside, ahead = [swing_of(90.0, 0.03, 1.5)] * 12, [swing_of(0.0)] * 6
-    axis = HeadingAxis(nominal=False)
+    axis = WalkingAxis(nominal=False)
     for swing in [*aside, *ahead] if first == "aside" else [*ahead, *aside]:
         axis.add(swing)
     assert apart_deg(axis, 0.0) < 20.0

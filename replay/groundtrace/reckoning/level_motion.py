@@ -1,4 +1,4 @@
-"""What a worn sensor felt, in axes that stay level and do not turn: heading, rise, field.
+"""What a worn sensor felt, in axes that stay level and do not turn: acceleration and field.
 
 The orientation is that of :mod:`groundtrace.heading` without its compass: level, turned about the
 vertical by an unknown angle, and drifting slowly. What the field says is taken in elsewhere, where
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from ..heading.api import HeadingFrame
     from ..heading.inertial_frames import Samples
-    from .parameters import Axis
 
     Array = NDArray[np.float64]
 
@@ -58,10 +57,10 @@ class Motion:
     ----------
     time_ns
         Shape (n,), int64.
-    heading_rad
-        Of the sensor's axis, counter-clockwise, without jumps, shape (n,) [rad].
-    up
-        Acceleration upward, without gravity, shape (n,) [m/s2].
+    orientation
+        Quaternions that turn the sensor's axes into the level ones, shape (n, 4).
+    acceleration
+        Without gravity, in level axes, shape (n, 3) [m/s2].
     field
         Magnetic field, shape (n, 3) [T]; NaN where there is none.
     rested_s
@@ -69,8 +68,8 @@ class Motion:
     """
 
     time_ns: NDArray[np.int64]
-    heading_rad: Array
-    up: Array
+    orientation: Array
+    acceleration: Array
     field: Array
     rested_s: Array
 
@@ -84,8 +83,8 @@ class Motion:
         rows = slice(first, max(last, first + 1))
         return Motion(
             self.time_ns[rows],
-            self.heading_rad[rows],
-            self.up[rows],
+            self.orientation[rows],
+            self.acceleration[rows],
             self.field[rows],
             self.rested_s[rows],
         )
@@ -97,20 +96,18 @@ class LevelMotion:
 
     Attributes
     ----------
-    axis, rate_hz
-        The sensor's axis that looks ahead, and its sampling rate [Hz].
+    rate_hz
+        Its sampling rate [Hz].
     """
 
-    axis: Axis
     rate_hz: float
     _estimator: HeadingEstimator = field(init=False)
     _waiting: list[Samples] = field(default_factory=list)
     _parts: list[Motion] = field(default_factory=list)
-    _heading: float | None = None
     _rested_s: float = 0.0
 
     def __post_init__(self) -> None:
-        self._estimator = HeadingEstimator(HeadingParameters(axis=self.axis), self.rate_hz)
+        self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
         self._estimator.attitude = FreeAttitude(AttitudeNoise(bias_start=BIAS))
 
     @property
@@ -148,14 +145,12 @@ class LevelMotion:
 
     def _levelled(self, samples: Samples, frame: HeadingFrame) -> Motion:
         """Return the samples of a frame in level axes."""
-        last = frame.heading_rad[0] if self._heading is None else self._heading
-        heading = np.unwrap(np.concatenate([[last], frame.heading_rad]))[1:]
-        self._heading = float(heading[-1])
         each_s = float(frame.resting) / self.rate_hz
         rested: Array = self._rested_s + each_s * np.arange(1.0, len(samples) + 1)
         self._rested_s = float(rested[-1])
         force, field_ = (turned(frame.orientation, x) for x in (samples.force, samples.field))
-        return Motion(samples.time_ns, heading, force[:, 2] - GRAVITY_MPS2, field_, rested)
+        force[:, 2] -= GRAVITY_MPS2
+        return Motion(samples.time_ns, frame.orientation, force, field_, rested)
 
     def _forget(self) -> None:
         """Forget what is older than any step to come."""
@@ -169,7 +164,5 @@ def _without_field(samples: Samples) -> Samples:
 
 
 def _joined(parts: Sequence[Motion]) -> Motion:
-    columns = zip(
-        *((p.time_ns, p.heading_rad, p.up, p.field, p.rested_s) for p in parts), strict=True
-    )
-    return Motion(*(np.concatenate(column) for column in columns))
+    columns = [(p.time_ns, p.orientation, p.acceleration, p.field, p.rested_s) for p in parts]
+    return Motion(*(np.concatenate(column) for column in zip(*columns, strict=True)))

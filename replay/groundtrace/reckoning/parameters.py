@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 from ..parameters import gate, measured
 
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Updates = Literal["none", "gnss", "first-two", "waypoints"]
 
 
@@ -16,8 +15,12 @@ class ReckoningParameters:
     """Parameters of :class:`groundtrace.reckoning.reckoner.DeadReckoner`."""
 
     axis: Annotated[
-        Literal["", "x", "y", "z", "-x", "-y", "-z"],
-        measured("", "Sensor axis that looks ahead; empty: y of a phone, x elsewhere."),
+        Literal["", "walk", "x", "y", "z", "-x", "-y", "-z"],
+        measured(
+            "",
+            "Sensor axis that looks ahead, or walk: the walk tells; "
+            "empty: y of a phone, x of foot and wrist, walk elsewhere.",
+        ),
     ] = ""
     azimuth: Annotated[
         Literal["fused", "compass", "gyroscope"],

@@ -61,11 +61,30 @@ class TangentPlane:
         if self.origin is None:
             self.origin = (latitude, longitude)
         start, meridian = self.origin
-        bent = 1 - ECCENTRICITY * math.sin(start) ** 2
-        north = EQUATOR_M * (1 - ECCENTRICITY) / bent**1.5 * (latitude - start)
+        across, along = _radii(start)
         turned = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
-        east = EQUATOR_M / math.sqrt(bent) * math.cos(start) * turned
-        return self.at[0] + east, self.at[1] + north
+        return self.at[0] + across * turned, self.at[1] + along * (latitude - start)
+
+    def position(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return latitude and longitude of a place on the map [rad]; the first fix comes before.
+
+        Raises
+        ------
+        ValueError
+            Before the first fix.
+        """
+        if self.origin is None:
+            raise ValueError("plane: expected a first fix, found none")
+        start, meridian = self.origin
+        across, along = _radii(start)
+        return start + (y_m - self.at[1]) / along, meridian + (x_m - self.at[0]) / across
+
+
+def _radii(latitude: float) -> tuple[float, float]:
+    """Return metres per radian to the east and to the north at a latitude [rad]."""
+    bent = 1 - ECCENTRICITY * math.sin(latitude) ** 2
+    east = EQUATOR_M / math.sqrt(bent) * math.cos(latitude)
+    return east, EQUATOR_M * (1 - ECCENTRICITY) / bent**1.5
 
 
 def satellite_columns(stream: Stream) -> tuple[int, int] | None:

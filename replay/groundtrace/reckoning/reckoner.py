@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.events import Heading, Quantity
+from groundtrace_codecs.events import Heading, Note, Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Candidates, Level
 from ..heading.rotations import wrapped
+from .facing import Facing
 from .filter import ReckoningFilter, ReckoningNoise
 from .north import North
 from .parameters import ReckoningParameters
 from .step_lengths import shape_of, step_length
-from .track import Track
+from .track import Stride, Track
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from ..detector import Emits
     from .level_motion import LevelMotion
     from .places import KnownPlace
-    from .track import Sight
 
 #: Time of a step that follows none [s].
 USUAL_STEP_S = 0.55
@@ -43,14 +43,10 @@ ANYHOW = 0.9
 
 @dataclass(frozen=True, slots=True)
 class _Measured:
-    """A step as measured: when, how long it took and is, where it goes."""
+    """A step as measured: where it goes, and how long it took."""
 
-    time_ns: int
+    stride: Stride
     interval_s: float
-    length_m: float
-    heading_rad: float
-    sight: Sight | None
-    rested_s: float
 
 
 class DeadReckoner:
@@ -73,6 +69,7 @@ class DeadReckoner:
         Quantity("azimuth", "deg"),
         Quantity("off", "uT"),
         Quantity("height", "m"),
+        Quantity("mounting", "deg"),
     )
     gates = (
         Level("cadence", "Hz", "cadence_hz", at_least=False),
@@ -85,6 +82,7 @@ class DeadReckoner:
         self.number = 0
         self.origin = (0.0, 0.0)
         self._north = North(parameters)
+        self._facing = Facing(parameters.axis or "walk")
         self._track: Track | None = None
         self._places: list[KnownPlace] = []
         self._measured: _Measured | None = None
@@ -109,36 +107,45 @@ class DeadReckoner:
         shape = shape_of(sensor.between(start_ns - MARGIN_NS, step.time_ns + MARGIN_NS), MARGIN_NS)
         length_m = step_length(shape, step.type, p)
         motion = sensor.between(start_ns, step.time_ns)
-        heading = float(motion.heading_rad.mean()) + ASIDE.get(step.type, 0.0)
+        self._facing.watch(step, interval_s, sensor)
+        heading = self._facing.heading(motion) + ASIDE.get(step.type, 0.0)
         sight, off = self._north.sight(motion, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
-        rested_s = float(motion.rested_s[-1])
-        self._measured = _Measured(step.time_ns, interval_s, length_m, heading, sight, rested_s)
-        azimuth = math.degrees(wrapped(self._azimuth(self._measured)))
-        speed = length_m / interval_s
-        row = [1 / interval_s, speed, length_m, shape.swing, shape.rise_m, azimuth]
+        stride = Stride(step.time_ns, length_m, heading, sight, float(motion.rested_s[-1]))
+        self._measured = _Measured(stride, interval_s)
+        turn = self._facing.turn_rad
+        azimuth = math.degrees(wrapped(self._azimuth(stride, turn)))
+        row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
+        row += [off * 1e6, height_m, math.degrees(turn)]
         return Candidates(
             np.array([step.time_ns], np.int64),
             np.zeros(1, np.int32),
-            np.array([[*row, off * 1e6, height_m]], np.float32),
+            np.array([row], np.float32),
         )
 
-    def follow(self, accepted: bool) -> list[TrackPoint | Heading]:
+    def follow(self, accepted: bool) -> list[TrackPoint | Heading | Note]:
         """Take the verdict on the step just measured; return what is known."""
         step, self._measured = self._measured, None
         if step is None or not accepted:
             return []
-        said: list[TrackPoint | Heading] = []
+        stride = step.stride
+        said: list[TrackPoint | Heading | Note] = []
         if self._track is None:
-            said += self._begin(step.time_ns - round(step.interval_s * NS_PER_S))
+            said += self._begin(stride.time_ns - round(step.interval_s * NS_PER_S))
         track = self._track
         assert track is not None  # begun by now
-        said += self._take_places(track, step.time_ns)
-        rested_s = step.rested_s - self._rested_s
-        self._last_ns, self._rested_s = step.time_ns, step.rested_s
-        said += track.step(step.time_ns, step.length_m, step.heading_rad, step.sight, rested_s)
-        azimuth = wrapped(track.filter.azimuth(step.heading_rad))
-        return [*said, Heading(step.time_ns, azimuth, track.filter.azimuth_sigma_rad, self.stage)]
+        said += self._take_places(track, stride.time_ns)
+        rested_s = stride.rested_s - self._rested_s
+        self._last_ns, self._rested_s = stride.time_ns, stride.rested_s
+        stride = replace(stride, rested_s=rested_s)
+        facing = self._facing
+        said += track.step(stride, facing.turn_rad, settled=facing.settled)
+        azimuth = wrapped(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
+        sigma = track.filter.azimuth_sigma_rad
+        said.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
+        if facing.news:
+            said.append(Note(stride.time_ns, facing.news, source=self.stage))
+        return said
 
     def finish(self) -> list[TrackPoint]:
         """End the track; return what is still to say of it."""
@@ -157,10 +164,11 @@ class DeadReckoner:
         apart_s = max(time_ns - self._last_ns, 1) / NS_PER_S
         return apart_s if apart_s <= self.parameters.pause_s else USUAL_STEP_S
 
-    def _azimuth(self, step: _Measured) -> float:
+    def _azimuth(self, stride: Stride, turn_rad: float) -> float:
+        heading = stride.heading_rad + turn_rad
         if self._track is not None and not self._track.filter.lost:
-            return self._track.filter.azimuth(step.heading_rad)
-        return step.heading_rad + (0.0 if step.sight is None else step.sight.offset_rad)
+            return self._track.filter.azimuth(heading)
+        return heading + (0.0 if stride.sight is None else stride.sight.offset_rad)
 
     def _begin(self, time_ns: int) -> list[TrackPoint]:
         """Begin the track where the walker was seen first, else at the origin, surely."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
 
-    from .parameters import Axis
+    from ..heading.walking_axis import Ahead
     from .places import KnownPlace
     from .reckoner import DeadReckoner
 
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 LATE_NS = NS_PER_S
 #: The one channel of a reckoner's candidates.
 WALKER = ("walker",)
+#: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
+AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
 
 
 @dataclass(slots=True)
@@ -106,7 +108,7 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
                     sensor = run.sensors[-1]
                     if topic in (run.spec.topic, sensor.topic):
                         sensor.finish()
-                        run.sensors.append(WornSensor(sensor.axis))
+                        run.sensors.append(WornSensor())
 
     def flush(self) -> Iterator[Event]:
         """End all tracks."""
@@ -154,9 +156,9 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             run.sensors[-1].hear(block)
 
     def _begin(self, block: SignalBlock) -> _Run:
-        worker = self.kind(self.parameters)
         placement = block.stream.placement
-        axis: Axis = self.parameters.axis or ("y" if placement == "phone" else "x")
+        axis: Ahead = self.parameters.axis or AXES.get(placement, "walk")
+        worker = self.kind(replace(self.parameters, axis=axis))
         gates = gate_specs(worker.gates, self.parameters)
         spec = StageSpec(
             self.name,
@@ -171,7 +173,7 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
         self._tracks += 1
         worker.start(self.name, self._tracks, self.start)
         worker.know([*self.waypoints, *self._seen])
-        return _Run(worker, spec, placement, [WornSensor(axis)])
+        return _Run(worker, spec, placement, [WornSensor()])
 
     def _reckon(self, run: _Run, *, final: bool = False) -> Iterator[Event]:
         """Take the steps whose signal is complete."""

@@ -59,7 +59,7 @@ def shape_of(motion: Motion, margin_ns: int) -> StepShape:
         return StepShape(0.0, 0.0)
     period_s = float(motion.time_ns[-1] - motion.time_ns[0]) / NS_PER_S / (len(motion) - 1)
     width = max(1, round(SMOOTH_S / period_s))
-    smooth = np.convolve(motion.up, np.full(width, 1 / width), "same")
+    smooth = np.convolve(motion.acceleration[:, 2], np.full(width, 1 / width), "same")
     inside = (motion.time_ns >= motion.time_ns[0] + margin_ns) & (
         motion.time_ns <= motion.time_ns[-1] - margin_ns
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -16,6 +17,8 @@ from ..trackers.api import SMOOTHED
 from .filter import OFFSET, PLACE, SIZE, State, turned_about
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from .filter import ReckoningFilter
@@ -44,6 +47,40 @@ class Sight:
     repeats: float
 
 
+@dataclass(frozen=True, slots=True)
+class Stride:
+    """A step as the track takes it.
+
+    Attributes
+    ----------
+    time_ns
+        When it ends.
+    length_m
+        Its length [m].
+    heading_rad
+        Direction by the gyroscope, but for what the way is turned from the sensor [rad].
+    sight
+        What the compass says of it.
+    rested_s
+        How long the sensor has been at rest since the step before [s].
+    """
+
+    time_ns: int
+    length_m: float
+    heading_rad: float
+    sight: Sight | None
+    rested_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """A known place, shape (2,) [m], when, and its standard deviation per axis [m]."""
+
+    time_ns: int
+    place: Array
+    sigma_m: float
+
+
 class Track:
     """One track from its beginning: steps and known places in, points out.
 
@@ -67,6 +104,9 @@ class Track:
         self.number = number
         self.smooth_s = smooth_s
         self._knots = [self._knot(time_ns, np.eye(SIZE))]
+        self._begun = (copy.deepcopy(filter_), self._knots[0])
+        self._turn_rad = 0.0
+        self._taken: list[Stride | Fix] | None = []  # None once settled
 
     @property
     def time_ns(self) -> int:
@@ -77,33 +117,34 @@ class Track:
         """Return the point where the track begins."""
         return [self._point(self._knots[-1], None, self.stage)]
 
-    def step(
-        self,
-        time_ns: int,
-        length_m: float,
-        heading_rad: float,
-        sight: Sight | None,
-        rested_s: float,
-    ) -> list[TrackPoint]:
-        """Go a step that ends at a time, after what the compass says of it; return its point."""
-        if sight is not None and self.filter.lost:
-            self._turn(sight.offset_rad - float(self.filter.state[OFFSET]))
-            sight = replace(sight, repeats=1.0)
-        before, rest = self._knots[-1], self._rest(rested_s)
-        predicted = self._knot(time_ns, self._wait(time_ns) @ rest, shown=False)
-        if sight is not None:
-            self.filter.sight(sight.offset_rad, sight.sigma_rad, sight.repeats)
-        self._remember(predicted)
-        self._remember(self._knot(time_ns, self.filter.step(length_m, heading_rad)))
+    def step(self, stride: Stride, turn_rad: float, *, settled: bool) -> list[TrackPoint]:
+        """Go a step, after what the compass says of it; return its point.
+
+        Parameters
+        ----------
+        stride
+            The step.
+        turn_rad
+            The way ahead against the sensor's axis, counter-clockwise [rad].
+        settled
+            Whether that will hardly change. Until then the steps before are gone again with it.
+        """
+        if self._taken is not None and turn_rad != self._turn_rad:
+            self._again(self._taken, turn_rad)
+        self._turn_rad = turn_rad
+        aimed = self._aimed(stride)
+        before = self._knots[-1]
+        self._go(aimed)
+        self._take(stride, settled=settled)
         return [self._point(self._knots[-1], before, self.stage), *self._due()]
 
     def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
-        if self.filter.lost:
-            self._turn(self.filter.angle_to(place, sigma_m) or 0.0)
-        before, predicted = self._knots[-1], self._knot(time_ns, self._wait(time_ns))
-        nis = self.filter.fix(place, sigma_m)
-        self._remember(predicted)
+        fix = Fix(time_ns, place, sigma_m)
+        self._aim(fix)
+        before = self._knots[-1]
+        nis = self._meet(fix)
+        self._take(fix, settled=False)
         return [self._point(self._knots[-1], before, self.stage, nis), *self._due()]
 
     def finish(self) -> list[TrackPoint]:
@@ -111,6 +152,54 @@ class Track:
         points = self._smoothed() if self.smooth_s else []
         self._knots = self._knots[-1:]
         return points
+
+    def _take(self, item: Stride | Fix, *, settled: bool) -> None:
+        """Remember what may have to be gone again."""
+        if settled:
+            self._taken = None
+        elif self._taken is not None:
+            self._taken.append(item)
+
+    def _again(self, taken: Sequence[Stride | Fix], turn_rad: float) -> None:
+        """Go the track again from its beginning, as the sensor is known to be turned by now."""
+        self._turn_rad, (filter_, knot) = turn_rad, self._begun
+        self.filter, self._knots = copy.deepcopy(filter_), [knot]
+        for item in taken:
+            if isinstance(item, Stride):
+                self._go(self._aimed(item))
+            else:
+                self._aim(item)
+                self._meet(item)
+
+    def _aimed(self, stride: Stride) -> Stride:
+        """Turn a track that is lost as the compass says; return the step with what is new in it."""
+        sight = stride.sight
+        if sight is None or not self.filter.lost:
+            return stride
+        self._turn(sight.offset_rad - float(self.filter.state[OFFSET]))
+        return replace(stride, sight=replace(sight, repeats=1.0))
+
+    def _aim(self, fix: Fix) -> None:
+        """Turn a track that is lost towards a known place."""
+        if self.filter.lost:
+            self._turn(self.filter.angle_to(fix.place, fix.sigma_m) or 0.0)
+
+    def _go(self, stride: Stride) -> None:
+        sight, rest = stride.sight, self._rest(stride.rested_s)
+        predicted = self._knot(stride.time_ns, self._wait(stride.time_ns) @ rest, shown=False)
+        if sight is not None:
+            self.filter.sight(sight.offset_rad, sight.sigma_rad, sight.repeats)
+        self._remember(predicted)
+        heading = stride.heading_rad + self._turn_rad
+        moved = self.filter.step(stride.length_m, heading)
+        self._remember(self._knot(stride.time_ns, moved))
+
+    def _meet(self, fix: Fix) -> float:
+        """Take a known place in; return the NIS."""
+        predicted = self._knot(fix.time_ns, self._wait(fix.time_ns))
+        nis = self.filter.fix(fix.place, fix.sigma_m)
+        self._remember(predicted)
+        return nis
 
     def _rest(self, rested_s: float) -> Array:
         return self.filter.rest(rested_s) if rested_s > 0 else np.eye(SIZE)
@@ -133,6 +222,8 @@ class Track:
 
     def _due(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough."""
+        if self._taken is not None:
+            return []
         if self.time_ns - self._knots[0].time_ns <= self.smooth_s * NS_PER_S:
             return []
         points, self._knots = self._smoothed()[:-1], self._knots[-1:]

@@ -11,8 +11,6 @@ from .level_motion import LevelMotion
 if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock
 
-    from .parameters import Axis
-
 TURNING = "angular_velocity"
 
 
@@ -22,15 +20,12 @@ class WornSensor:
 
     Attributes
     ----------
-    axis
-        Of the sensor, that looks ahead.
     motion
         What it felt; None before the gyroscope is heard of.
     topic
         Of the gyroscope.
     """
 
-    axis: Axis
     motion: LevelMotion | None = None
     topic: str = ""
     _aligner: Aligner = field(default_factory=Aligner)
@@ -55,7 +50,7 @@ class WornSensor:
             return
         if self.motion is None:
             self.topic = block.topic
-            self.motion = LevelMotion(self.axis, block.stream.rate_hz)
+            self.motion = LevelMotion(block.stream.rate_hz)
             for early in self._early:
                 self._aligner.hear(early)
             self._early = []

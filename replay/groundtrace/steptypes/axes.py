@@ -1,8 +1,8 @@
 """The body's axes: acceleration ahead, aside and up, from a worn sensor in any orientation.
 
 Up is against gravity. Ahead is what a reference axis of the sensor leaves in the horizontal plane;
-how far the way is turned from it is found by :mod:`.heading_axis`. The reference is the axis that
-the wearer says looks ahead, or any that is horizontal enough.
+how far the way is turned from it is found by :mod:`groundtrace.heading.walking_axis`. The reference
+is the axis that the wearer says looks ahead, or any that is horizontal enough.
 
 Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
 and the specific force only corrects what drifts (a complementary filter, linear in the small
@@ -13,26 +13,23 @@ turn gravity into acceleration. All is causal, and the same whatever the blocks.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..detectors.filters import ExponentialMean, UnbiasedMean, planar
 from ..heading.aligned import columns_of_axes
+from ..heading.walking_axis import STEEP, level_axis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
-#: What looks ahead: an axis of the sensor, or what the walk tells.
-Ahead = Literal["walk", "x", "-x", "y", "-y", "z", "-z"]
+    from ..heading.walking_axis import Ahead, Axis
+
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
 _OFFSET_S = 20.0
-#: An axis nearer than this to the vertical says nothing about ahead; where the walk tells it, an
-#: axis farther than the second is the reference, so that no bow makes it steep [cosine].
-_STEEP, _LEVEL = 0.9, 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,9 +109,9 @@ class BodyAxes:
         length = np.sqrt(np.einsum("cn,cn->n", gravity, gravity))
         up = np.divide(gravity, length, out=np.zeros_like(gravity), where=length > 0)
         if self.forward == "walk":
-            self.forward = _level_axis(up[:, 0])
+            self.forward = level_axis(up[:, 0])
         nominal = np.broadcast_to(axis_vector(self.forward)[:, None], up.shape)
-        steep = np.abs(np.einsum("cn,cn->n", nominal, up)) > _STEEP
+        steep = np.abs(np.einsum("cn,cn->n", nominal, up)) > STEEP
         nominal = np.where(steep, np.roll(nominal, 1, axis=0), nominal)
         ahead = nominal - np.einsum("cn,cn->n", nominal, up) * up
         ahead /= np.sqrt(np.einsum("cn,cn->n", ahead, ahead))
@@ -123,11 +120,3 @@ class BodyAxes:
         out = np.stack([np.einsum("cn,cn->n", axis, force) for axis in axes])
         out[2] -= length
         return out
-
-
-def _level_axis(up: NDArray[np.float64]) -> Axis:
-    """Return the first axis that is level enough, up being a unit vector, shape (3,)."""
-    if abs(up[0]) < _LEVEL:
-        return "x"
-    # of two axes at right angles to an upright one at least this one is level
-    return "y"

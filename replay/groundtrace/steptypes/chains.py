@@ -126,8 +126,8 @@ def frontal(strip: Array, swing: NDArray[np.complex128] | None) -> Frontal:
     strip
         Shape (3, n).
     swing
-        Of the step (:func:`.heading_axis.step_swing`); its phase is the lead of a step without a
-        frontal maximum of its own.
+        Of the step (:func:`groundtrace.heading.walking_axis.step_swing`); its phase is the lead of
+        a step without a frontal maximum of its own.
     """
     ahead, _, up = strip
     tops = maxima(up, *_TOP)

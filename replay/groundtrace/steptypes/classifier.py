@@ -27,13 +27,12 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 
 from ..gates import Candidates, Level
-from ..parameters import gate, measured
 
-# read at run time, where the parameters are described
-from .axes import Ahead  # noqa: TC001
+# Ahead is read at run time, where the parameters are described
+from ..heading.walking_axis import Ahead, WalkingAxis, step_swing
+from ..parameters import gate, measured
 from .chains import PHASE, frontal, lateral, strip_of
 from .corrections import Shape, common_share, corrected_lead, linked
-from .heading_axis import HeadingAxis, step_swing
 from .type_gates import FRONTAL, LATERAL, TYPES, Applies, Duplicate
 
 if TYPE_CHECKING:
@@ -110,7 +109,7 @@ class StepTypes:
 
     def __init__(self, parameters: StepTypeParameters) -> None:
         self.parameters = parameters
-        self.axis = HeadingAxis(parameters.forward != "walk")
+        self.axis = WalkingAxis(parameters.forward != "walk")
 
     def shape(
         self,

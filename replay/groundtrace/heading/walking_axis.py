@@ -18,16 +18,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-#: Weight of what was known before a step, for the axis and for its sign: the axis follows a sensor
-#: that slips, the sign outlasts a walk back of some dozens of steps.
-_KEEP, _KEEP_SIGN = 0.97, 0.99
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+#: What looks ahead: an axis of the sensor, or what the walk tells.
+Ahead = Literal["walk", "x", "-x", "y", "-y", "z", "-z"]
+#: An axis nearer than the first to the vertical says nothing about ahead; where the walk tells it,
+#: an axis farther than the second is the reference, so that no bow makes it steep [cosine].
+STEEP, LEVEL = 0.9, 0.7
+#: Weight of what was known before a step, for the axis unless said otherwise and for its sign: the
+#: axis follows a sensor that slips, the sign outlasts a walk back of some dozens of steps.
+KEEP, _KEEP_SIGN = 0.97, 0.99
 #: Weight of the nominal direction at the start: that of a step or two whose horizontal swing is
 #: half the vertical one.
 _PRIOR = 0.25
@@ -36,7 +42,7 @@ _REACH_RAD = math.radians(35.0)
 
 
 @dataclass(slots=True)
-class HeadingAxis:
+class WalkingAxis:
     """Principal axis of the horizontal swing of the steps so far, and its sign.
 
     Attributes
@@ -44,6 +50,8 @@ class HeadingAxis:
     nominal
         Whether "ahead" of the swings is the nominal direction, right to 35 degrees or so; else it
         is any direction, and the walk alone tells axis and sign.
+    keep
+        Weight of what was known of the axis before a step.
     scatter
         Weighted sum of the products of the swing ahead and to the right, shape (2, 2).
     drive
@@ -51,6 +59,7 @@ class HeadingAxis:
     """
 
     nominal: bool = True
+    keep: float = KEEP
     scatter: NDArray[np.float64] = field(
         default_factory=lambda: np.array([[_PRIOR, 0.0], [0.0, 0.0]])
     )
@@ -71,7 +80,7 @@ class HeadingAxis:
         products = np.outer(along, along)
         if self.nominal and abs(_principal(products)) > _REACH_RAD:
             return
-        self.scatter = _KEEP * self.scatter + products
+        self.scatter = self.keep * self.scatter + products
         self.drive = _KEEP_SIGN * self.drive + along
 
     def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -110,3 +119,11 @@ def step_swing(
     if not size > 0:
         return None
     return np.asarray(swing[:2] * np.conj(swing[2]) / size**2)
+
+
+def level_axis(up: NDArray[np.float64]) -> Axis:
+    """Return the first axis that is level enough, up being a unit vector, shape (3,)."""
+    if abs(up[0]) < LEVEL:
+        return "x"
+    # of two axes at right angles to an upright one at least this one is level
+    return "y"

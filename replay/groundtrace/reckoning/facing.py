@@ -1,0 +1,113 @@
+"""Where a wearer looks: along an axis of the sensor that is named, or as the walk tells it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..heading.estimator import axis_of
+from ..heading.rotations import headings_of, mean_matrix
+from ..heading.walking_axis import STEEP, WalkingAxis, level_axis, step_swing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import StepEvent
+
+    from ..heading.walking_axis import Ahead, Axis
+    from .level_motion import LevelMotion, Motion
+
+#: A step of another time than this says nothing of the walking axis [s].
+SHORTEST_S, LONGEST_S = 0.25, 1.0
+#: Weight of the steps before in the walking axis: a degree bends a whole walk, so that a sensor
+#: that slips is followed more slowly here than for the type of a step.
+KEEP = 0.99
+#: So many steps tell the walking axis but for some tenths of a degree.
+SETTLED = 60
+#: Sign of the swing by the type of a step: back it is that ahead in a sensor turned half round.
+SIGN = {"backward": -1.0, "left": 0.0, "right": 0.0}
+
+
+@dataclass(slots=True)
+class Facing:
+    """Tells the direction a wearer looks in from the orientation of the sensor.
+
+    Attributes
+    ----------
+    ahead
+        The axis that looks ahead; ``walk``: what the swing of the steps tells against the first of
+        the sensor's axes that is level enough.
+    reference
+        The axis whose direction is given; None before the first step where the walk tells.
+    steps
+        How many steps have told.
+    """
+
+    ahead: Ahead
+    reference: Axis | None = None
+    steps: int = 0
+    _walking: WalkingAxis = field(default_factory=lambda: WalkingAxis(nominal=False, keep=KEEP))
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is told will hardly change."""
+        return self.ahead != "walk" or self.steps >= SETTLED
+
+    @property
+    def turn_rad(self) -> float:
+        """Return the way ahead against the reference, counter-clockwise [rad]."""
+        return 0.0 if self.ahead != "walk" else -self._walking.angle_rad
+
+    @property
+    def news(self) -> str:
+        """What a person should know when the walk has told the axis; empty at other steps."""
+        if self.ahead != "walk" or self.steps != SETTLED:
+            return ""
+        angle = math.degrees(self.turn_rad)
+        side = "left" if angle > 0 else "right"
+        turned = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
+        return f"the walk tells that ahead is {turned}; steps before were gone again with that"
+
+    def watch(self, step: StepEvent, interval_s: float, sensor: LevelMotion) -> None:
+        """Take the next step; the signal must be known until a second after it."""
+        if self.ahead != "walk":
+            self.reference = self.ahead
+            return
+        reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
+        motion = sensor.between(step.time_ns - reach_ns, step.time_ns + reach_ns)
+        reference = self._refer(motion)
+        self.steps += 1
+        covered = motion.time_ns[-1] - motion.time_ns[0] >= 1.9 * reach_ns
+        if not (covered and SHORTEST_S <= interval_s <= LONGEST_S):
+            return
+        phase = (motion.time_ns - step.time_ns) / reach_ns
+        swing = step_swing(_resolved(motion, reference), phase)
+        if swing is not None and (sign := SIGN.get(step.type, 1.0)):
+            self._walking.add(sign * swing)
+
+    def heading(self, motion: Motion) -> float:
+        """Return the mean direction of the reference in the level axes [rad]."""
+        assert self.reference is not None  # a step was watched
+        headings = headings_of(motion.orientation, axis_of(self.reference))
+        return float(np.unwrap(headings).mean())
+
+    def _refer(self, motion: Motion) -> Axis:
+        """Return the reference; another one, and all to be told anew, where it stands upright."""
+        up = mean_matrix(motion.orientation)[2]
+        if self.reference is None or abs(up @ axis_of(self.reference)) > STEEP:
+            self.reference, self.steps = level_axis(up), 0
+            self._walking = WalkingAxis(nominal=False, keep=KEEP)
+        return self.reference
+
+
+def _resolved(motion: Motion, reference: Axis) -> NDArray[np.float64]:
+    """Return the acceleration along the reference, to the right of it and up, shape (3, n)."""
+    heading = headings_of(motion.orientation, axis_of(reference))
+    cos, sin = np.cos(heading), np.sin(heading)
+    east, north, up = motion.acceleration.T
+    return np.stack([cos * east + sin * north, sin * east - cos * north, up])

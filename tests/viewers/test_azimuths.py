@@ -1,0 +1,62 @@
+"""Azimuths of dead reckoning in the table of steps."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import pytest
+
+from groundtrace.gates import Candidates, Carry, decided_block, gate_specs
+from groundtrace.reckoning.reckoner import DeadReckoner
+from groundtrace_codecs.events import StageSpec
+from groundtrace_viewers.azimuths import AzimuthLog
+
+if TYPE_CHECKING:
+    from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_viewers.timeline import Timeline
+
+
+class Sent:
+    """Keeps what is sent to a timeline."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, list[int]]] = []
+        self.columns: list[Any] = []
+
+    def send(self, path: str, times_ns: Any, columns: Any) -> None:
+        self.rows.append((path, np.asarray(times_ns).tolist()))
+        self.columns += list(columns)
+
+
+def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlock:
+    """One step of a reckoner, with its cadence."""
+    worker = DeadReckoner(DeadReckoner.Parameters())
+    gates = gate_specs(worker.gates, worker.parameters)
+    spec = StageSpec("track", "x", "/imu", ("walker",), worker.columns, gates, (), emits)
+    values = {"cadence": cadence_hz, "speed": 1.0, "length": 0.7, "azimuth": 12.345}
+    row = np.array([[values.get(c.name, 0.0) for c in worker.columns]], np.float32)
+    found = Candidates(np.array([time_ns], np.int64), np.zeros(1, np.int32), row)
+    return decided_block(spec, found, worker, worker.parameters, Carry())[0]
+
+
+def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
+    pytest.importorskip("rerun")
+    sent = Sent()
+    log = AzimuthLog(cast("Timeline", sent))
+    for time_ns, cadence_hz in ((1, 1.8), (2, 9.0), (3, 1.9)):
+        log.candidates(block(time_ns, cadence_hz))
+    log.flush()
+    assert sent.rows == [("/table/steps", [1, 3])]
+    names = " ".join(str(column.component_descriptor()) for column in sent.columns)
+    assert all(title in names for title in ("azimuth_deg", "length_m", "mounting_deg"))
+    log.flush()
+    assert len(sent.rows) == 1
+
+
+def test_other_stages_have_no_azimuths() -> None:
+    sent = Sent()
+    log = AzimuthLog(cast("Timeline", sent))
+    log.candidates(block(1, 1.8, "step"))
+    log.flush()
+    assert not sent.rows
