@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.labels import Label
 
     Array = NDArray[np.float64]
+
+E = TypeVar("E", Pick, StepEvent)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,26 +91,30 @@ def gather(
             f"calibrate: geometry: expected three or more sensors at {picking.topic}, "
             f"found {len(positions)}"
         )
-    source = (picking.stage, picking.topic)
-    picks = sorted(
-        (e for e in events if isinstance(e, Pick) and (e.stage, e.topic) == source),
-        key=lambda pick: pick.time_ns,
-    )
-    steps = [
-        e.time_ns
-        for e in events
-        if isinstance(e, StepEvent) and (e.stage, e.topic) == (stepping.stage, picking.topic)
-    ]
+    picks = _events_of(events, Pick, picking.stage, picking.topic)
+    steps = [e.time_ns for e in _events_of(events, StepEvent, stepping.stage, picking.topic)]
+    arrivals = _arrivals_of(sorted(picks, key=lambda p: p.time_ns), steps, rows, window_s)
+    heard = np.flatnonzero(np.isfinite(arrivals).any(axis=0))
+    names = tuple(list(rows)[index] for index in heard)
+    known = _known(steps, labels, geometry, tolerance_s)
+    return Gathered(names, positions[heard], arrivals[:, heard], known)
+
+
+def _events_of(events: Sequence[Event], kind: type[E], stage: str, topic: str) -> list[E]:
+    """Return the events of a kind that one stage made of one topic."""
+    return [e for e in events if isinstance(e, kind) and (e.stage, e.topic) == (stage, topic)]
+
+
+def _arrivals_of(
+    picks: Sequence[Pick], steps: Sequence[int], rows: dict[str, int], window_s: float
+) -> Array:
+    """Return each step's first arrival at each sensor [s after the step], NaN without one."""
     times = np.array([p.time_ns for p in picks], np.int64)
     found = []
     for step in steps:
         first, last = np.searchsorted(times, [step, step + round(window_s * NS_PER_S) + 1])
         found.append(first_arrivals(picks[first:last], rows, step, window_s))
-    arrivals = np.array(found, np.float64).reshape(-1, len(rows))
-    heard = np.flatnonzero(np.isfinite(arrivals).any(axis=0))
-    names = tuple(list(rows)[index] for index in heard)
-    known = _known(steps, labels, geometry, tolerance_s)
-    return Gathered(names, positions[heard], arrivals[:, heard], known)
+    return np.array(found, np.float64).reshape(-1, len(rows))
 
 
 def picking_stages(events: Sequence[Event]) -> tuple[str, ...]:

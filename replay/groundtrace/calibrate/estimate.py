@@ -19,6 +19,8 @@ from ..localizers.joint_start import bounds_of, known_start, start
 from .places import PlaceErrors, place_errors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from groundtrace_codecs.geometry import Geometry
@@ -154,11 +156,7 @@ def calibrate(
     notes += told
     again = _bootstrap(impacts, best)
     pace_known = best.deviations[0] <= PACE_LIMIT
-    if not pace_known:
-        notes.append(
-            f"scale: not identifiable from these impacts and sensors (deviation "
-            f"{best.deviations[0]:.0%} of itself, {PACE_LIMIT:.0%} allowed)"
-        )
+    notes += [] if pace_known else [_unknown_scale(best)]
     free = best.free
     velocity = _velocity(impacts, best) if pace_known else None
     spread = np.maximum(again.std(axis=0), _deviations(best))
@@ -177,16 +175,27 @@ def calibrate(
         velocity=velocity,
         arrival_sigma_s=best.sigma_s,
         offsets_estimated=free.offsets,
-        offsets=tuple(
-            ClockOffset(name, float(value), float(deviation))
-            for name, value, deviation in zip(
-                gathered.channels, best.floor.offsets_s, spread[2:], strict=True
-            )
-        ),
+        offsets=_clock_offsets(gathered.channels, best, spread[2:]),
         losses=tuple(_by_loss(impacts, best, loss) for loss in LOSSES),
         positions=place_errors(gathered, best, room),
         notes=tuple(notes),
     )
+
+
+def _unknown_scale(best: JointFit) -> str:
+    """Say that and why the scale is not told."""
+    return (
+        f"scale: not identifiable from these impacts and sensors (deviation "
+        f"{best.deviations[0]:.0%} of itself, {PACE_LIMIT:.0%} allowed)"
+    )
+
+
+def _clock_offsets(
+    channels: Sequence[str], best: JointFit, deviations: Array
+) -> tuple[ClockOffset, ...]:
+    """Return each channel's clock offset with its deviation."""
+    found = zip(channels, best.floor.offsets_s, deviations, strict=True)
+    return tuple(ClockOffset(name, float(value), float(sigma)) for name, value, sigma in found)
 
 
 def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> Impacts:
