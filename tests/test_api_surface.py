@@ -22,7 +22,8 @@ SURFACE = {
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
         Gap GateSpec Geometry
-        Heading Label McapFile Medium MissingReaderError NS_PER_S Note OtherTopic Pick Quantity
+        Heading Label LikelihoodSurface LineCrossing McapFile Medium MissingReaderError NS_PER_S
+        Note OtherTopic Pass Pick Presence Quantity
         Recording RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec
         Stamped StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of
         write_recording""",
@@ -47,15 +48,16 @@ SURFACE = {
     "groundtrace.parameters": """
         ParameterInfo Part build describe gate measured parse_value""",
     "groundtrace.score": """
-        Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PickScore
-        PositionScore Score StepMatch StepScore TrackScore assign consistency gospa match
-        match_steps normalised_squares ospa score_disturbances score_events score_headings
-        score_picks score_positions score_steps score_tracks scored_spans""",
+        Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PassScore
+        PickScore PositionScore Score StepMatch StepScore TrackScore WayScore assign consistency
+        gospa match match_steps normalised_squares ospa score_disturbances score_events
+        score_headings score_passes score_picks score_positions score_steps score_tracks score_ways
+        scored_spans""",
     "groundtrace.simulate": """
         RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
         simulate_walk write""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
-    "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web",
+    "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }
 #: Packages that each package may import, beside itself.
 KNOWS = {

@@ -16,8 +16,16 @@ from PIL import Image
 from shot_sessions import shot_labels, write_shots
 
 from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace.pipeline import build_pipeline, named_pipelines, parse_pipeline
+from groundtrace.simulate import (
+    RoomOptions,
+    VehicleOptions,
+    WalkOptions,
+    simulate_room,
+    simulate_vehicle,
+    simulate_walk,
+    write,
+)
 from groundtrace.sinks import Session
 from groundtrace.source import Source
 from groundtrace_codecs.recording import Recording
@@ -37,15 +45,18 @@ if TYPE_CHECKING:
 
 #: A view has loaded what it shows when two pictures in a row are equal, or after so long [s].
 SETTLE_S = 10.0
+#: What stations beside a road have, and the pipeline of antennas has not.
+PASSES = '[[stage]]\nname = "passes"\nuse = "vehicle-passes"\n'
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A kind of recording: through what it is replayed, and how long it lasts [s]."""
+    """A kind of recording: through what it is replayed, with what stages more."""
 
     pipeline: str
     simulation: Simulation
     map_tiles: bool = False
+    more: str = ""
 
 
 def cases() -> dict[str, Case]:
@@ -53,7 +64,9 @@ def cases() -> dict[str, Case]:
     room = RoomOptions(seed=4, duration_s=61.0, channels=4, rate_hz=4000.0)
     stations = RoomOptions(seed=4, duration_s=5.0, channels=4, triaxial=True)
     walk = WalkOptions(seed=3, duration_s=14.0, gnss=True)
+    car = VehicleOptions(rate_hz=100.0, duration_s=24.0)
     return {
+        "vehicle": Case("vehicle-tracks", simulate_vehicle(car), more=PASSES),
         "room": Case("room-footsteps", simulate_room(room)),
         "bearings": Case("room-bearings", simulate_room(stations)),
         "walker": Case("pedestrian", simulate_walk(walk), map_tiles=True),
@@ -76,11 +89,13 @@ def views_of(part: Any) -> list[rrb.View]:
 
 
 def replayed(folder: Path, case: Case) -> tuple[Path, float]:
-    """Replay a simulation; return its timeline and the time of its third step [s]."""
+    """Replay a simulation; return its timeline and the time of its third step or pass [s]."""
     path = folder / "r.mcap"
     write(case.simulation, path)
     with Recording.open(path) as recording:
-        chain = build_pipeline(load_pipeline(case.pipeline), recording.geometry, recording.labels)
+        recipe = named_pipelines()[case.pipeline].read_text() + case.more
+        config = parse_pipeline(recipe.encode(), case.pipeline)
+        chain = build_pipeline(config, recording.geometry, recording.labels)
         source = Source(recording)
         session = Session(
             path.name,
@@ -96,7 +111,7 @@ def replayed(folder: Path, case: Case) -> tuple[Path, float]:
         sink.open(session)
         replay(source, chain, [sink])
         sink.close()
-    steps = sorted(x.time_ns for x in session.labels if x.kind == "step")
+    steps = sorted(x.time_ns for x in session.labels if x.kind in ("step", "pass"))
     return folder / "r.rrd", (steps[2] - session.start_ns) / 1e9 + 0.01
 
 
@@ -160,7 +175,7 @@ def complaints_and_sameness(rrd: Path, empty: Path, at_s: float) -> tuple[dict, 
     return reports, same, len(views)
 
 
-@pytest.mark.parametrize("kind", ["room", "bearings", "walker", "shots"])
+@pytest.mark.parametrize("kind", ["room", "bearings", "walker", "shots", "vehicle"])
 def test_every_view_shows_its_data_and_none_complains(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from .browse import serve_web
 from .errors import ViewerError
+from .notebook import show
 from .picture import screenshot
 from .sink import RerunSink
 
-__all__ = ["RerunSink", "ViewerError", "screenshot", "serve_web"]
+__all__ = ["RerunSink", "ViewerError", "screenshot", "serve_web", "show"]

@@ -77,6 +77,40 @@ COMMANDS = {
         "shown by replay, and truth for score where the recording has none.\n\n"
         "Example: groundtrace annotate walk.mcap --add missed@12.34 --note 'left foot, soft'",
     ),
+    "share": (
+        f"{HERE}.sharing:share",
+        "Write a folder, a .zip or one .html page that shows a result to others, offline and "
+        "without groundtrace: replay, summary with figures, score, annotations, pipeline.\n\n"
+        "Example: groundtrace share walk.results.mcap -o for-bea",
+    ),
+    "export": (
+        f"{HERE}.exporting:export_",
+        "Write events of a result for other tools: CSV, Parquet, QuakeML, GeoJSON, GPX, Audacity "
+        "labels; the signals of a recording as miniSEED, CSV or Parquet.\n\n"
+        "Example: groundtrace export walk.results.mcap -o steps.csv --kind steps",
+    ),
+    "cut": (
+        f"{HERE}.copying:cut_",
+        "Copy a span of a recording, cut to the sample; labels, geometry, attachments stay.\n\n"
+        "Example: groundtrace cut walk.mcap -o turn.mcap --from 12.5 --to 20",
+    ),
+    "filter": (
+        f"{HERE}.copying:filter_",
+        "Copy some topics of a recording, message by message as they are.\n\n"
+        "Example: groundtrace filter walk.mcap -o small.mcap --without '/camera/*'",
+    ),
+    "convert": (
+        f"{HERE}.copying:convert",
+        "Copy a recording with another compression, chunks or blocks; no sample changes.\n\n"
+        "Example: groundtrace convert walk.mcap -o walk-lz4.mcap --compression lz4 --chunk-kb 1024",
+    ),
+    "doctor": (
+        f"{HERE}.doctoring:doctor",
+        "Say what of a damaged recording can be read and exactly what is missing; write a sound "
+        "copy of all that can be read. Without a recording: what is installed, and what is "
+        "missing.\n\n"
+        "Example: groundtrace doctor torn.mcap --repair mended.mcap",
+    ),
     "plugins": (
         f"{HERE}.listing:plugins",
         "List what is installed: detectors, associators, importers, sinks.\n\n"
@@ -177,12 +211,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         sys.exit(1)
     except Exception as error:
-        if not _is_known(error):
+        if not is_known(error):
             raise
         print(f"groundtrace: {error}", file=sys.stderr)
         sys.exit(1)
 
 
-def _is_known(error: Exception) -> bool:
+def is_known(error: Exception) -> bool:
+    """Tell whether an error is one that is said in one line."""
     loaded = ((sys.modules.get(module), name) for module, name in KNOWN_ERRORS)
     return any(m is not None and isinstance(error, getattr(m, name)) for m, name in loaded)

@@ -4,8 +4,10 @@ import { el, reveal, time_text } from "./dom.js";
 
 /** Wrong decisions, which the page tells from events. */
 export const WRONG = new Set(["missed", "false", "late", "early"]);
+/** What keys step through, and the strip shows. */
+export const STEPS = new Set(["step", "impact", "pass", "crossing"]);
 /** What is listed at first, if there is any of it. */
-const AT_FIRST = new Set(["step", "impact", "missed", "false", "late", "early", "gap"]);
+const AT_FIRST = new Set([...STEPS, ...WRONG, "gap"]);
 /** More rows than this are not drawn; keys go through all of them. */
 const MOST_ROWS = 3000;
 /** Moments this close to the cursor are where it is, not before or after it [s]. */
@@ -90,7 +92,7 @@ export class Jumps {
   }
 
   step(at, forward) {
-    return this.beyond(at, forward, (m) => m.kind === "step" || m.kind === "impact", this.all);
+    return this.beyond(at, forward, (moment) => STEPS.has(moment.kind), this.all);
   }
 
   /** Return the time of the shown moment nearest to a time, or that time itself. */

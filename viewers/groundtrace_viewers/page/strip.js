@@ -1,8 +1,6 @@
 /* The strip: events, wrong decisions and marks over the whole recording, and the cursor. */
 
-import { WRONG } from "./jumps.js";
-
-const STEPS = new Set(["step", "impact"]);
+import { STEPS, WRONG } from "./jumps.js";
 
 export class Strip {
   /**

@@ -5,6 +5,8 @@ const PAUSED = 1;
 const ECHOES = 64;
 /** A viewer that cannot move its cursor yet is asked again after this [ms]. */
 const RETRY_MS = 50;
+/** A viewer that has opened a recording and says no more has it after this [ms]. */
+const SILENT_MS = 5000;
 
 /** Return a number as the bytes of a protobuf varint. */
 function varint(value) {
@@ -72,9 +74,13 @@ export class Viewer {
   }
 
   heard(event) {
-    if (event.type !== "time_update" && event.type !== "timeline_change") return;
-    // The layout opens the recording; that it has a time says that there are data.
-    this.resolve();
+    // The layout opens the recording; that it has a time, or stands still, says that there are data.
+    // Data that are there before the first picture change no time: then it only stands still, or says
+    // nothing more at all.
+    if (event.type === "recording_open") setTimeout(this.resolve, SILENT_MS);
+    const timed = event.type === "time_update" || event.type === "timeline_change";
+    if (timed || event.type === "pause" || event.type === "play") this.resolve();
+    if (!timed) return;
     const ns = Math.round(event.time);
     if (this.busy || this.sent.includes(ns)) return;
     this.moved(ns / 1e9);

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import pytest
+import rerun as rr
+from share_sessions import shared_walk
+
+import groundtrace_viewers
+from groundtrace_viewers import ViewerError, notebook
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class Widget:
+    """As rerun-notebook has it, without a browser."""
+
+    def __init__(self, *, width: str, height: int) -> None:
+        self.size = width, height
+        self.sent: list[bytes] = []
+
+    def send_rrd(self, data: bytes) -> None:
+        self.sent.append(data)
+
+
+def test_a_result_is_shown_by_the_widget_its_layout_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = ModuleType(notebook.PACKAGE)
+    fake.Viewer = Widget  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
+    walk = shared_walk(tmp_path)
+    widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd, height=500)
+    assert widget.size == ("auto", 500)
+    layout, replay = widget.sent
+    assert replay == walk.rrd.read_bytes()
+    (tmp_path / "layout.rrd").write_bytes(layout)
+    assert len(rr.chunk.RrdReader(str(tmp_path / "layout.rrd")).blueprints()) == 1
+
+
+def test_without_the_widget_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, notebook.PACKAGE, raising=False)
+    monkeypatch.setattr(notebook, "find_spec", lambda _: None)
+    with pytest.raises(ViewerError, match=r"expected the package rerun-notebook \(pip install"):
+        groundtrace_viewers.show("walk.results.mcap")
