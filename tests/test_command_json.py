@@ -18,7 +18,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
-COMMANDS = ("analyze", "annotate", "compare", "import", "info", "replay", "score", "sweep", "why")
+COMMANDS = (
+    "analyze",
+    "annotate",
+    "compare",
+    "copy",
+    "doctor",
+    "export",
+    "import",
+    "info",
+    "replay",
+    "score",
+    "sweep",
+    "why",
+)
 CSV_MAP = """
 format = "csv"
 time = {column = "t", unit = "s"}

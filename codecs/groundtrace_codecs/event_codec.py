@@ -24,12 +24,14 @@ from .events import (
     Heading,
     Note,
     Pick,
+    Presence,
     StageSpec,
     StepEvent,
     TraceBlock,
     TrackPoint,
 )
 from .schemas.protobuf import get_time, message_class, parse, set_time
+from .traffic import traffic_event
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -49,6 +51,10 @@ TOPICS = {
     "Disturbance": "/groundtrace/disturbances",
     "Bearing": "/groundtrace/bearings",
     "Disagreement": "/groundtrace/disagreements",
+    "Presence": "/groundtrace/presence",
+    "Pass": "/groundtrace/passes",
+    "LineCrossing": "/groundtrace/crossings",
+    "LikelihoodSurface": "/groundtrace/surfaces",
     "Gap": "/groundtrace/gaps",
     "Note": "/groundtrace/notes",
 }
@@ -145,7 +151,7 @@ def _single(event: SingleEvent) -> Encoded:
     message = message_class(name)(**{k: v for k, v in fields.items() if not k.endswith("_ns")})
     start_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
     end_ns = start_ns
-    if isinstance(event, Gap | Disturbance):
+    if isinstance(event, Gap | Disturbance | Presence):
         set_time(message.end, event.end_ns)
         end_ns = max(start_ns, event.end_ns)
     return output, _packet(message, start_ns, end_ns)
@@ -236,6 +242,9 @@ def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent
             return Disagreement(time_ns, m.distance_m, m.value, m.methods, m.stage)
         case "Gap":
             return Gap(m.topic, time_ns, get_time(m.end, place), m.reason, m.lost, m.bridged)
+        case "Presence" | "Pass" | "LineCrossing" | "LikelihoodSurface":
+            end_ns = get_time(m.end, place) if name == "Presence" else time_ns
+            return traffic_event(name, m, time_ns, end_ns, place)
     return Note(time_ns, m.text, m.level, m.source)
 
 

@@ -15,8 +15,12 @@ from .events import (
     Fix,
     Gap,
     Heading,
+    LikelihoodSurface,
+    LineCrossing,
     Note,
+    Pass,
     Pick,
+    Presence,
     StepEvent,
     TrackPoint,
 )
@@ -35,11 +39,12 @@ LEVELS = {"DEBUG": "DEBUG", "INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
 def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
     """Yield an event's line in the log.
 
-    Track points and headings have none: they are curves, and would bury what there is to read.
+    Track points, headings and surfaces have none: they are curves and images, and would bury what
+    there is to read.
     """
     from foxglove_schemas_protobuf.Log_pb2 import Log
 
-    if isinstance(event, TrackPoint | Heading):
+    if isinstance(event, TrackPoint | Heading | LikelihoodSurface):
         return
     level, source, text, time_ns = _line(event)
     message = Log(level=Log.Level.Value(level), message=text, name=source)
@@ -57,7 +62,17 @@ def _log_output() -> Output:
 
 
 def _line(
-    event: Pick | StepEvent | Fix | Disturbance | Bearing | Disagreement | Gap | Note,
+    event: Pick
+    | StepEvent
+    | Fix
+    | Disturbance
+    | Bearing
+    | Disagreement
+    | Presence
+    | Pass
+    | LineCrossing
+    | Gap
+    | Note,
 ) -> tuple[str, str, str, int]:
     """Return level, source, text and time of an event's line in the log."""
     match event:
@@ -72,6 +87,15 @@ def _line(
             text = f"bearing {event.station} {math.degrees(event.azimuth_rad):.1f} degrees"
         case Disagreement():
             text = f"{event.methods} are {event.distance_m:.3g} m apart, {event.value:.3g} sigma"
+        case Pass():
+            which = f"vehicle {event.vehicle} {event.direction} " if event.vehicle else ""
+            text = f"{which}passes {event.station} speed={event.speed_mps:.3g} m/s"
+        case LineCrossing():
+            text = f"vehicle {event.track} crosses {event.line} at {event.x_m:.2f}, {event.y_m:.2f}"
+        case Presence():
+            seconds = (event.end_ns - event.time_ns) / NS_PER_S
+            text = f"vehicle heard at {event.channel} for {seconds:.6g} s value={event.value:.4g}"
+            return "INFO", event.stage, text, max(event.time_ns, event.end_ns)
         case Disturbance():
             seconds = (event.end_ns - event.time_ns) / NS_PER_S
             text = f"disturbed for {seconds:.6g} s value={event.value:.4g}"

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .estimates import Bearing, Disagreement, Disturbance, Fix, Heading, TrackPoint
+from .traffic import LikelihoodSurface, LineCrossing, Pass, Presence
 
 if TYPE_CHECKING:
     import numpy as np
@@ -155,7 +156,8 @@ class StageSpec:
     columns, gates, trace
         The columns of candidates, the gates that decide them, the quantities of the trace.
     emits
-        What an accepted candidate becomes: ``pick``, ``step``, ``impact``, ``fix`` or ``track``.
+        What an accepted candidate becomes: ``pick``, ``step``, ``impact``, ``fix``, ``track``,
+        ``presence``, ``pass``, ...
     """
 
     stage: str
@@ -239,6 +241,10 @@ SingleEvent = (
     | Disturbance
     | Bearing
     | Disagreement
+    | Presence
+    | Pass
+    | LineCrossing
+    | LikelihoodSurface
 )
 Event = SingleEvent | StageSpec | CandidateBlock | TraceBlock
 
@@ -252,8 +258,12 @@ __all__ = [
     "Gap",
     "GateSpec",
     "Heading",
+    "LikelihoodSurface",
+    "LineCrossing",
     "Note",
+    "Pass",
     "Pick",
+    "Presence",
     "Quantity",
     "SingleEvent",
     "StageSpec",

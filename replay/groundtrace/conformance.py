@@ -204,7 +204,8 @@ def check_gates(kind: type[Detector], found: Outcome) -> None:
     assert np.array_equal(passed, found.accepted), "accepted: expected where all margins are >= 0"
     order = np.lexsort((found.channels, found.times))
     assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
-    assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
+    if kind.emits != "presence":  # which is told in spans
+        assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
 
 
 def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:

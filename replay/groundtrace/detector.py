@@ -18,7 +18,18 @@ if TYPE_CHECKING:
     from .gates import Gate
 
 #: What an accepted candidate becomes.
-Emits = Literal["pick", "step", "impact", "fix", "track", "bearing", "disagreement", "heading"]
+Emits = Literal[
+    "pick",
+    "step",
+    "impact",
+    "fix",
+    "track",
+    "bearing",
+    "disagreement",
+    "heading",
+    "presence",
+    "pass",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

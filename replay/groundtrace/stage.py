@@ -23,6 +23,7 @@ from groundtrace_codecs.signals import SignalBlock
 from .detector import Associator, Detector, Emits
 from .gates import Candidates, Carry, decided_block, gate_specs
 from .nonfinite import Holder
+from .presence_spans import Spans
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -63,6 +64,7 @@ class _Run(Generic[W]):
     columns: list[int] = field(default_factory=list)
     carry: Carry = field(default_factory=Carry)
     holder: Holder = field(default_factory=Holder)
+    spans: Spans = field(default_factory=Spans)
     open: bool = True
 
     def decide(self, found: Candidates, parameters: Any) -> Iterator[Event]:
@@ -71,7 +73,10 @@ class _Run(Generic[W]):
             return
         block, self.carry = decided_block(self.spec, found, self.worker, parameters, self.carry)
         yield block
-        yield from accepted_events(block, self.worker.emits)
+        if self.worker.emits == "presence":
+            yield from self.spans.take(block)
+        else:
+            yield from accepted_events(block, self.worker.emits)
 
 
 class PluginStage(Generic[K]):
@@ -212,6 +217,7 @@ class DetectorStage(PluginStage[Detector]):
             return
         run.open = False
         yield from self._measured(run, run.worker.finish())
+        yield from run.spans.finish(run.spec)
         if run.holder.count:
             text = f"{run.spec.topic}: {run.holder.count} samples not finite, last value held"
             yield Note(run.holder.last_ns, text, "WARN", self.name)

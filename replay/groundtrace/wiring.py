@@ -17,6 +17,8 @@ from .reckoning.stage import ReckoningStage
 from .stage import AssociatorStage, DetectorStage
 from .step_type_stage import StepTypeStage
 from .tracker_stage import TrackerStage
+from .vehicle_ratio_stage import RatioStage
+from .vehicle_stage import VehicleStage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +40,7 @@ class Before:
 
     Attributes
     ----------
-    picking, stepping, pointing, locating
+    picking, stepping, pointing, hearing, locating
         Names of the stages.
     window_s
         How long after a step's first arrival the stage that finds steps waits [s]; 0 for one that
@@ -48,6 +50,7 @@ class Before:
     picking: str = ""
     stepping: str = ""
     pointing: str = ""
+    hearing: str = ""
     window_s: float = 0.0
     locating: list[str] = field(default_factory=list)
 
@@ -70,12 +73,8 @@ class Before:
                 window_s=self.window_s,
                 geometry=geometry,
             )
-        if group == "localizers" and getattr(given[2], "takes", "pick") == "bearing":
-            pointing, stepping = self.pointed(key), self.stepping
-            return BearingStage(*given, pointing=pointing, stepping=stepping, geometry=geometry)
         if group == "localizers":
-            picking, stepping = self.located(key)
-            return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
+            return self._localizer(given, geometry)
         if group == "comparisons":
             sources = self.compared(key)
             return ComparisonStage(*given, sources=sources, geometry=geometry)
@@ -84,6 +83,9 @@ class Before:
         if group == "trackers":
             given = (*given[:3], scaled_lengths(parameters, geometry), given[4])
             return TrackerStage(*given, source=self.tracked(key, parameters.source))
+        if group in ("vehicles", "ratios"):
+            kind = VehicleStage if group == "vehicles" else RatioStage
+            return kind(*given, hearing=self.heard(key), geometry=geometry)
         if group == "navigators":
             return NavigatorStage(*given)
         if group == "reckoners":
@@ -91,6 +93,14 @@ class Before:
             stepping = self.stepped(key)
             return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
         return DetectorStage(*given)
+
+    def _localizer(self, given: Given, geometry: Geometry | None) -> Stage:
+        """Return the stage of a localizer, by what it takes."""
+        if getattr(given[2], "takes", "pick") == "bearing":
+            pointing, stepping = self.pointed(given[0]), self.stepping
+            return BearingStage(*given, pointing=pointing, stepping=stepping, geometry=geometry)
+        picking, stepping = self.located(given[0])
+        return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
 
     def add(self, key: str, emits: str, parameters: Any) -> None:
         """Count a stage in by what it emits."""
@@ -101,6 +111,8 @@ class Before:
             self.window_s = getattr(parameters, "window_s", 0.0)
         elif emits == "bearing":
             self.pointing = key
+        elif emits == "presence":
+            self.hearing = key
         elif emits == "fix":
             self.locating.append(key)
 
@@ -128,6 +140,14 @@ class Before:
                 f"{key}: expected a stage that gives bearings before it, found none"
             )
         return self.pointing
+
+    def heard(self, key: str) -> str:
+        """Return whose cycles a stage of vehicles takes; refuse one with none to take."""
+        if not self.hearing:
+            raise PipelineError(
+                f"{key}: expected a stage that hears vehicles before it, found none"
+            )
+        return self.hearing
 
     def recalled(self, key: str, after_s: float) -> None:
         """Refuse an array method that looks at signal later than a step is sure to be announced."""

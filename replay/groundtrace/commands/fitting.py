@@ -9,6 +9,7 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 from ..errors import RecordingError
 
 if TYPE_CHECKING:
+    from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.recording import Recording
 
 #: The pipeline without stages.
@@ -18,11 +19,22 @@ SIGNALS = "signals"
 def fitting_pipeline(recording: Recording) -> str | None:
     """Return the pipeline for what a recording holds; None where it does not tell."""
     seismic = sum(len(s.columns_of(SEISMIC_QUANTITIES)) for s in recording.streams)
+    if recording.geometry is not None and recording.geometry.road and seismic:
+        return _beside_a_road(recording.geometry)
     if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
         return "room-footsteps"
     if any(s.columns_of({"acceleration"}) for s in recording.streams):
         return "waist-steps"
     return None
+
+
+def _beside_a_road(geometry: Geometry) -> str:
+    """Return the pipeline for vehicles: passes at stations in a line beside it, else tracks."""
+    from ..vehicles.api import Site
+    from ..vehicles.road_places import in_line
+
+    site = Site.of(geometry)
+    return "vehicle-passes" if len(site.names) < 3 or in_line(site) else "vehicle-tracks"
 
 
 def default_pipeline(recording: Recording) -> str:

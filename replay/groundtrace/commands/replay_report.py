@@ -55,6 +55,8 @@ def report(
             ("picks", "Pick"),
             ("steps", "StepEvent"),
             ("fixes", "Fix"),
+            ("passes", "Pass"),
+            ("crossings", "LineCrossing"),
             ("gaps", "Gap"),
             ("notes", "Note"),
         )

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
         ConsistencyScore,
         DisturbanceScore,
         HeadingScore,
+        PassScore,
         PickScore,
         PositionScore,
         Score,
         StepScore,
         TrackScore,
+        WayScore,
     )
     from ..score.closure import ClosureScore
     from ..score.picks import PickErrors
@@ -105,6 +107,8 @@ def _print(figures: Score, unit: str) -> None:
         _print_disturbance(figures.disturbance)
     if figures.consistency is not None:
         _print_consistency(figures.consistency)
+    if figures.passes is not None:
+        _print_passes(figures.passes)
 
 
 def _print_steps(s: StepScore) -> None:
@@ -176,6 +180,9 @@ def _print_track(t: TrackScore, unit: str) -> None:
     if t.identity is not None and len(t.identity.targets) > 1:
         targets = len(t.identity.targets)
         print(f"  {targets} targets: {t.identity.switches} switches, IDF1 {t.identity.idf1:.3f}")
+    if t.ways is not None:
+        _print_ways(t.ways, unit)
+        return  # a vehicle is heard on part of its way: closure would say nothing
     if t.closure is not None:
         _print_closure(t.closure, unit)
     if t.waypoints is not None:
@@ -192,6 +199,44 @@ def _print_closure(c: ClosureScore, unit: str) -> None:
             f"  turned and shifted onto the truth: RMSE {c.aligned_rmse_m:.2f} {unit}, "
             f"end {_number(c.aligned_end_m)} {unit} off"
         )
+
+
+def _print_ways(w: WayScore, unit: str) -> None:
+    print(
+        f"  across the way: median {w.across_median_m:.2f} {unit} off, 90 % within "
+        f"{w.across_p90_m:.2f} {unit}, {w.n} points"
+    )
+    print(
+        f"  along it: median {w.along_median_m:+.2f} {unit}; speed: median "
+        f"{w.speed_median_mps:.2f} {unit}/s off"
+    )
+
+
+def _print_passes(p: PassScore) -> None:
+    print(
+        f"passes: {p.matched} of {p.truth} found within {p.tolerance_s:g} s, "
+        f"{p.found - p.matched} false"
+    )
+    if p.median_abs_s is not None:
+        order = "right" if p.order_right else "wrong"
+        print(
+            f"  median {p.median_abs_s:.2f} s off, bias {_number(p.bias_s)} s, order {order}; "
+            f"speed {_number(p.speed_median_percent)} % off in the median"
+        )
+    right = {None: "-", True: "right", False: "wrong"}
+    rows = [
+        (
+            v.target or "-",
+            f"{v.found}/{v.truth}",
+            f"{v.together}",
+            right[v.direction_right],
+            _number(v.speed_mps),
+            _number(v.speed_error_mps),
+        )
+        for v in p.vehicles
+    ]
+    header = ("vehicle", "stations", "told as one", "direction", "speed", "error [m/s]")
+    print_table(header, rows)
 
 
 def _print_waypoints(w: WaypointScore, unit: str) -> None:

@@ -22,11 +22,12 @@ from .truth import truth_of
 from .why_picks import explain_picks
 from .why_places import explain_places
 from .why_steps import print_account, print_moment, remedy_text
+from .why_vehicles import explain_vehicles
 
 if TYPE_CHECKING:
     from ..explain import Evidence
 
-Kind = Literal["steps", "picks", "fixes"]
+Kind = Literal["steps", "picks", "fixes", "vehicles"]
 Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 Positive = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 
@@ -56,7 +57,8 @@ def why(
     results
         Results MCAP that groundtrace replay wrote.
     kind
-        What to explain: steps (the default), picks, or fixes, the places of steps.
+        What to explain: steps (the default), picks, fixes, the places of steps, or vehicles, the
+        passes or courses of a pipeline for them (the default there).
     step
         Show everything about the true step of this number, as the table of all counts them.
     fix
@@ -91,7 +93,11 @@ def why(
     result = read_results(results)
     evidence = evidence_of(result, truth_of(result, results, truth))
     at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
-    if chosen == "fixes":
+    if chosen == "steps" and kind is None and step is None:
+        chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
+    if chosen == "vehicles":
+        time_ns, page = explain_vehicles(evidence, at_ns, json=json)
+    elif chosen == "fixes":
         time_ns, page = explain_places(evidence, stage, tolerance_m, fix, at_ns, json=json)
     elif chosen == "picks":
         time_ns, page = explain_picks(evidence, stage, tolerance_ms / 1e3, pick, at_ns, json=json)

@@ -7,6 +7,7 @@ from .consistency import Consistency, ConsistencyScore, consistency, normalised_
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings
 from .matching import match
+from .passes import PassScore, score_passes
 from .picks import PickScore, score_picks
 from .positions import PositionScore, score_positions
 from .report import Score, score_events
@@ -15,6 +16,7 @@ from .step_matching import StepMatch, match_steps, scored_spans
 from .step_words import Confusion
 from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
+from .ways import WayScore, score_ways
 
 __all__ = [
     "Confusion",
@@ -23,12 +25,14 @@ __all__ = [
     "DisturbanceScore",
     "Gospa",
     "HeadingScore",
+    "PassScore",
     "PickScore",
     "PositionScore",
     "Score",
     "StepMatch",
     "StepScore",
     "TrackScore",
+    "WayScore",
     "assign",
     "consistency",
     "gospa",
@@ -39,9 +43,11 @@ __all__ = [
     "score_disturbances",
     "score_events",
     "score_headings",
+    "score_passes",
     "score_picks",
     "score_positions",
     "score_steps",
     "score_tracks",
+    "score_ways",
     "scored_spans",
 ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .places import found_places, match_places, true_places
+from .ways import has_vehicles, places_at
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,6 +84,9 @@ def score_positions(
 ) -> PositionScore | None:
     """Score fixes against the places of steps and impacts, else of waypoints.
 
+    Vehicles are on their way at all times: fixes are scored against where they are at the fix's
+    own time, straight between waypoints.
+
     Parameters
     ----------
     labels
@@ -99,6 +103,8 @@ def score_positions(
     truth = true_places(labels)
     if not len(truth) or not fixes:
         return None
+    if has_vehicles(labels):
+        truth = places_at(truth, np.array([fix.time_ns for fix in fixes], np.int64))
     stages = list(dict.fromkeys(fix.stage for fix in fixes))
     matched = {
         s: matched_fixes(truth, [f for f in fixes if f.stage == s], tolerance_s) for s in stages

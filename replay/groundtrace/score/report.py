@@ -11,6 +11,7 @@ from groundtrace_codecs.events import (
     Disturbance,
     Fix,
     Heading,
+    Pass,
     Pick,
     StageSpec,
     StepEvent,
@@ -20,12 +21,14 @@ from groundtrace_codecs.events import (
 from .consistency import ConsistencyScore, score_consistency
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings
+from .passes import PassScore, score_passes
 from .picks import PickScore, score_picks
 from .positions import PositionScore, score_positions
 from .step_matching import match_steps
 from .step_words import compare_words
 from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
+from .ways import has_vehicles
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -33,7 +36,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
 
-E = TypeVar("E", Fix, TrackPoint, Heading, Disturbance)
+E = TypeVar("E", Fix, TrackPoint, Heading, Disturbance, Pass)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ class Score:
     heading: HeadingScore | None
     disturbance: DisturbanceScore | None
     consistency: ConsistencyScore | None
+    passes: PassScore | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,9 @@ class Answers:
         By topic, of the last stage that picks: it has the last word.
     fixes
         Of all stages, so that localisers side by side can be compared.
-    points, headings, disturbances
+    points
+        Of the last stage that tracks.
+    headings, disturbances, passes
         Of the last stage that gives any.
     """
 
@@ -71,13 +77,14 @@ class Answers:
     points: list[TrackPoint]
     headings: list[Heading]
     disturbances: list[Disturbance]
+    passes: list[Pass]
 
 
 def answers_of(events: Iterable[Event]) -> Answers:
     """Sort a result's events by the truth they answer."""
-    found = Answers([], [], [], [], [], [])
+    found = Answers([], [], [], [], [], [], [])
     picking: dict[str, str] = {}
-    stepping = ""
+    stepping = tracking = ""
     for event in events:
         match event:
             case StepEvent():
@@ -92,17 +99,23 @@ def answers_of(events: Iterable[Event]) -> Answers:
                 found.headings.append(event)
             case Disturbance():
                 found.disturbances.append(event)
+            case Pass():
+                found.passes.append(event)
             case StageSpec(emits="pick"):
                 picking[event.topic] = event.stage
             case StageSpec(emits="step"):
                 stepping = event.stage
+            case StageSpec(emits="track"):
+                tracking = event.stage
+    tracks = [point for point in found.points if point.stage == tracking]
     return replace(
         found,
         steps=[step for step in found.steps if step.stage == (stepping or step.stage)],
         picks=[pick for pick in found.picks if picking.get(pick.topic) == pick.stage],
-        points=last_word(found.points),
+        points=tracks or last_word(found.points),
         headings=last_word(found.headings),
         disturbances=last_word(found.disturbances),
+        passes=last_word(found.passes),
     )
 
 
@@ -141,6 +154,7 @@ def score_events(
         heading=score_headings(labels, said.headings, tolerance_s),
         disturbance=score_disturbances(labels, said.disturbances, start_ns, end_ns),
         consistency=score_consistency(labels, last_word(said.fixes), said.points, tolerance_s),
+        passes=score_passes(labels, said.passes),
     )
 
 
@@ -151,6 +165,8 @@ def _steps(
     end_ns: int,
     tolerance_s: float,
 ) -> StepScore | None:
+    if not steps and has_vehicles(labels):
+        return None  # who walks beside a road is there to be told from vehicles
     detected_ns = np.array([step.time_ns for step in steps], np.int64)
     score = score_steps(labels, detected_ns, start_ns, end_ns, tolerance_s)
     if score is None:

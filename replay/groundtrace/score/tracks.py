@@ -13,6 +13,7 @@ from .identity import IdentityScore, score_identity
 from .places import found_places, true_places
 from .set_distances import gospa, ospa
 from .waypoints import WaypointScore, score_waypoints
+from .ways import WayScore, score_ways
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,6 +97,8 @@ class TrackScore:
         track of one target.
     waypoints
         Distances from the waypoints that truth has, or None without two of one target.
+    ways
+        Errors across and along the ways of vehicles, or None where truth has none.
     """
 
     stage: str
@@ -115,6 +118,7 @@ class TrackScore:
     identity: IdentityScore | None
     closure: ClosureScore | None
     waypoints: WaypointScore | None
+    ways: WayScore | None = None
 
 
 def score_tracks(
@@ -163,6 +167,7 @@ def score_tracks(
         identity=_identity(truth, points, tolerance_s),
         closure=score_closure(truth, points),
         waypoints=score_waypoints(labels, points),
+        ways=score_ways(labels, points),
     )
 
 

@@ -111,6 +111,7 @@ def fit_course(
     search: Search | None = None,
     each_mu: bool = False,
     relative_sigma: float | None = None,
+    fit_noise: bool = False,
 ) -> CourseFit | None:
     """Fit a straight course to powers.
 
@@ -125,18 +126,21 @@ def fit_course(
         sensors tell its places, and not how its power rises and falls.
     relative_sigma
         Standard deviation of a power over its mean; None: found.
+    fit_noise
+        Whether a factor that all floors share is found too; they count as one measurement of it,
+        as sure as a single power. For floors that a vehicle heard for long has raised.
 
     Returns
     -------
     The likeliest course, or None with fewer than two powers beyond the unknowns, or where these are
     open, as where there is but noise.
     """
-    model = _Model(observed, each_mu)
+    model = _Model(observed, each_mu, fit_noise)
     if model.samples < 4 + model.strengths + 2:
         return None
     reach = search or Search.about(observed.sensors)
     fits = [
-        fit_powers(model, model.powers, model.start(start), relative_sigma)
+        fit_powers(model, model.fitted, model.start(start), relative_sigma)
         for start in starts(observed, reach, each_mu)
     ]
     fits.sort(key=lambda fit: fit.deviance)
@@ -168,10 +172,14 @@ def _differ(one: Course, other: Course) -> bool:
 
 
 class _Model:
-    """Mean powers and their slopes for the parameters (x, y, vx, vy, ln mu...)."""
+    """Mean powers and their slopes for the parameters (x, y, vx, vy, ln mu..., ln of the noise).
 
-    def __init__(self, observed: Observed, each_mu: bool) -> None:
+    Where the noise is fitted, a last power of 1 has its factor as mean.
+    """
+
+    def __init__(self, observed: Observed, each_mu: bool, fit_noise: bool = False) -> None:
         self.observed = observed
+        self.fit_noise = fit_noise
         self.used = usable(observed.powers)
         self.powers: Array = observed.powers[self.used]
         self.floors: Array = observed.floors[self.used]
@@ -182,6 +190,7 @@ class _Model:
         self.group = group if each_mu else np.zeros(len(cycle), np.intp)
         self.strengths = len(heard) if each_mu else 1
         self.samples = len(self.powers)
+        self.fitted: Array = np.append(self.powers, 1.0) if fit_noise else self.powers
 
     def start(self, course: Array) -> Array:
         """Return a course (4,) with the strengths that suit it, shape (4 + strengths,)."""
@@ -189,15 +198,28 @@ class _Model:
         share = np.clip(1 - self.floors / self.powers, 1e-3, 1.0)
         logs = np.log(self.powers * share / spread)
         sums = np.bincount(self.group, share**2 * logs)
-        return np.concatenate([course, sums / np.bincount(self.group, share**2)])
+        logs = sums / np.bincount(self.group, share**2)
+        return np.concatenate([course, logs, np.zeros(int(self.fit_noise))])
 
     def __call__(self, values: Array) -> tuple[Array, Array]:
         spread, slopes = self._spread(values[:4])
-        vehicle = spread * np.exp(np.clip(values[4:], -600, 600))[self.group]
-        mean = vehicle + self.floors
+        logs = np.clip(values[4:], -600, 600)
+        vehicle = spread * np.exp(logs[: self.strengths])[self.group]
+        factor = float(np.exp(logs[-1])) if self.fit_noise else 1.0
+        mean = vehicle + factor * self.floors
         strength = (self.group[:, None] == np.arange(self.strengths)).astype(np.float64)
         share = (vehicle / mean)[:, None]
-        return mean, share * np.concatenate([slopes, strength], axis=1)
+        slopes = share * np.concatenate([slopes, strength], axis=1)
+        return self._noise(mean, slopes, 1 - share, factor) if self.fit_noise else (mean, slopes)
+
+    def _noise(
+        self, mean: Array, slopes: Array, noise_share: Array, factor: float
+    ) -> tuple[Array, Array]:
+        """Add the noise's factor: a column of slopes, and a row for what is known of it."""
+        alone = np.zeros((1, slopes.shape[1] + 1))
+        alone[0, -1] = 1.0
+        wider = np.concatenate([slopes, noise_share], axis=1)
+        return np.append(mean, factor), np.concatenate([wider, alone])
 
     def _spread(self, course: Array) -> tuple[Array, Array]:
         """Return powers for mu = 1 and the slopes of their logarithms, shapes (k,) and (k, 4)."""
@@ -223,12 +245,15 @@ class _Model:
 
     def result(self, fit: Fitted) -> CourseFit:
         """Return a fit in words of a course."""
-        place, velocity, log_mu = np.split(fit.values, [2, 4])
+        strengths = slice(4, 4 + self.strengths)
+        place, velocity, log_mu = fit.values[:2], fit.values[2:4], fit.values[strengths]
         course = Course(self.time_s, place, velocity, fit.covariance[:4, :4])
-        sigma = np.sqrt(np.diag(fit.covariance)[4:])
+        sigma = np.sqrt(np.diag(fit.covariance)[strengths])
         evidence = float("inf")
         if (self.floors > 0).all():
-            alone = float(deviance(self.powers, self.floors).sum())
+            # the likeliest factor of a gamma law is the mean ratio
+            factor = float((self.powers / self.floors).mean()) if self.fit_noise else 1.0
+            alone = float(deviance(self.powers, factor * self.floors).sum())
             evidence = (alone - fit.deviance) / (2 * fit.relative_sigma**2)
         likely, scatter, samples = fit.log_likelihood, fit.relative_sigma, fit.samples
         return CourseFit(course, log_mu, sigma, likely, evidence, scatter, samples)

@@ -26,6 +26,9 @@ CADENCE_HZ = (1.4, 2.5)
 _ENVELOPE_HZ = (0.9, 8.0)
 #: Rate the envelope is brought down to [Hz].
 _ENVELOPE_RATE_HZ = 40.0
+#: Samples are levelled by their running root mean square under a Hann window of this length [s]:
+#: longer than a step's interval, shorter than a vehicle takes to pass.
+_LEVEL_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,9 @@ class Features:
         Shape (n_channels, n): mean square in the band [unit^2].
     kurtosis
         Shape (n_channels, n): excess over a normal law's, 0 for Gaussian noise.
+    impulsiveness
+        Shape (n_channels, n): the same of levelled samples, so that a vehicle that comes near
+        within the window has none.
     flatness
         Shape (n_channels, n): geometric over arithmetic mean of the spectrum in the band, from 0
         for a line to 1 for white noise.
@@ -55,6 +61,7 @@ class Features:
     time_ns: NDArray[np.int64]
     power: Array
     kurtosis: Array
+    impulsiveness: Array
     flatness: Array
     centroid_hz: Array
     cadence: Array
@@ -68,6 +75,16 @@ def kurtosis(samples: Array) -> Array:
     fourth = np.mean(centred**4, axis=1)
     ratio = np.divide(fourth, square**2, out=np.full(len(square), 3.0), where=square > 0)
     return np.asarray(ratio - 3)
+
+
+def levelled(samples: Array, rate_hz: float) -> Array:
+    """Return rows over their running root mean square, shape (n_channels, n)."""
+    length = min(round(_LEVEL_S * rate_hz), samples.shape[1])
+    window = np.hanning(length + 2)[1:-1]
+    weight = np.convolve(np.ones(samples.shape[1]), window, "same")
+    square = np.array([np.convolve(row, window, "same") for row in samples**2]) / weight
+    found: Array = samples / np.sqrt(np.maximum(square, np.finfo(float).tiny))
+    return found
 
 
 def spectral_shape(
@@ -216,10 +233,11 @@ class PresenceFeatures:
         return found
 
     def _features(self, times: NDArray[np.int64], windows: list[Array]) -> Features:
-        rows = np.empty((6, len(self._samples), len(windows)))
+        rows = np.empty((7, len(self._samples), len(windows)))
         for column, window in enumerate(windows):
             rows[0, :, column] = np.mean(window**2, axis=1)
             rows[1, :, column] = kurtosis(window)
-            rows[2:4, :, column] = spectral_shape(window, self.rate_hz, self.band_hz)
-            rows[4:6, :, column] = cadence(window, self.rate_hz)
+            rows[2, :, column] = kurtosis(levelled(window, self.rate_hz))
+            rows[3:5, :, column] = spectral_shape(window, self.rate_hz, self.band_hz)
+            rows[5:7, :, column] = cadence(window, self.rate_hz)
         return Features(times, *rows)

@@ -1,0 +1,180 @@
+"""The stage of ratios: places from instantaneous powers of the stations of one recorder."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from .gates import Carry, decided_block, gate_specs
+from .lengths import in_length_unit
+from .localizer_stage import place_candidate, placed_channels
+from .stage import PluginStage
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+
+    from .vehicles.ratio_worker import CycleRatios, RatioPlaces
+
+#: A place needs so many stations.
+_LEAST = 3
+#: Cycles with a vehicle are remembered for so long [ns].
+_KEEP_NS = 60 * NS_PER_S
+
+
+@dataclass(slots=True)
+class _Run:
+    """Ratios of one topic, and the cycles in which a vehicle was heard."""
+
+    worker: RatioPlaces
+    spec: StageSpec
+    columns: list[int]
+    sensors: NDArray[np.float64]
+    rate_hz: float
+    carry: Carry = field(default_factory=Carry)
+
+    def begin(self) -> None:
+        """Begin a run of samples."""
+        self.worker.start(self.rate_hz, self.sensors)
+
+
+class RatioStage(PluginStage["RatioPlaces"]):
+    """Runs ratios on every stream with three or more stations at known places.
+
+    Parameters
+    ----------
+    name, plugin, kind, parameters, topics
+        As those of :class:`groundtrace.stage.DetectorStage`.
+    hearing
+        The stage that hears vehicles: only in its cycles are there places, and ratios.
+    geometry
+        Where the stations are; None where unknown.
+
+    Notes
+    -----
+    Stations of several recorders are not compared: their samples are not of the same moments. Any
+    gap starts the analytic signal anew.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plugin: str,
+        kind: type[RatioPlaces],
+        parameters: Any,
+        topics: Sequence[str] = (),
+        *,
+        hearing: str,
+        geometry: Geometry | None = None,
+    ) -> None:
+        super().__init__(name, plugin, kind, parameters, topics)
+        self.hearing = hearing
+        self.geometry = geometry or Geometry()
+        self._heard: dict[str, deque[int]] = {}
+        self._runs: dict[str, _Run | None] = {}
+
+    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
+        """Take samples, and the cycles in which there is a vehicle."""
+        match item:
+            case SignalBlock(topic=topic) if len(item) and topic in self._heard:
+                yield from self._hear(item)
+            case StageSpec(stage=stage, topic=topic) if stage == self.hearing:
+                if self.allowed(topic):
+                    self._heard[topic] = deque()
+            case CandidateBlock(spec=spec) if spec.stage == self.hearing:
+                if spec.topic in self._heard:
+                    _remember(self._heard[spec.topic], item)
+            case Gap(bridged=False, topic=topic):
+                if (run := self._runs.get(topic)) is not None:
+                    run.begin()
+                    run.carry = Carry()
+                    self._heard[topic].clear()
+
+    def flush(self) -> Iterator[Event]:
+        """Yield nothing: a cycle that is not complete has no ratios."""
+        yield from ()
+
+    def save(self) -> Any:
+        """Return a copy of everything that crosses items."""
+        return copy.deepcopy((self._heard, self._runs))
+
+    def restore(self, saved: Any) -> None:
+        """Go on from what :meth:`save` returned."""
+        self._heard, self._runs = copy.deepcopy(saved)
+
+    def _hear(self, block: SignalBlock) -> Iterator[Event]:
+        from .detectors.filters import planar
+
+        if block.topic not in self._runs:
+            self._runs[block.topic] = run = self._begin(block)
+            if run is not None:
+                yield run.spec
+        run = self._runs[block.topic]
+        if run is None:
+            return
+        heard = self._heard[block.topic]
+        for ratios in run.worker.add(block.sample_times(), planar(block.select(run.columns))):
+            while heard and heard[0] < ratios.time_ns:
+                heard.popleft()
+            if heard and heard[0] == ratios.time_ns:
+                yield from self._located(run, ratios)
+
+    def _begin(self, block: SignalBlock) -> _Run | None:
+        stream = block.stream
+        columns = stream.columns_of(self.kind.quantities)
+        places, sensors = placed_channels([stream.channels[c].name for c in columns], self.geometry)
+        if len(np.unique(sensors, axis=0)) < _LEAST:
+            return None
+        worker = self.kind(self.parameters)
+        names = list(places)
+        pairs = tuple(f"{name}/{names[0]}" for name in names[1:])
+        gates = gate_specs(worker.gates, self.parameters)
+        spec = StageSpec(
+            self.name,
+            self.plugin,
+            block.topic,
+            pairs,
+            worker.columns,
+            gates,
+            worker.trace,
+            worker.emits,
+        )
+        index = {c.name: i for i, c in enumerate(stream.channels)}
+        chosen = [index[name] for name in names]
+        run = _Run(worker, in_length_unit(spec, self.geometry), chosen, sensors, stream.rate_hz)
+        run.begin()
+        return run
+
+    def _located(self, run: _Run, ratios: CycleRatios) -> Iterator[Event]:
+        columns = [
+            column
+            for found in ratios.estimates.values()
+            for column in (found.log_theta, found.log_sigma)
+        ]
+        value = np.stack(columns, axis=-1).astype(np.float32)[None]
+        yield TraceBlock(run.spec, np.array([ratios.time_ns], np.int64), value)
+        location = run.worker.locate(ratios)
+        found = place_candidate(ratios.time_ns, location)
+        block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
+        yield block
+        if block.accepted[0]:
+            yield location.fix(ratios.time_ns, f"{self.plugin} {self.parameters.method}", self.name)
+
+
+def _remember(heard: deque[int], block: CandidateBlock) -> None:
+    """Keep the cycles in which any channel hears a vehicle."""
+    for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
+        heard.append(time_ns)
+    while heard and heard[0] < heard[-1] - _KEEP_NS:
+        heard.popleft()

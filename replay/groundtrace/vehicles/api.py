@@ -1,0 +1,138 @@
+"""What works on the powers of stations, cycle by cycle: the protocol, and what it is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from ..gates import Candidates
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event, Quantity
+    from groundtrace_codecs.geometry import Geometry
+
+    from ..detector import Emits
+    from ..gates import Gate
+
+    Array = NDArray[np.float64]
+
+#: Sensors no further apart are at one place [m].
+_SAME_M = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """Stations, a road beside them, and the ground.
+
+    Attributes
+    ----------
+    names
+        Of the stations; a station of three axes is one.
+    places
+        Shape (n, 2) [m].
+    stations
+        The station of each channel, by index.
+    road
+        Shape (k, 2): corners of the road in its forward direction [m]; k is 0 where none is known.
+    velocity_mps
+        Of the waves [m/s]; inf where unknown.
+    """
+
+    names: tuple[str, ...]
+    places: Array
+    stations: dict[str, int]
+    road: Array
+    velocity_mps: float
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> Site:
+        """Return the stations of a geometry: the sensors of one place are one."""
+        names: list[str] = []
+        places: list[tuple[float, float]] = []
+        stations: dict[str, int] = {}
+        for sensor in geometry.sensors:
+            here = (sensor.x, sensor.y)
+            apart = [np.hypot(here[0] - x, here[1] - y) for x, y in places]
+            index = next((i for i, d in enumerate(apart) if d < _SAME_M), len(places))
+            if index == len(places):
+                names.append(sensor.name)
+                places.append(here)
+            stations[sensor.channel] = index
+        velocity = geometry.medium.velocity_mps
+        return cls(
+            tuple(names),
+            np.array(places, np.float64).reshape(-1, 2),
+            stations,
+            np.array(geometry.road, np.float64).reshape(-1, 2),
+            float("inf") if velocity is None else velocity,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cycle:
+    """One working cycle at all stations.
+
+    Attributes
+    ----------
+    time_ns, length_ns
+        Middle, and how long it is.
+    powers, floors
+        Shape (n,): sums over the channels of a station, noise included, and of the noise
+        [unit^2]; NaN where nothing was recorded.
+    present
+        Shape (n,): whether any channel of the station hears a vehicle.
+    """
+
+    time_ns: int
+    length_ns: int
+    powers: Array
+    floors: Array
+    present: NDArray[np.bool_]
+
+
+class VehicleWorker(Protocol):
+    """What a stage of vehicles runs.
+
+    A worker measures; its gates decide; :meth:`follow` is told what was decided at once after.
+
+    Notes
+    -----
+    ``least_stations`` says how many stations at places it needs.
+    """
+
+    Parameters: type[Any]
+    emits: Emits
+    columns: tuple[Quantity, ...]
+    gates: tuple[Gate, ...]
+    least_stations: int
+
+    def __init__(self, parameters: Any) -> None: ...
+
+    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+        """Begin; return the names of the candidates' channels."""
+
+    def take(self, cycle: Cycle) -> Candidates:
+        """Take the next cycle; return what is to be decided."""
+
+    def finish(self) -> Candidates:
+        """End of a run of cycles; return what is to be decided of it."""
+
+    def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
+        """Yield the events of the candidates just returned, by whether they were accepted."""
+
+
+def candidates_of(rows: list[tuple[int, int, list[float]]], columns: int) -> Candidates:
+    """Return rows of (time [ns], channel, values) as candidates, in the order of the first two."""
+    if not rows:
+        return Candidates.empty(columns)
+    return Candidates(
+        np.array([row[0] for row in rows], np.int64),
+        np.array([row[1] for row in rows], np.int32),
+        np.array([row[2] for row in rows], np.float32),
+    )

@@ -1,0 +1,214 @@
+"""Courses of vehicles, fitted at the end of each run: straight at once, by cycles, or curved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+
+from groundtrace_codecs.events import Quantity
+
+from ..gates import Level
+from ..parameters import gate, measured
+from .api import candidates_of
+from .crossings import Way, lines_of
+from .rides import about, curved_ride, cycle_ride, direct_ride
+from .runs import RunCollector, RunLimits, observed_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+
+    from ..detector import Emits
+    from ..gates import Candidates, Gate
+    from .api import Cycle, Site
+    from .courses import Observed
+    from .rides import Ride
+
+_Exponent = Annotated[float, measured("1", "n of the power mu / r^n.", gt=0)]
+_Lead = Annotated[float, measured("s", "Of the run before its first cycle.", ge=0)]
+_Quiet = Annotated[float, measured("s", "Without a vehicle until a run has ended.", gt=0)]
+_Most = Annotated[float, measured("s", "Longest run.", gt=0)]
+_Line = Annotated[str, measured("m", "A line whose crossing is told, as x,y x,y.")]
+_Sigma = Annotated[float, gate("m", "Largest standard deviation of the middle place.", gt=0)]
+_Fast = Annotated[float, gate("m/s", "Highest speed.", gt=0)]
+_Cycles = Annotated[float, gate("1", "Fewest cycles with a place.", ge=4)]
+
+_SPEED, _PLACE = Quantity("speed", "m/s"), Quantity("sigma", "m")
+_MOTION = (
+    Level("speed", "m/s", "speed", at_least=False),
+    Level("sigma", "m", "sigma", at_least=False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CourseParameters:
+    """Parameters of :class:`CourseFinder`."""
+
+    exponent: _Exponent = 1.5
+    lead_s: _Lead = 4.0
+    quiet_s: _Quiet = 2.0
+    most_s: _Most = 120.0
+    slowest_mps: Annotated[float, measured("m/s", "Slowest vehicle.", gt=0)] = 1.0
+    fastest_mps: Annotated[float, measured("m/s", "Fastest vehicle.", gt=0)] = 30.0
+    strength: Annotated[
+        Literal["auto", "one", "each"],
+        measured("", "Of the vehicle: one, or each cycle its own; auto: by what is likelier."),
+    ] = "auto"
+    line: _Line = ""
+    evidence: Annotated[float, gate("1", "Lowest log-likelihood over that of noise.")] = 20.0
+    speed: _Fast = 45.0
+    sigma: _Sigma = 10.0
+    scatter: Annotated[
+        float, gate("1", "Highest standard deviation of a power over its mean.", gt=0)
+    ] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class CycleCourseParameters:
+    """Parameters of :class:`CycleCourseFinder`."""
+
+    exponent: _Exponent = 1.5
+    loss: Annotated[
+        Literal["squares", "huber", "tukey"], measured("", "squares: (9); the others are robust.")
+    ] = "huber"
+    lead_s: _Lead = 4.0
+    quiet_s: _Quiet = 2.0
+    most_s: _Most = 120.0
+    line: _Line = ""
+    cycles: _Cycles = 6.0
+    speed: _Fast = 45.0
+    sigma: _Sigma = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class CurveParameters:
+    """Parameters of :class:`CurveFinder`."""
+
+    exponent: _Exponent = 1.5
+    acceleration: Annotated[
+        float, measured("m^2/s^3", "Spectral density of white acceleration.", gt=0)
+    ] = 1.0
+    lead_s: _Lead = 4.0
+    quiet_s: _Quiet = 2.0
+    most_s: _Most = 120.0
+    line: _Line = ""
+    cycles: _Cycles = 6.0
+    speed: _Fast = 45.0
+    sigma: _Sigma = 10.0
+
+
+class RunWorker:
+    """What the finders share: they collect runs, and tell tracks and crossings of what they find.
+
+    A run ends when no station has heard a vehicle for ``quiet_s``; what is found is told then. A
+    run of several vehicles at once is fitted as one.
+    """
+
+    emits: Emits = "track"
+    columns: tuple[Quantity, ...]
+    gates: tuple[Gate, ...]
+    least_stations = 3
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+        self._tracks = 0
+        self._found: tuple[int, Ride] | None = None
+
+    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+        """Begin without a run."""
+        p = self.parameters
+        self.site, self._stage = site, stage
+        self._lines = lines_of(site, p.line)
+        self._runs = RunCollector(RunLimits(p.lead_s, p.quiet_s, p.most_s))
+        return ("all",)
+
+    def take(self, cycle: Cycle) -> Candidates:
+        """Return the candidate of the run that the cycle ends."""
+        return self._candidate(self._runs.take(cycle))
+
+    def finish(self) -> Candidates:
+        """Return the candidate of the last run."""
+        return self._candidate(self._runs.finish())
+
+    def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
+        """Yield the track of an accepted run and the lines that it crosses."""
+        if self._found is None or not accepted[0]:
+            return
+        origin_ns, ride = self._found
+        self._tracks += 1
+        way = Way(self._tracks, self._stage, origin_ns)
+        yield from ride.points(way)
+        yield from ride.crossings(self._lines, way)
+
+    def ride(self, observed: Observed) -> Ride | None:
+        """Return what the run was, or None where the powers do not tell."""
+        raise NotImplementedError
+
+    def _candidate(self, run: list[Cycle]) -> Candidates:
+        self._found = None
+        if not run:
+            return candidates_of([], len(self.columns))
+        ride = self.ride(observed_of(run, self.site, self.parameters.exponent))
+        if ride is None:
+            nothing = [0.0, *[np.nan] * (len(self.columns) - 1)]
+            return candidates_of([(run[len(run) // 2].time_ns, 0, nothing)], len(self.columns))
+        self._found = run[0].time_ns, ride
+        middle_s = float(ride.times_s[len(ride.times_s) // 2])
+        middle_ns = run[0].time_ns + round(middle_s * 1e9)
+        return candidates_of([(middle_ns, 0, list(ride.values))], len(self.columns))
+
+
+class CourseFinder(RunWorker):
+    """The straight course that suits the powers of all cycles at once, rivals reckoned with.
+
+    It is the one to use where vehicles go straight.
+    """
+
+    Parameters = CourseParameters
+    columns = (
+        Quantity("evidence", "1"),
+        _SPEED,
+        _PLACE,
+        Quantity("scatter", "1"),
+        Quantity("rivals", "1"),
+    )
+    gates = (
+        Level("evidence", "1", "evidence"),
+        *_MOTION,
+        Level("scatter", "1", "scatter", at_least=False),
+    )
+
+    def ride(self, observed: Observed) -> Ride | None:
+        """Return the course fitted to the powers."""
+        p = self.parameters
+        search = about(observed.sensors, (p.slowest_mps, p.fastest_mps))
+        return direct_ride(observed, search, self.site.velocity_mps, p.strength)
+
+
+class CycleCourseFinder(RunWorker):
+    """The paper's course: a place in every cycle, (7), and a straight line through them, (9)."""
+
+    Parameters = CycleCourseParameters
+    columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
+    gates = (Level("cycles", "1", "cycles"), *_MOTION)
+
+    def ride(self, observed: Observed) -> Ride | None:
+        """Return the course through the places."""
+        return cycle_ride(observed, self.parameters.loss)
+
+
+class CurveFinder(RunWorker):
+    """A curved path by an iterated smoother on the powers, for vehicles that do not go straight."""
+
+    Parameters = CurveParameters
+    columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
+    gates = (Level("cycles", "1", "cycles"), *_MOTION)
+
+    def ride(self, observed: Observed) -> Ride | None:
+        """Return the smoothed path."""
+        return curved_ride(observed, self.parameters.acceleration)

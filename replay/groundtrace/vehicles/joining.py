@@ -1,0 +1,87 @@
+"""Cycles of all stations, from the candidates of the stage that hears vehicles."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from .api import Cycle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import CandidateBlock
+
+    from .api import Site
+
+#: A channel that is silent for longer is not waited for [ns].
+_PATIENCE_NS = 30 * NS_PER_S
+
+
+class CycleJoin:
+    """Puts the cycles of several recorders together, in the order of time.
+
+    A cycle is complete when every channel of the site has told it or a later one, or when the
+    newest is half a minute later.
+
+    Parameters
+    ----------
+    site
+        The stations.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self._latest = dict.fromkeys(site.stations, -(2**63))
+        self._waiting: dict[int, tuple[NDArray[np.float64], NDArray[np.bool_]]] = {}
+        self._length_ns = 0
+        self._past: int | None = None
+
+    def add(self, block: CandidateBlock) -> Iterator[Cycle]:
+        """Take the cycles of one topic; yield those that are complete."""
+        names = [c.name for c in block.spec.columns]
+        columns = [names.index("power"), names.index("floor")]
+        stations = [self.site.stations.get(name) for name in block.spec.channels]
+        for row in range(len(block)):
+            channel = int(block.channel[row])
+            station = stations[channel]
+            if station is None:
+                continue
+            time_ns = int(block.time_ns[row])
+            self._latest[block.spec.channels[channel]] = time_ns
+            if self._past is None or time_ns > self._past:
+                values = block.value[row, columns].astype(np.float64)
+                self._put(time_ns, station, values, present=bool(block.accepted[row]))
+        newest = max(self._latest.values())
+        yield from self._until(max(min(self._latest.values()), newest - _PATIENCE_NS))
+
+    def flush(self) -> Iterator[Cycle]:
+        """Yield all that waited; times may then begin anew."""
+        yield from self._until(2**63)
+        self._past = None
+        self._latest = dict.fromkeys(self._latest, -(2**63))
+
+    def _put(
+        self, time_ns: int, station: int, values: NDArray[np.float64], *, present: bool
+    ) -> None:
+        if time_ns not in self._waiting:
+            n = len(self.site.names)
+            self._waiting[time_ns] = np.full((2, n), np.nan), np.zeros(n, np.bool_)
+        sums, heard = self._waiting[time_ns]
+        sums[:, station] = np.where(np.isnan(sums[:, station]), 0, sums[:, station]) + values
+        heard[station] |= present
+
+    def _until(self, last_ns: int) -> Iterator[Cycle]:
+        times = sorted(self._waiting)
+        if len(times) > 1 and self._length_ns == 0:
+            self._length_ns = min(np.diff(times).tolist())
+        for time_ns in times:
+            if time_ns <= last_ns:
+                sums, present = self._waiting.pop(time_ns)
+                self._past = time_ns
+                yield Cycle(time_ns, self._length_ns, sums[0], sums[1], present)

@@ -1,0 +1,158 @@
+"""Places of vehicles from the ratios of instantaneous powers, cycle by cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+
+from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from ..gates import Level
+from ..localizers.location import Location, nowhere
+from ..parameters import gate, measured
+from .analytic import AnalyticBand, power
+from .positions import correlation, lattice, locate, solve, squares
+from .ratios import DEVIATIONS, estimate
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from ..detector import Emits
+    from .ratios import Method, RatioEstimate
+
+    Array = NDArray[np.float64]
+
+#: A cycle's ratios need so much of its samples.
+_LEAST_PART = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class RatioParameters:
+    """Parameters of :class:`RatioPlaces`."""
+
+    low_hz: Annotated[float, measured("Hz", "Lower edge of the band.", gt=0)] = 8.0
+    high_hz: Annotated[float, measured("Hz", "Upper edge of the band.", gt=0)] = 40.0
+    cycle_s: Annotated[float, measured("s", "Length of a working cycle.", ge=0.1, le=10)] = 0.5
+    exponent: Annotated[float, measured("1", "n of the power mu / r^n.", gt=0)] = 1.5
+    estimator: Annotated[
+        Literal["likelihood", "median", "geometric", "means"],
+        measured("", "Of the ratios that places are made of; the trace has all."),
+    ] = "geometric"
+    method: Annotated[
+        Literal["squares", "correlation", "solve"],
+        measured("", "squares: of logarithms; correlation: with a table, (17); solve: (16)."),
+    ] = "squares"
+    step_m: Annotated[float, measured("m", "Between the nodes of the table.", gt=0)] = 1.0
+    margin_m: Annotated[float, measured("m", "Of the table about the stations.", ge=0)] = 20.0
+    residual: Annotated[
+        float, gate("1", "Highest root mean square of unexplained ln of distance.", ge=0)
+    ] = 0.6
+    sigma: Annotated[float, gate("m", "Largest standard deviation.", gt=0)] = 15.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleRatios:
+    """Ratios of one cycle.
+
+    Attributes
+    ----------
+    time_ns
+        Middle.
+    estimates
+        By estimator: ln theta of every station but the first, to the first.
+    """
+
+    time_ns: int
+    estimates: dict[Method, RatioEstimate]
+
+
+class RatioPlaces:
+    """Where the ratios of powers of the stations of one recorder put a vehicle.
+
+    The first station is the reference. Ratios are of all that is heard, the noise included.
+    """
+
+    Parameters = RatioParameters
+    quantities = SEISMIC_QUANTITIES
+    emits: Emits = "fix"
+    columns = (
+        Quantity("heard", "1"),
+        Quantity("residual", "1"),
+        Quantity("x", "m"),
+        Quantity("y", "m"),
+        Quantity("sigma", "m"),
+    )
+    gates = (
+        Level("residual", "1", "residual", at_least=False),
+        Level("sigma", "m", "sigma", at_least=False),
+    )
+    trace = tuple(
+        quantity
+        for name in DEVIATIONS
+        for quantity in (Quantity(name, "ln"), Quantity(f"{name} sigma", "ln"))
+    )
+
+    def __init__(self, parameters: RatioParameters) -> None:
+        self.parameters = parameters
+
+    def start(self, rate_hz: float, sensors: Array) -> None:
+        """Begin a run of samples of stations at places, shape (n, 2) [m]."""
+        p = self.parameters
+        self._sensors = sensors
+        self._least = _LEAST_PART * p.cycle_s * rate_hz
+        low, high = sensors.min(axis=0) - p.margin_m, sensors.max(axis=0) + p.margin_m
+        self._low, self._high = low, high
+        self._nodes = lattice(tuple(low.tolist()), tuple(high.tolist()), p.step_m)
+        self._band = AnalyticBand(rate_hz, p.low_hz, p.high_hz)
+        self._cycle_ns = round(p.cycle_s * NS_PER_S)
+        self._times = np.empty(0, np.int64)
+        self._powers = np.empty((len(sensors), 0))
+
+    def add(self, times: NDArray[np.int64], x: Array) -> Iterator[CycleRatios]:
+        """Take samples of the stations, shapes (n_samples,) and (n, n_samples)."""
+        told, analytic = self._band(times, x)
+        self._times = np.concatenate([self._times, told])
+        self._powers = np.concatenate([self._powers, power(analytic)], axis=1)
+        number = self._times // self._cycle_ns
+        edges = np.flatnonzero(np.diff(number)) + 1
+        starts = [0, *edges[:-1].tolist()]
+        for a, b in zip(starts, edges.tolist(), strict=False):
+            if b - a >= self._least and (self._powers[:, a:b] > 0).all():
+                middle_ns = int(number[a]) * self._cycle_ns + self._cycle_ns // 2
+                yield CycleRatios(middle_ns, self._estimates(self._powers[:, a:b]))
+        done = int(edges[-1]) if len(edges) else 0
+        self._times, self._powers = self._times[done:], self._powers[:, done:]
+
+    def locate(self, ratios: CycleRatios) -> Location:
+        """Return the place that suits the ratios of a cycle."""
+        p = self.parameters
+        found = ratios.estimates[p.estimator]
+        log_theta, log_sigma = found.log_theta, float(found.log_sigma.mean())
+        place = locate(self._nodes, self._sensors, log_theta, log_sigma, p.exponent)
+        if p.method != "squares":
+            place = self._otherwise(log_theta, place)
+        inside = (self._low < (place.x, place.y)) & ((place.x, place.y) < self._high)
+        return place if inside.all() else nowhere(len(self._sensors))
+
+    def _otherwise(self, log_theta: Array, place: Location) -> Location:
+        """Return the place by (17) or (16), as sure as that of least squares."""
+        p = self.parameters
+        if p.method == "correlation":
+            metric = correlation(self._nodes, self._sensors, log_theta, p.exponent)
+            spots = self._nodes[[int(metric.argmax())]]
+        else:
+            spots = solve(self._sensors[:3], log_theta[:2], p.exponent)
+        if not len(spots):
+            return nowhere(len(self._sensors))
+        misfit = squares(spots, self._sensors, log_theta, p.exponent)
+        best = int(misfit.argmin())  # of two mirrored places the one that suits the others
+        (x, y), residual = spots[best].tolist(), float(np.sqrt(misfit[best]))
+        return Location(x, y, place.covariance, residual, len(self._sensors))
+
+    def _estimates(self, powers: Array) -> dict[Method, RatioEstimate]:
+        return {method: estimate(powers[1:], powers[:1], method) for method in DEVIATIONS}

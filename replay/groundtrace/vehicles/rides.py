@@ -1,0 +1,201 @@
+"""A vehicle's ride through a run: places and motion at every cycle, by one of three methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from groundtrace_codecs.events import TrackPoint
+from groundtrace_codecs.signals import NS_PER_S
+
+from .courses import fit_course
+from .crossings import crossing_of
+from .likelihood import RELATIVE_SIGMA
+from .lines import Course, through
+from .medium import ranges
+from .runs import heard_span, near_span, part_of
+from .search import Search
+from .tracker import MotionModel, cycle_places, track, track_places
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import LineCrossing
+
+    from .courses import CourseFit, Observed
+    from .crossings import Line, Way
+    from .lines import Loss
+
+    Array = NDArray[np.float64]
+
+#: One strength of the vehicle for all cycles, one for each, or what the powers speak for.
+Strength = Literal["one", "each", "auto"]
+#: Fewest places of single cycles that make a course or start a path.
+_LEAST_PLACES = 4
+#: Nodes along the longer side of the lattice of single cycles.
+_NODES = 60
+_MARGIN = 0.75  # of the stations' longer side
+#: Power over the noise from which a station counts in a single cycle [1], and the standard
+#: deviation from which a place does not [m].
+_CLEAR, _UNSURE_M = 1.5, 15.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ride:
+    """Where a vehicle is at every cycle in which it is heard.
+
+    Attributes
+    ----------
+    times_s
+        Shape (c,), increasing [s].
+    courses
+        Of each cycle: where it goes if it goes straight on.
+    values
+        What the gates look at, in the order of the method's columns.
+    """
+
+    times_s: Array
+    courses: tuple[Course, ...]
+    values: tuple[float, ...]
+
+    def points(self, way: Way) -> Iterator[TrackPoint]:
+        """Yield the track."""
+        for time, course in zip(self.times_s, self.courses, strict=True):
+            (x, y), spread = course.at(time).tolist(), course.spread_at(time)
+            vx, vy = course.velocity.tolist()
+            yield TrackPoint(
+                way.origin_ns + round(float(time) * NS_PER_S),
+                way.track,
+                x,
+                y,
+                vx,
+                vy,
+                (float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1])),
+                way.stage,
+            )
+
+    def crossings(self, lines: Sequence[Line], way: Way) -> Iterator[LineCrossing]:
+        """Yield the lines that are crossed, by the course of the cycle that is nearest in time."""
+        edges = np.concatenate(
+            [self.times_s[:1], (self.times_s[1:] + self.times_s[:-1]) / 2, self.times_s[-1:]]
+        )
+        for line in lines:
+            for cycle, course in enumerate(self.courses):
+                # a straight course is one for all cycles, and crosses once
+                span = (float(edges[cycle]), float(np.nextafter(edges[cycle + 1], -np.inf)))
+                yield from crossing_of(line, course, span, way)
+
+
+def direct_ride(
+    observed: Observed, search: Search, velocity_mps: float, strength: Strength = "auto"
+) -> Ride | None:
+    """Return the straight course fitted to the powers of all cycles at once.
+
+    Parameters
+    ----------
+    observed
+        Powers of a run.
+    search
+        Where and how fast vehicles may be.
+    velocity_mps
+        Of the waves, inf where unknown.
+    strength
+        Whether the vehicle's strength is one for all cycles, or each has its own; ``auto``: by the
+        Bayesian information criterion.
+    """
+    span = heard_span(observed)
+    if span.stop - span.start < _LEAST_PLACES:
+        return None
+    fit = _fitted(observed, search, strength)
+    if fit is None:
+        return None
+    course = _undelayed(fit, observed, velocity_mps)
+    times = observed.times_s[span]
+    values = (fit.evidence, *_motion(course, times), fit.relative_sigma, float(len(fit.rivals)))
+    return Ride(times, (course,) * len(times), values)
+
+
+def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
+    """Return the course through the places of single cycles, (7) and then (9) or a robust loss."""
+    heard = part_of(observed, near_span(observed))
+    places, _ = _places(heard)
+    known = np.isfinite(places).all(axis=1)
+    if known.sum() < _LEAST_PLACES:
+        return None
+    course = through(heard.times_s[known], places[known], loss)
+    values = (float(known.sum()), *_motion(course, heard.times_s))
+    return Ride(heard.times_s, (course,) * len(heard.times_s), values)
+
+
+def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
+    """Return the path by the iterated smoother on powers, from the places of single cycles."""
+    heard = part_of(observed, near_span(observed))
+    places, spreads = _places(heard)
+    known = np.isfinite(places).all(axis=1)
+    if known.sum() < _LEAST_PLACES:
+        return None
+    motion = MotionModel(acceleration)
+    guess = track_places(heard.times_s, places, spreads, motion)
+    path = track(heard, guess, motion, RELATIVE_SIGMA)
+    courses = tuple(path.course(cycle) for cycle in range(len(path.times_s)))
+    middle = courses[len(courses) // 2]
+    values = (float(known.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
+    return Ride(path.times_s, courses, values)
+
+
+def about(sensors: Array, speeds_mps: tuple[float, float]) -> Search:
+    """Return where and how fast vehicles may be."""
+    return replace(Search.about(sensors, _MARGIN), speeds_mps=speeds_mps)
+
+
+def _places(observed: Observed) -> tuple[Array, Array]:
+    low, high = observed.sensors.min(axis=0), observed.sensors.max(axis=0)
+    longer = float((high - low).max())
+    step = longer * (1 + 2 * _MARGIN) / _NODES
+    x, y = (
+        np.arange(a - _MARGIN * longer, b + _MARGIN * longer + step / 2, step)
+        for a, b in zip(low, high, strict=True)
+    )
+    clear = observed.powers > _CLEAR * observed.floors
+    places, spreads = cycle_places(
+        replace(observed, powers=np.where(clear, observed.powers, np.nan)), x, y
+    )
+    unsure = ~(np.trace(spreads, axis1=1, axis2=2) < 2 * _UNSURE_M**2)
+    places[unsure], spreads[unsure] = np.nan, np.inf
+    return places, spreads
+
+
+def _motion(course: Course, times_s: Array) -> tuple[float, float]:
+    """Return the speed, and the standard deviation of the place in the middle [m]."""
+    spread = course.spread_at(np.array([times_s[len(times_s) // 2]]))[0]
+    return course.speed_mps, float(np.sqrt(np.trace(spread) / 2))
+
+
+def _fitted(observed: Observed, search: Search, strength: Strength) -> CourseFit | None:
+    kinds = {"one": (False,), "each": (True,), "auto": (False, True)}[strength]
+    fits = [fit_course(observed, search, each, fit_noise=True) for each in kinds]
+    return min((fit for fit in fits if fit is not None), key=_criterion, default=None)
+
+
+def _criterion(fit: CourseFit) -> float:
+    """Return Schwarz's criterion, lower where likelier, the scatter of powers found too."""
+    unknowns = 4 + len(fit.log_mu)
+    return float(fit.samples * np.log(fit.relative_sigma**2) + unknowns * np.log(fit.samples))
+
+
+def _undelayed(fit: CourseFit, observed: Observed, velocity_mps: float) -> Course:
+    """Return the course as it was driven: powers tell it later, by the way of the waves.
+
+    One delay for all cycles, the mean by how strong the vehicle is.
+    """
+    course = fit.cautious
+    if not np.isfinite(velocity_mps):
+        return course
+    r = ranges(course.at(observed.times_s), observed.sensors)
+    weights = observed.law.power(r)
+    delay_s = float((weights * r).sum() / weights.sum()) / velocity_mps
+    return replace(course, time_s=course.time_s - delay_s)
