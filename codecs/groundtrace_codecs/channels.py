@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -10,6 +11,7 @@ import numpy as np
 
 from .description import PREVIEW_KEY, STREAM_KEY, placed, stream_from_json
 from .errors import CodecError, SchemaError
+from .readable import pass_over, readable
 from .schemas.cdr import CdrDecoder
 from .schemas.protobuf import get_time, parse
 from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from .geometry import Geometry
     from .mcap import ChannelRecord, McapFile, Message, Schema
     from .schemas.ros2msg import Definition
+    from .schemas.waveform import Waveform
 
 _PROBE_MESSAGES = 500
 _PROBE_NS = 30 * NS_PER_S
@@ -113,15 +116,22 @@ def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader |
     if STREAM_KEY in channel.metadata:
         text = channel.metadata[STREAM_KEY]
         return WaveformReader(stream_from_json(text, channel.topic, place), place)
-    first = next(file.messages({channel.id}), None)
-    if first is None:
+    wave = _first_wave(probe(file, channel.id), place)
+    if wave is None:
         return None
-    wave = decode_waveform(first.data, place)
     names = (f"ch{i + 1}" for i in range(wave.samples.shape[1]))
     channels = tuple(Channel(name, "seismic", "count") for name in names)
     irregular = wave.times_ns is not None
     rate = wave.rate_hz if wave.times_ns is None else median_rate(wave.times_ns)
     return WaveformReader(Stream(channel.topic, channels, rate, irregular=irregular), place)
+
+
+def _first_wave(messages: Sequence[Message], place: str) -> Waveform | None:
+    """Return the first message that can be decoded."""
+    for message in messages:
+        with suppress(CodecError):
+            return decode_waveform(message.data, place)
+    return None
 
 
 class RosReader:
@@ -205,28 +215,28 @@ def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosRe
         if definition.name not in KINDS or kind_of(stream) != definition.name:
             raise SchemaError(f"{place}: expected the channels of {definition.name}, found others")
         return RosReader(definition, sources, (stream,), place)
-    return _estimated(file, channel, definition, sources)
+    return _estimated(file, channel, definition)
 
 
-def _estimated(
-    file: McapFile,
-    channel: ChannelRecord,
-    definition: Definition,
-    sources: Sequence[RosSource],
-) -> RosReader | None:
-    """Return the reader of a foreign channel; its rates are those of its first messages."""
-    place = _place(file, channel)
-    messages = probe(file, channel.id)
-    if not messages:
+def nominal_reader(definition: Definition, topic: str, place: str) -> RosReader | None:
+    """Return the reader of a topic of another tool at a nominal 1 Hz, None without signals."""
+    sources = find_sources(definition)
+    if not sources:
         return None
-    topics = [channel.topic + s.suffix for s in sources]
-    streams = [
-        Stream(t, s.channels, 1.0, irregular=True) for t, s in zip(topics, sources, strict=True)
-    ]
-    reader = RosReader(definition, sources, streams, place)
-    times = {b.topic: b.sample_times() for _, b in reader.blocks(messages)}
+    streams = [Stream(topic + s.suffix, s.channels, 1.0, irregular=True) for s in sources]
+    return RosReader(definition, sources, streams, place)
+
+
+def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -> RosReader | None:
+    """Return the reader of a foreign channel; its rates are those of its first messages."""
+    messages = probe(file, channel.id)
+    reader = nominal_reader(definition, channel.topic, _place(file, channel))
+    if not messages or reader is None:
+        return None
+    times = {b.topic: b.sample_times() for _, b in readable(reader, messages, pass_over)}
     reader.streams = tuple(
-        replace(s, rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64)))) for s in streams
+        replace(s, rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64))))
+        for s in reader.streams
     )
     return reader
 
@@ -272,7 +282,7 @@ def _location_reader(
     channels = tuple(c for _, c in KINDS["sensor_msgs/NavSatFix"])
     stream = Stream(channel.topic, channels, 1.0, irregular=True)
     reader = LocationReader(stream, schema_name, _place(file, channel))
-    times = [b.sample_times() for _, b in reader.blocks(messages)]
+    times = [b.sample_times() for _, b in readable(reader, messages, pass_over)]
     if not times:
         return None
     reader.streams = (replace(stream, rate_hz=median_rate(times[0])),)

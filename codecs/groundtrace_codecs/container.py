@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from .mcap import ChannelRecord, Message, Schema
 
 TOOL = "groundtrace"
-_CHUNK_BYTES = 256 << 10
+#: Length at which a chunk is ended, before compression [bytes].
+CHUNK_BYTES = 256 << 10
 _COMPRESSIONS = {"zstd": "ZSTD", "lz4": "LZ4", "none": "NONE"}
 
 
@@ -27,8 +28,52 @@ def tool_version() -> str:
     return "0"
 
 
+class _Growing:
+    """The partial file; a disk that is full, or a limit that is reached, is a CodecError.
+
+    Attributes
+    ----------
+    failed
+        True once a write failed: what follows would not fit to what is there.
+    """
+
+    def __init__(self, partial: Path, path: Path) -> None:
+        self._partial, self._path = partial, path
+        self.failed = False
+        try:
+            self._file = partial.open("wb")
+        except OSError as error:
+            raise CodecError(
+                f"{path}: expected a place to write, found: {error.strerror}"
+            ) from error
+
+    def write(self, data: bytes) -> int:
+        try:
+            return self._file.write(data)
+        except OSError as error:
+            raise self._full(error) from error
+
+    def tell(self) -> int:
+        return self._file.tell()
+
+    def close(self) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            # said already, where an earlier write failed
+            if not self.failed:
+                raise self._full(error) from error
+
+    def _full(self, error: OSError) -> CodecError:
+        self.failed = True
+        return CodecError(
+            f"{self._path}: expected room to write, found: {error.strerror}; what was written "
+            f"stays: groundtrace doctor {self._partial} --repair {self._path}"
+        )
+
+
 class Container:
-    """An MCAP file that grows as ``NAME.partial``.
+    """An MCAP file that grows as ``NAME.partial``, or with another ending.
 
     Parameters
     ----------
@@ -38,6 +83,12 @@ class Container:
         ``zstd``, ``lz4`` or ``none``.
     force
         Replace an existing file.
+    chunk_bytes
+        Length at which a chunk is ended, before compression.
+    profile
+        Of the Header record.
+    ending
+        What the file's name ends in while it grows.
 
     Raises
     ------
@@ -45,42 +96,41 @@ class Container:
         Where the file exists already and ``force`` is not given, or cannot be written.
     """
 
-    def __init__(self, path: Path, compression: str, force: bool) -> None:
+    def __init__(
+        self,
+        path: Path,
+        compression: str,
+        force: bool,
+        chunk_bytes: int = CHUNK_BYTES,
+        profile: str = "",
+        ending: str = "partial",
+    ) -> None:
         from mcap.writer import CompressionType, Writer
 
         self.path = path
-        self._partial = path.with_name(f"{path.name}.partial")
+        self._partial = path.with_name(f"{path.name}.{ending}")
         if path.exists() and not force:
             raise CodecError(f"{path}: expected a new file, found an existing one")
         if compression not in _COMPRESSIONS:
             known = ", ".join(_COMPRESSIONS)
             raise CodecError(f"{path}: compression: expected one of {known}, found {compression!r}")
-        try:
-            self._file = self._partial.open("wb")
-        except OSError as error:
-            raise CodecError(
-                f"{path}: expected a place to write, found: {error.strerror}"
-            ) from error
+        self._file = _Growing(self._partial, path)
         self._mcap = Writer(
-            self._file,
-            chunk_size=_CHUNK_BYTES,
+            self._file,  # type: ignore[arg-type]  # it calls write and tell only
+            chunk_size=chunk_bytes,
             compression=CompressionType[_COMPRESSIONS[compression]],
             enable_data_crcs=True,
         )
-        self._mcap.start(profile="", library=f"{TOOL} {tool_version()}")
-        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._mcap.start(profile=profile, library=f"{TOOL} {tool_version()}")
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[Output, int] = {}
 
     def channel(self, output: Output) -> int:
         """Return the id of a channel, registered at its first use."""
         if output not in self._channels:
-            key = (output.schema, output.schema_data)
-            if key not in self._schemas:
-                self._schemas[key] = self._mcap.register_schema(
-                    output.schema, output.schema_encoding, output.schema_data
-                )
+            schema_id = self._schema(output.schema, output.schema_encoding, output.schema_data)
             self._channels[output] = self._mcap.register_channel(
-                output.topic, output.encoding, self._schemas[key], dict(output.metadata)
+                output.topic, output.encoding, schema_id, dict(output.metadata)
             )
         return self._channels[output]
 
@@ -103,17 +153,20 @@ class Container:
 
     def copy_channel(self, channel: ChannelRecord, schema: Schema | None) -> int:
         """Register a channel of another file, and return its id in this one."""
-        schema_id = 0
-        if schema is not None:
-            key = (schema.name, bytes(schema.data))
-            if key not in self._schemas:
-                self._schemas[key] = self._mcap.register_schema(
-                    schema.name, schema.encoding, schema.data
-                )
-            schema_id = self._schemas[key]
+        schema_id = 0 if schema is None else self.copy_schema(schema)
         return self._mcap.register_channel(
             channel.topic, channel.message_encoding, schema_id, dict(channel.metadata)
         )
+
+    def copy_schema(self, schema: Schema) -> int:
+        """Register a schema of another file, and return its id in this one."""
+        return self._schema(schema.name, schema.encoding, bytes(schema.data))
+
+    def _schema(self, name: str, encoding: str, data: bytes) -> int:
+        key = (name, encoding, data)
+        if key not in self._schemas:
+            self._schemas[key] = self._mcap.register_schema(name, encoding, data)
+        return self._schemas[key]
 
     def copy(self, channel_id: int, message: Message) -> None:
         """Write a message of another file on a channel of this one, as it is."""
@@ -129,14 +182,18 @@ class Container:
         """Write a Metadata record."""
         self._mcap.add_metadata(name, dict(values))
 
-    def add_attachment(self, time_ns: int, name: str, media_type: str, data: bytes) -> None:
-        """Write an attachment."""
-        self._mcap.add_attachment(time_ns, time_ns, name, media_type, data)
+    def add_attachment(
+        self, time_ns: int, name: str, media_type: str, data: bytes, created_ns: int | None = None
+    ) -> None:
+        """Write an attachment; without a time of its own it was made when it was recorded."""
+        made_ns = time_ns if created_ns is None else created_ns
+        self._mcap.add_attachment(made_ns, time_ns, name, media_type, data)
 
     def close(self, *, complete: bool) -> None:
         """Write the summary; give the file its name only if it is complete."""
         try:
-            self._mcap.finish()  # type: ignore[no-untyped-call]
+            if not self._file.failed:
+                self._mcap.finish()  # type: ignore[no-untyped-call]
         finally:
             self._file.close()
         if complete:

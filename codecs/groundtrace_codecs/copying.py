@@ -1,4 +1,4 @@
-"""A copy of an MCAP file, every message byte by byte, with annotations inside."""
+"""Copies of an MCAP file, every message byte by byte: with annotations inside, or mended."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from .annotations import ANNOTATIONS_TOPIC, encode_annotation, in_order
 from .container import Container
 from .encoders import Packet, protobuf_output
-from .errors import CodecError
+from .errors import CodecError, FormatError
 from .label_codec import label_channels
 from .mcap import McapFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
     from pathlib import Path
 
     from .annotations import Annotation
@@ -64,19 +64,100 @@ def copy_with_annotations(source: Path, path: Path, annotations: Iterable[Annota
 
 def _copy(file: McapFile, container: Container, annotations: tuple[Annotation, ...]) -> None:
     replaced = label_channels(file, ANNOTATIONS_TOPIC)
-    kept = [c for c in sorted(file.channels.values(), key=lambda c: c.id) if c.id not in replaced]
-    ids = {c.id: container.copy_channel(c, file.schemas.get(c.schema_id)) for c in kept}
+    ids = copy_frame(file, container, file.channels.keys() - replaced)
     output = protobuf_output(ANNOTATIONS_TOPIC, "Label")
     container.channel(output)
-    for ref in file.attachments:
-        container.add_attachment(ref.log_time, ref.name, ref.media_type, file.attachment(ref))
-    for record in file.metadata:
-        container.add_metadata(record.name, record.values)
     for item in _together(file.messages(ids), annotations):
         if isinstance(item, Packet):
             container.send(output, item)
         else:
             container.copy(ids[item.channel_id], item)
+
+
+def copy_frame(
+    file: McapFile,
+    container: Container,
+    channel_ids: Collection[int],
+    faults: list[str] | None = None,
+) -> dict[int, int]:
+    """Copy what is no message: some channels with their schemas, all attachments and metadata.
+
+    Parameters
+    ----------
+    file, container
+        From where and to where.
+    channel_ids
+        Channels to copy.
+    faults
+        Where given, a damaged attachment is left out, and what is wrong with it is added here.
+
+    Returns
+    -------
+    dict
+        The id of each channel in the container, by its id in the file.
+
+    Raises
+    ------
+    FormatError
+        Where an attachment is damaged and there are no ``faults`` to add it to.
+    """
+    chosen = [file.channels[i] for i in sorted(channel_ids)]
+    ids = {c.id: container.copy_channel(c, file.schemas.get(c.schema_id)) for c in chosen}
+    for ref in file.attachments:
+        try:
+            data = file.attachment(ref)
+        except FormatError as error:
+            if faults is None:
+                raise
+            faults.append(str(error))
+            continue
+        container.add_attachment(ref.log_time, ref.name, ref.media_type, data, ref.create_time)
+    for record in file.metadata:
+        container.add_metadata(record.name, record.values)
+    return ids
+
+
+def copy_readable(file: McapFile, path: Path, *, force: bool = False) -> tuple[int, list[str]]:
+    """Copy everything of a file that can be read into a sound one.
+
+    Messages keep their bytes, times and sequence numbers; schemas, channels, attachments, metadata
+    and the profile are copied.
+
+    Parameters
+    ----------
+    file
+        Damaged or not.
+    path
+        The copy.
+    force
+        Replace an existing file.
+
+    Returns
+    -------
+    int
+        Number of messages.
+    list of str
+        What is wrong with attachments that were left out.
+
+    Raises
+    ------
+    CodecError
+        Where the copy cannot be written.
+    """
+    # NAME.partial may be the very file that is mended
+    container = Container(path, "zstd", force=force, profile=file.profile, ending="mending")
+    count, complete, faults = 0, False, list[str]()
+    try:
+        for _, schema in sorted(file.schemas.items()):
+            container.copy_schema(schema)
+        ids = copy_frame(file, container, file.channels.keys(), faults)
+        for message in file.messages():
+            container.copy(ids[message.channel_id], message)
+            count += 1
+        complete = True
+    finally:
+        container.close(complete=complete)
+    return count, faults
 
 
 def _together(

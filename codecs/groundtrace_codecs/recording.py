@@ -14,6 +14,7 @@ from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
 from .mcap import Damage, McapFile
 from .others import OtherTopic, is_ours, other_topic
+from .readable import readable
 from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
@@ -30,11 +31,11 @@ SITE_NAME = "site.json"
 #: Log time over which messages are decoded together; blocks come out in order of log time.
 BATCH_NS = NS_PER_S // 4
 #: How much later or earlier than seen at its start a channel may be logged after its samples.
-_SLACK_NS = 2 * NS_PER_S
+SLACK_NS = 2 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class _Lag:
+class Lag:
     """Range of log time minus sample time at the start of a channel, and its first sample."""
 
     low_ns: int
@@ -131,6 +132,11 @@ class Recording:
         return (*self.file.damage, *self._left_out.values())
 
     @property
+    def readers(self) -> dict[int, tuple[ChannelReader, Lag]]:
+        """What decodes each channel that has samples, by its id, and its lag."""
+        return {i: (self._readers[i], lag) for i, lag in self._lags.items()}
+
+    @property
     def topic_counts(self) -> dict[str, int]:
         """Messages by topic, in the order of the channels' ids."""
         counts: dict[str, int] = {}
@@ -200,8 +206,8 @@ class Recording:
         lags = [self._lags[i] for i in readers if i in self._lags]
         if not lags:
             return
-        low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - _SLACK_NS
-        high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + _SLACK_NS
+        low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - SLACK_NS
+        high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + SLACK_NS
         for log_ns, block in self._decoded(readers, low, high):
             if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
                 yield Stamped(log_ns, part)
@@ -236,18 +242,11 @@ class Recording:
 
     def _readable(self, reader: ChannelReader, messages: list[Message]) -> list[Stamped]:
         """Decode messages; one that is not what its schema says is left out and said so."""
-        try:
-            return list(reader.blocks(messages))
-        except CodecError as error:
-            if self._strict:
-                raise
-            if len(messages) == 1:
-                self._leave_out(messages[0], error)
-                return []
-        middle = len(messages) // 2
-        return self._readable(reader, messages[:middle]) + self._readable(reader, messages[middle:])
+        return readable(reader, messages, self._leave_out)
 
     def _leave_out(self, message: Message, error: CodecError) -> None:
+        if self._strict:
+            raise error
         at = message.log_time
         key = (message.channel_id, message.sequence, at)
         self._left_out[key] = Damage(0, len(message.data), at, at, 1, str(error))
@@ -276,7 +275,7 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
     return tuple(streams.values())
 
 
-def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> _Lag | None:
+def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> Lag | None:
     for message in file.messages({channel_id}):
         try:
             times = [b.sample_times() for _, b in reader.blocks([message])]
@@ -285,5 +284,5 @@ def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> _Lag | None:
         if times:
             early = min(int(t.min()) for t in times)
             late = max(int(t.max()) for t in times)
-            return _Lag(message.log_time - late, message.log_time - early, early)
+            return Lag(message.log_time - late, message.log_time - early, early)
     return None

@@ -38,7 +38,7 @@ def chunk_rows(data: bytes) -> list[tuple[Record, set[Row]]]:
     return found
 
 
-@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("compression", CHUNKED)
 def test_a_cut_anywhere_leaves_all_chunks_before_it(compression: CompressionType) -> None:
     data = small(compression)
     chunks = chunk_rows(data)
@@ -109,5 +109,20 @@ def test_many_changes_at_once_never_make_a_message(draw: st.DataObject) -> None:
     for _ in range(draw.draw(st.integers(1, 4))):
         place = draw.draw(st.integers(8, len(data) - 1))
         data = changed(data, place, draw.draw(st.binary(min_size=1, max_size=12)))[: len(original)]
+    check_any(data)
+    assert set(read(opened(data))) <= set(rows_of(original))
+
+
+@given(st.data())
+@settings(max_examples=300, deadline=None)
+def test_bytes_lost_zeroed_and_put_in_between_never_make_a_message(draw: st.DataObject) -> None:
+    original = small(draw.draw(st.sampled_from(CHUNKED)))
+    (end,) = of_kind(original, 15)
+    data = original[: end.offset] if draw.draw(st.booleans()) else original
+    for _ in range(draw.draw(st.integers(1, 3))):
+        place = draw.draw(st.integers(8, max(8, len(data) - 1)))
+        gone = draw.draw(st.sampled_from([0, 1, 40, 300]))
+        new = draw.draw(st.sampled_from([b"", bytes(gone), bytes(range(1, 60))]))
+        data = data[:place] + new + data[place + gone :]
     check_any(data)
     assert set(read(opened(data))) <= set(rows_of(original))

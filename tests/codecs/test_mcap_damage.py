@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import random
 import struct
+import tracemalloc
 from collections import Counter
-from functools import cache
 from typing import TYPE_CHECKING
 
 import lz4.frame
 import pytest
 import zstandard
 from mcap.writer import CompressionType
+from mcap_damage_set import recording
 from mcap_files import (
     CHUNKED,
     MAGIC,
@@ -32,12 +33,6 @@ from groundtrace_codecs.errors import FormatError
 
 if TYPE_CHECKING:
     from groundtrace_codecs.mcap import McapFile
-
-
-@cache
-def recording(compression: CompressionType) -> bytes:
-    """The recording of the damage table: 3600 messages in chunks of about 85."""
-    return write_recording(600, 6000, compression, chunk_bytes=90_000)
 
 
 def delivered(data: bytes, original: bytes) -> tuple[int, McapFile]:
@@ -155,12 +150,43 @@ def test_an_index_with_a_wrong_offset_and_a_right_crc_is_put_right_by_a_scan(sou
     assert (count, file.damage, file.indexed) == (3600, (), True)
 
 
-def test_a_spoiled_chunk_header_costs_only_its_chunk(sound: bytes) -> None:
+@pytest.mark.parametrize("whole", [True, False], ids=["with summary", "without"])
+def test_a_spoiled_chunk_head_costs_nothing_and_is_told(sound: bytes, whole: bool) -> None:
+    chunk, _, _ = middle_chunk(sound)
+    (end,) = of_kind(sound, 15)
+    heads = [
+        flipped(sound, chunk.offset),
+        *(flipped(sound, chunk.offset + place) for place in range(1, 9)),
+        changed(sound, chunk.offset, b"\x04"),
+        changed(sound, chunk.offset, b"\x0f"),
+        changed(sound, chunk.offset, bytes(9)),
+        changed(sound, chunk.offset + 1, struct.pack("<Q", 1 << 50)),
+    ]
+    for data in heads:
+        count, file = delivered(data if whole else data[: end.offset], sound)
+        assert count == 3600
+        damage = file.damage[-1]
+        assert (damage.offset, damage.length, damage.messages) == (chunk.offset, 9, 0)
+        assert "read by the chunk's own fields" in damage.reason
+
+
+def test_a_chunk_that_lost_its_first_page_is_passed_over_where_no_summary_tells(
+    sound: bytes,
+) -> None:
     chunk, inside, _ = middle_chunk(sound)
-    for place in (0, 8):
-        count, file = delivered(flipped(sound, chunk.offset + place), sound)
-        assert count == 3600 - inside
-        assert [damage.messages for damage in file.damage] == [inside]
+    (end,) = of_kind(sound, 15)
+    data = changed(sound, chunk.offset, bytes(4096))[: end.offset]
+    count, file = delivered(data, sound)
+    assert count == 3600 - inside
+    (damage,) = [d for d in file.damage if d.messages]
+    first, last = struct.unpack_from("<QQ", sound, chunk.offset + 9)
+    assert (damage.offset, damage.length, damage.messages) == (
+        chunk.offset,
+        chunk.length + 9,
+        inside,
+    )
+    assert (damage.start_ns, damage.end_ns) == (first, last)
+    assert f"found again at byte {chunk.end}" in damage.reason
 
 
 def test_a_file_without_chunks_is_read_whole() -> None:
@@ -234,9 +260,12 @@ def lying_chunk(compression: bytes, size: int, packed: bytes) -> bytes:
     ],
 )
 def test_a_lie_is_told_and_allocates_nothing(data: bytes, reason: str) -> None:
+    tracemalloc.start()
     with opened(data) as file:
         assert read(file) == []
         assert any(reason in damage.reason for damage in file.damage), file.damage
+    assert tracemalloc.get_traced_memory()[1] < 4 << 20
+    tracemalloc.stop()
 
 
 def test_a_second_meaning_of_a_channel_is_damage() -> None:

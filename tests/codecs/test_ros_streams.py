@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -234,10 +235,16 @@ def test_a_message_cut_short_names_file_topic_and_field(tmp_path: Path) -> None:
     with Bag(path) as bag:
         bag.ros("/imu", START_NS, imu(START_NS, 0.0))
         bag.mcap.add_message(1, START_NS + 10**9, b"\0\1\0\0" + bytes(40), START_NS)
-    with pytest.raises(
-        CodecError, match=r"short\.mcap: /imu: .*: expected \d+ bytes at \d+, found"
+    fault = r"short\.mcap: /imu: .*: expected \d+ bytes at \d+, found"
+    with Recording.open(path) as recording:
+        assert sum(len(block) for _, block in recording.blocks()) > 0
+        assert [d.messages for d in recording.damage] == [1]
+        assert re.search(fault, recording.damage[0].reason)
+    with (
+        Recording.open(path, strict=True) as recording,
+        pytest.raises(CodecError, match=fault),
     ):
-        Recording.open(path)
+        list(recording.blocks())
 
 
 def test_the_robot_recording_opens_with_its_imu_and_fixes(data: Path) -> None:

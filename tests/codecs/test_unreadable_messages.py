@@ -76,3 +76,45 @@ def test_a_strict_reader_stops_at_an_unreadable_message(tmp_path: Path) -> None:
         pytest.raises(CodecError, match="/seismic"),
     ):
         list(recording.blocks())
+
+
+FOREIGN = [
+    ("protobuf", "protobuf", "groundtrace.WaveformBlock"),
+    ("protobuf", "protobuf", "foxglove.LocationFix"),
+    ("protobuf", "protobuf", "foxglove.LocationFixes"),
+    ("protobuf", "protobuf", "some.Thing"),
+    ("ros2msg", "cdr", "sensor_msgs/msg/Imu"),
+    ("ros2msg", "cdr", "std_msgs/msg/Float64"),
+    ("ros2idl", "cdr", "some/Thing"),
+    ("jsonschema", "json", "Thing"),
+    ("", "json", ""),
+]
+SCHEMAS = [
+    b"",
+    b"\xff\xfe\x00",
+    b"float64 data",
+    b"float64[",
+    b"\x0a\x7fjunk",
+    b"Thing thing\n" * 3,
+]
+
+
+@pytest.mark.parametrize("schema", SCHEMAS)
+def test_a_foreign_channel_nobody_can_read_is_listed_beside_what_can_be(
+    schema: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for i, (encoding, message_encoding, name) in enumerate(FOREIGN):
+            schema_id = writer.register_schema(name, encoding, schema)
+            channel = writer.register_channel(f"/t{i}", message_encoding, schema_id)
+            for k in range(4):
+                writer.add_message(channel, k, b"\xff\xff junk", k)
+        writer.finish()
+    with Recording.open(path) as recording:
+        list(recording.blocks())
+        seen = {s.topic for s in recording.streams} | {o.topic for o in recording.others}
+        # ours by name, though nothing of it can be decoded
+        assert seen >= {f"/t{i}" for i in range(1, len(FOREIGN))}

@@ -61,6 +61,33 @@ within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
 * A curve that ends abruptly ends at a gap.
 """
 
+_VEHICLES = """\
+## How to read it
+
+* Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
+zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor.
+* One colour per sensor, in every plot and on the map. Truth is violet everywhere.
+* Map: the road is grey, its signs point forward. The image is the log-likelihood of the vehicle's \
+place in the cycle: the lightest is likeliest, clear what is less likely by 9 or more. Crosses are \
+places of single cycles in the last 12 s, a colour for each stage (key above), the lines about the \
+newest one-sigma ellipses. Dashed: courses through all cycles of a vehicle (key below); they are \
+known when it has gone, and drawn at the times they are of. The last stage's is green and broader, \
+with the vehicle now and its ellipse. Green dots: lines crossed, at the map's side when and how \
+fast.
+* Power: over the noise floor, one value a cycle and channel, the threshold in red.
+* θ of A2 / A1 is (r of A2 / r of A1)ⁿ by the ratio of powers, in dB, 0 where both distances are \
+alike; a colour for each estimator, the bar is one theoretical standard deviation to either side. \
+Estimators of a cycle stand 0.06 s beside each other. Violet: what true distances give by the law.
+* Way along the road: dots are passes of stations in the sensors' colours, grey crosses those that \
+no vehicle has, red ones those that were missed. A line is a vehicle; its steepness is its speed.
+* Lanes: `truth` and `passes` by direction along the road, each vehicle from its first station to \
+its last, with its speed; `presence`: when any channel hears a vehicle, or which gate says that \
+what is loud is none; `places`: the cycles that gave no place, and why; one lane for each stage of \
+courses; `score`: passes that were hit, missed or false, within a second.
+* Spectrograms: time to the right, frequency upwards, lighter is louder.
+* A curve that ends abruptly ends at a gap.
+"""
+
 
 def _names(stream: Stream) -> str:
     names = [c.name for c in stream.channels]
@@ -75,9 +102,10 @@ def about(session: Session) -> str:
         f"| {', '.join(dict.fromkeys(c.unit for c in s.channels))} |"
         for s in session.streams
     )
+    reading = _VEHICLES if session.application == "vehicle" else _READING
     duration_s = (session.end_ns - session.start_ns) / 1e9
     return (
         f"# {session.name}\n\n{duration_s:.1f} s, {len(session.labels)} labels.\n\n"
         f"| stream | channels | rate | unit |\n|---|---|---|---|\n{rows}\n\n"
-        f"{_READING}\n## Pipeline\n\n```toml\n{session.pipeline.strip()}\n```\n"
+        f"{reading}\n## Pipeline\n\n```toml\n{session.pipeline.strip()}\n```\n"
     )

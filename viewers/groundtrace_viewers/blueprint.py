@@ -38,9 +38,12 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
 LANE_HEADING, LANE = 0.065, 0.048
-MOST_LANES = 8
-#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker.
-SHOT_S, FAST_S, SLOW_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0)
+MOST_LANES, MOST_ON_ROAD = 8, 6
+#: Share of texts below a map, and width of that column as a part of the window's height.
+TEXTS, LEFT_WIDTH = 2.0, 0.8
+#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
+#: of a vehicle.
+SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
 
 
@@ -67,10 +70,12 @@ def blueprint(
     import rerun.blueprint as rrb
 
     mapped = bool(_of(entities, "map"))
-    detail = _detail(session.application, entities, legend=not mapped)
+    on_road = session.application == "vehicle"
+    detail = [] if on_road else _detail(session.application, entities, legend=not mapped)
     below = detail if mapped else []
     overview = _overview(session, entities)
-    stack = overview + _lanes(entities, overview + below) + below
+    most = MOST_ON_ROAD if on_road else MOST_LANES
+    stack = overview + _lanes(entities, overview + below, most) + below
     side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
     shares = [2.2, 3.0] if mapped else [1.0, 2.0]
@@ -118,11 +123,11 @@ def _texts(entities: Sequence[Entity]) -> list[Part]:
     of_step = [views.text(e) for e in _of(entities, "page")]
     of_step += [views.hodograms(e) for e in _of(entities, "hodogram")]
     if not of_step:
-        return _parts(tabs, 2.0)
+        return _parts(tabs, TEXTS)
     import rerun.blueprint as rrb
 
     halves = [*_tabbed(tabs), *_tabbed(of_step)]
-    return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), 2.0)]
+    return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), TEXTS)]
 
 
 def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> list[Part]:
@@ -131,7 +136,16 @@ def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> l
     wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
     shown = [views.site(site, entities, name)]
     shown += [views.streets()] if _of(entities, "geo") else []
+    if session.application == "vehicle" and site is not None:
+        return _parts(shown, _share(site))
     return _parts(shown, 0.5 if wide else 3.0)
+
+
+def _share(site: Bounds) -> float:
+    """Return the share of a map beside a road, which may be narrow: texts have what it leaves."""
+    height = LEFT_WIDTH * (site.y[1] - site.y[0]) / (site.x[1] - site.x[0])
+    height = min(max(height, 0.25), 0.6)
+    return TEXTS * height / (1.0 - height)
 
 
 def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
@@ -141,7 +155,8 @@ def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
     seismic = enveloped or [
         e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
     ]
-    signals = [views.plot(e) for e in seismic]
+    named = session.application != "vehicle" or not _of(entities, "map")
+    signals = [views.plot(e, legend_shown=named) for e in seismic]
     shown_ns = session.shown_ns or (session.start_ns, session.end_ns)
     span_ns = shown_ns[0] - session.start_ns, shown_ns[1] - session.start_ns
     signals += [views.whole(_short(e), span_ns) for e in _of(entities, "whole")]
@@ -154,6 +169,14 @@ def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
     if session.application == "walker":
         return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
+    if session.application == "vehicle":
+        fast = [e for e in _of(entities, "signal") if e.rate_hz > FULL_RATE_HZ]
+        signals += [views.samples(e, (), ROAD_S, 0) for e in fast]
+        return [
+            *_parts([*signals, *tonal[1:]], 1.3),
+            *_parts(tonal[:1], 1.3),
+            *_driven(entities, decisions),
+        ]
     return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 
 
@@ -197,16 +220,22 @@ def _believed(entities: Sequence[Entity]) -> list[Part]:
     return [*parts, (views.headings(headings), 3.0)] if headings else parts
 
 
+def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]:
+    """Show powers, their ratios, and the way along the road."""
+    ratios = _parts([views.plot(e, legend_shown=False) for e in _of(entities, "ratio")], 2.0)
+    return [*decisions, *ratios, *((views.road(e), 2.6) for e in _of(entities, "road"))]
+
+
 def _decision(entity: Entity) -> rrb.View:
     return views.fixed(entity, entity.path.removesuffix("/decision"), views.linked())
 
 
-def _lanes(entities: Sequence[Entity], others: Sequence[Part]) -> list[Part]:
+def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> list[Part]:
     """Show the lanes, which need a fixed part of the height whatever else there is."""
     lanes = len(_of(entities, "lane"))
     if not lanes:
         return []
-    height = LANE_HEADING + LANE * min(lanes, MOST_LANES)
+    height = LANE_HEADING + LANE * min(lanes, most)
     rest = sum(share for _, share in others) or 1.0
     return [(views.lanes(), rest * height / (1.0 - height))]
 

@@ -14,9 +14,11 @@ if TYPE_CHECKING:
         Pick,
         StageSpec,
         StepEvent,
+        TraceBlock,
         TrackPoint,
     )
     from groundtrace_codecs.signals import SignalBlock
+    from groundtrace_codecs.traffic import Traffic
 
     from .sensor_map import Bounds
 
@@ -31,11 +33,18 @@ class Details:
         """Whether this part draws the plot of a stage's decision function."""
         return False
 
+    def tells(self, spec: StageSpec) -> bool:  # noqa: ARG002
+        """Whether this part fills the lane of a stage's decisions."""
+        return False
+
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
 
     def gap(self, gap: Gap) -> None:
         """Take a gap."""
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of a decision function."""
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
@@ -63,8 +72,11 @@ class Details:
     def estimate(self, event: Bearing | Heading | Disturbance) -> None:
         """Take a direction, or a span in which it is disturbed."""
 
-    def flush(self) -> None:
-        """Log what is pending."""
+    def traffic(self, event: Traffic) -> None:
+        """Take what is said of a vehicle."""
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; lanes up to a time [ns], as channels lag behind each other."""
 
     def close(self) -> None:
         """Log what was held back."""

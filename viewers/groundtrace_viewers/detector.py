@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import CandidateBlock, GateSpec, StageSpec, TraceBlock
 
-    from .lanes import StageLanes
+    from .lanes import Lane, StageLanes
     from .palette import SensorColours
     from .timeline import Timeline
 
@@ -36,6 +36,8 @@ FLOOR = 0.5
 #: With more channels than this the marks of candidates are smaller.
 FEW_CHANNELS = 12
 DISAGREE = "disagree"
+#: What stages emit whose lanes show it by other marks than those of candidates.
+TOLD = frozenset({"heading", "pass", "track"})
 
 
 def decision_gate(spec: StageSpec) -> GateSpec | None:
@@ -59,6 +61,11 @@ def ceiling(spec: StageSpec) -> float:
 def step_like(spec: StageSpec) -> bool:
     """Whether accepted candidates become steps, which have marks of their own on the lane."""
     return spec.emits in ("step", "impact")
+
+
+def frames_decided(spec: StageSpec) -> bool:
+    """Whether every frame of every channel is a candidate: marks would hide the curves."""
+    return spec.emits == "presence"
 
 
 def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
@@ -96,7 +103,7 @@ class DetectorLog:
     colours
         Of the sensors.
     lanes
-        Among which its own is.
+        Among which its own is; None where another part fills it.
     span_ns
         Over which the threshold is drawn: start and end [ns].
     """
@@ -106,7 +113,7 @@ class DetectorLog:
         timeline: Timeline,
         spec: StageSpec,
         colours: SensorColours,
-        lanes: StageLanes,
+        lanes: StageLanes | None,
         span_ns: tuple[int, int],
     ) -> None:
         self._timeline = timeline
@@ -117,7 +124,7 @@ class DetectorLog:
         self._decision: list[NDArray[np.float32]] = []
         self._candidates: list[CandidateBlock] = []
         self._undecided: list[tuple[int, bool, str]] = []
-        shared = lanes.shared(spec.emits)
+        shared = lanes is not None and lanes.shared(spec.emits)
         self._because = f"{spec.stage}: " if shared else "rejected: "
         rejections = [f"{self._because}{g.name}" for g in spec.gates]
         shades = (REJECTION_COLOURS[i % len(REJECTION_COLOURS)] for i in range(len(rejections)))
@@ -125,10 +132,11 @@ class DetectorLog:
         if spec.emits == "disagreement":
             accepted, rejections = {DISAGREE: DISAGREEMENT}, []
         states = {**accepted, **dict(zip(rejections, shades, strict=False))}
-        self._lane = lanes.of(spec.stage, spec.topic, states, spec.emits)
+        self._lane = lanes.of(spec.stage, spec.topic, states, spec.emits) if lanes else None
         if spec.trace:
             self._declare(colours)
             self._declare_threshold(span_ns)
+        if spec.trace and not frames_decided(spec):
             self._declare_candidates()
 
     def _declare(self, colours: SensorColours) -> None:
@@ -144,6 +152,9 @@ class DetectorLog:
             names=list(spec.channels),
             colors=np.array([colours.of(c) for c in spec.channels], np.uint32),
             aggregation_policy=rr.components.AggregationPolicy.Max,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter
+            if frames_decided(spec)
+            else None,
         )
         path = f"{self._path}/decision"
         entity = Entity(path, "detector", title, len(spec.channels), top=top)
@@ -194,11 +205,13 @@ class DetectorLog:
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
         block = shown_rows(block)
-        if self._spec.trace:
+        if self._spec.trace and not frames_decided(self._spec):
             self._candidates.append(block)
         first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
         gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
-        self._undecided += zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+        if self._lane is not None:
+            rows = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+            self._undecided += rows
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log what is pending; fill the lane up to a time, as channels lag behind each other."""
@@ -215,9 +228,10 @@ class DetectorLog:
                     path = f"{self._path}/{verdict}"
                     self._timeline.scalars(path, times[rows], values[rows][:, np.newaxis])
         self._times, self._decision, self._candidates = [], [], []
-        self._fill_lane(before_ns)
+        if self._lane is not None:
+            self._fill_lane(self._lane, before_ns)
 
-    def _fill_lane(self, before_ns: int | None) -> None:
+    def _fill_lane(self, lane: Lane, before_ns: int | None) -> None:
         decided = sorted(self._undecided)
         times = np.array([d[0] for d in decided], np.int64)
         ready = len(decided) if before_ns is None else int(np.searchsorted(times, before_ns))
@@ -225,7 +239,7 @@ class DetectorLog:
         for i in coincident(times[:ready], accepted, MARK_NS):
             state = self._state(bool(accepted[i]), decided[i][2])
             if state:
-                self._lane.add(int(times[i]), state)
+                lane.add(int(times[i]), state)
         self._undecided = decided[ready:]
 
     def _state(self, accepted: bool, gate: str) -> str:
@@ -234,5 +248,5 @@ class DetectorLog:
             return DISAGREE if accepted else ""
         if not accepted:
             return f"{self._because}{gate}"
-        elsewhere = self._spec.emits in PLACING or self._spec.emits == "heading"
+        elsewhere = self._spec.emits in PLACING or self._spec.emits in TOLD
         return "" if elsewhere or step_like(self._spec) else "accepted"

@@ -205,11 +205,14 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
 def lane_labels(session: Session) -> list[Label]:
     """Return the labels that have lanes: of a room with steps not the walk as a whole.
 
-    It would say nothing more, unless parts of it are ignored.
+    It would say nothing more, unless parts of it are ignored. Passes of vehicles have lanes by
+    direction.
     """
     kinds = {label.kind for label in session.labels}
     needless = session.application == "room" and "step" in kinds and "ignore" not in kinds
-    return [x for x in session.labels if not (needless and x.kind == "walking")]
+    hidden = {"walking"} if needless else set()
+    hidden |= {"pass"} if session.application == "vehicle" else set()
+    return [x for x in session.labels if x.kind not in hidden]
 
 
 def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/truth") -> None:

@@ -12,6 +12,7 @@ from .timeline import Entity
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from rerun import ComponentColumnList
 
     from groundtrace_codecs.events import Fix
 
@@ -20,10 +21,16 @@ if TYPE_CHECKING:
 
 FIXES = f"{SITE}/fixes"
 POINTS, ELLIPSES = f"{FIXES}/points", f"{FIXES}/ellipses"
+#: Of fixes that come in every cycle and are crosses; and their size as a part of the map's width.
+CROSSES, CROSS_ELLIPSES, CROSS = f"{SITE}/crosses/places", f"{SITE}/crosses/ellipses", 0.013
 KEY = f"{FIXES}/key"
 CORNERS = 33
 #: The key stands above the site, this far up the margin.
 MARGIN = 0.8
+
+
+#: A cross as one line, from tip to tip through the middle.
+TIPS = np.array([(-1, -1), (1, 1), (0, 0), (-1, 1), (1, -1)], np.float32)
 
 
 def ellipse(fix: Fix) -> NDArray[np.float32]:
@@ -52,9 +59,12 @@ class FixLog:
         Where to.
     shown
         What of the site the map shows; the key stands in its margin.
+    crosses
+        Draw crosses, not points.
     """
 
-    def __init__(self, timeline: Timeline, shown: Bounds) -> None:
+    def __init__(self, timeline: Timeline, shown: Bounds, *, crosses: bool = False) -> None:
+        self._crosses = crosses
         self._timeline = timeline
         self._shown = shown
         self._stages: list[str] = []
@@ -90,22 +100,39 @@ class FixLog:
     def _send(self, stage: str, fixes: list[Fix]) -> None:
         import rerun as rr
 
-        times = [fix.time_ns for fix in fixes]
         colours = np.full(len(fixes), self.colour(stage), np.uint32)
-        points = rr.Points2D.columns(
-            positions=np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32),
-            colors=colours,
-            radii=np.full(len(fixes), -4.0),
-        )
         lines = rr.LineStrips2D.columns(
             strips=np.stack([ellipse(fix) for fix in fixes]),
             colors=colours,
             radii=np.full(len(fixes), -0.8),
         )
-        for path, columns in ((f"{POINTS}/{stage}", points), (f"{ELLIPSES}/{stage}", lines)):
-            self._timeline.declare(Entity(path, "map"))
-            self._timeline.send(path, times, columns)
+        shapes = self._cross(fixes, colours) if self._crosses else _points(fixes, colours)
+        paths = (CROSSES, CROSS_ELLIPSES) if self._crosses else (POINTS, ELLIPSES)
+        for root, columns in zip(paths, (shapes, lines), strict=True):
+            self._timeline.declare(Entity(f"{root}/{stage}", "map"))
+            self._timeline.send(f"{root}/{stage}", [fix.time_ns for fix in fixes], columns)
+
+    def _cross(self, fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
+        import rerun as rr
+
+        size = CROSS * (self._shown.x[1] - self._shown.x[0])
+        places = np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32)
+        return rr.LineStrips2D.columns(
+            strips=places[:, np.newaxis, :] + size * TIPS,
+            colors=colours,
+            radii=np.full(len(fixes), -1.2),
+        )
 
     def colour(self, stage: str) -> int:
         """Return the colour of the places of a stage that has begun."""
         return FIX_COLOURS[self._stages.index(stage) % len(FIX_COLOURS)]
+
+
+def _points(fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
+    import rerun as rr
+
+    return rr.Points2D.columns(
+        positions=np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32),
+        colors=colours,
+        radii=np.full(len(fixes), -4.0),
+    )

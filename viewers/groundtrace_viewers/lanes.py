@@ -22,7 +22,10 @@ MARK_NS = 100_000_000
 #: Where the lanes of a replay stand among each other: those of truth and score, then of stages by
 #: what they emit.
 TRUTH, SCORE, GAPS = "/state/1-truth", "/state/2-score", "/state/7-gaps"
-ORDER = {"step": 3, "impact": 3, "pick": 4, "fix": 5, "bearing": 5, "disagreement": 5, "track": 6}
+ORDER = {
+    "step": 3, "impact": 3, "presence": 3, "pick": 4, "pass": 5, "fix": 5, "bearing": 5,
+    "disagreement": 5, "track": 6,
+}  # fmt: skip
 LAST = 6
 PLACING = frozenset({"fix", "bearing", "disagreement"})
 

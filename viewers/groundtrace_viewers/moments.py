@@ -13,9 +13,21 @@ from groundtrace.explain.account import narrowest
 from groundtrace.explain.arrivals import pick_account
 from groundtrace.results import Provenance, Results, replayed_labels
 from groundtrace.score import match_steps
-from groundtrace_codecs.events import Disagreement, Disturbance, Fix, Gap, Note, Pick, StepEvent
+from groundtrace_codecs.events import (
+    Disagreement,
+    Disturbance,
+    Fix,
+    Gap,
+    LineCrossing,
+    Note,
+    Pass,
+    Pick,
+    StepEvent,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
+from .pass_log import crossing_text, pass_text
+from .pass_verdicts import wrong_passes
 from .timeline import TIMELINE
 from .verdict import TOLERANCE_S
 
@@ -43,9 +55,9 @@ class PageMoment:
     t_s
         Since the recording's first sample [s].
     kind
-        Of an event ``step``, ``impact``, ``pick``, ``fix``, ``gap``, ``disturbance``,
-        ``disagreement`` or ``note``; of a wrong decision ``missed``, ``false``, ``late`` or
-        ``early``.
+        Of an event ``step``, ``impact``, ``pick``, ``fix``, ``pass``, ``crossing``, ``gap``,
+        ``disturbance``, ``disagreement`` or ``note``; of a wrong decision ``missed``, ``false``,
+        ``late`` or ``early``.
     stage
         Which stage it comes from; empty where none.
     text
@@ -129,7 +141,11 @@ def moments_of_results(
     fastest = max(streams, key=lambda stream: stream.rate_hz, default=None)
     frame_of, frame_s = _frames(evidence)
     found = (_event(event, steps, evidence.start_ns) for event in results.events)
-    misses = (*_wrong_steps(evidence, results.events, steps), *_wrong_picks(evidence))
+    misses = (
+        *_wrong_steps(evidence, results.events, steps),
+        *_wrong_picks(evidence),
+        *_wrong_passes(evidence, results.events),
+    )
     return Moments(
         results.provenance.recording,
         results.provenance.sha256,
@@ -142,7 +158,7 @@ def moments_of_results(
         frame_of,
         _channels(evidence, streams),
         steps,
-        any(label.kind in ("step", "pick") for label in evidence.labels),
+        any(label.kind in ("step", "pick", "pass") for label in evidence.labels),
         tuple(sorted((m for m in found if m is not None), key=_order)),
         tuple(sorted(misses, key=_order)),
     )
@@ -204,6 +220,10 @@ def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
         case Fix():
             text = f"({event.x_m:.2f}, {event.y_m:.2f}) m"
             return _moment(event.time_ns, start_ns, "fix", event.stage, text)
+        case Pass():
+            return _moment(event.time_ns, start_ns, "pass", event.stage, pass_text(event))
+        case LineCrossing():
+            return _moment(event.time_ns, start_ns, "crossing", event.stage, crossing_text(event))
         case Gap():
             text = f"{event.topic} {event.reason}, {event.lost} lost".strip()
             return _moment(event.start_ns, start_ns, "gap", "", text)
@@ -265,3 +285,10 @@ def _wrong_picks(evidence: Evidence) -> list[PageMoment]:
         PageMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
         for bad in found.bad
     ]
+
+
+def _wrong_passes(evidence: Evidence, events: Sequence[Event]) -> list[PageMoment]:
+    """Return missed and false passes of the last stage that finds passes."""
+    stage, wrong = wrong_passes(evidence, events)
+    start_ns = evidence.start_ns
+    return [_moment(one.time_ns, start_ns, one.verdict, stage, one.text) for one in wrong]

@@ -54,6 +54,17 @@ TRACE = 0xB4BCC6FF
 NORM = 0xF2F2F2FF
 #: Of places found, by the order of their stages.
 FIX_COLOURS = (0xFF6FB5FF, 0x2FE6D6FF, 0xFFFFFFFF, 0x9E7BD6FF)
+#: Of courses, the last word first; of vehicles, by number; of estimators of a ratio.
+COURSE_COLOURS = (0xB6F23CFF, 0xFF7A6BFF, 0x3DDCA0FF, 0xFFE45CFF)
+VEHICLE_COLOURS = (0xB6F23CFF, 0x35C9F0FF, 0xFFE45CFF, 0xFF7A6BFF)
+ESTIMATOR_COLOURS = {
+    "blue": 0x56B4E9FF,
+    "yellow": 0xF0E442FF,
+    "green": 0x00B283FF,
+    "orange": 0xE8702AFF,
+}
+#: A road, and the signs of its forward direction.
+ROAD, ROAD_SIGN = 0x2C333CFF, 0x66707CFF
 #: Of borders between regions, and of sensors without an arrival.
 FAINT = 0x424A55FF
 SILENT = 0x6A727CFF
@@ -135,6 +146,11 @@ class SensorColours:
         if channel.quantity not in SEISMIC_QUANTITIES and channel.axis in AXIS_COLOURS:
             return AXIS_COLOURS[channel.axis]
         return self.of(channel.name)
+
+
+def vehicle_colour(number: int) -> int:
+    """Return the colour of a vehicle, numbered from 1."""
+    return VEHICLE_COLOURS[(number - 1) % len(VEHICLE_COLOURS)]
 
 
 def dimmed(colour: int, part: float) -> int:

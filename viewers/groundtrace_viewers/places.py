@@ -47,8 +47,9 @@ class Places:
         shown = None if session.application == "walker" else bounds(session)
         self.shown = shown
         self.sensors = SensorMap(timeline, session, colours) if shown else None
-        self._fixes = FixLog(timeline, shown) if shown else None
-        self._tracks = TrackLog(timeline, shown) if shown else None
+        on_road = session.application == "vehicle"
+        self._fixes = FixLog(timeline, shown, crosses=on_road) if shown else None
+        self._tracks = TrackLog(timeline, shown) if shown and not on_road else None
         unit = session.geometry.length_unit if session.geometry is not None else "m"
         self._disagreements = DisagreementLog(timeline, lines, unit, on_map=shown is not None)
 

@@ -13,7 +13,9 @@ from groundtrace_codecs.events import (
     Fix,
     Gap,
     Heading,
+    LineCrossing,
     Note,
+    Pass,
     Pick,
     StageSpec,
     StepEvent,
@@ -30,15 +32,14 @@ from .events import LogLines, LossLog, PickLog, StepLog, lane_labels, log_note, 
 from .full_rate import REACH_NS
 from .lanes import TRUTH, StageLanes
 from .palette import SensorColours
+from .particulars import particulars
 from .places import Places
 from .section import Section
 from .signals import SignalLog
 from .spectrograms import spectrograms
-from .stepwise import Stepwise
 from .timeline import Timeline
 from .traces import Traces
 from .verdict import log_verdicts, verdicts
-from .walk import Walk
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
-    from .details import Details
     from .full_rate import Plan
     from .sensor_map import Bounds
 
@@ -102,7 +102,6 @@ class Replay:
         self._chunk_s = LIVE_CHUNK_S if live else None
         self._replayed_ns: tuple[int, int] | None = None
         self._plan = plan
-        self._map_tiles = map_tiles
         lag_ns = LIVE_LAG_NS if live else LAG_NS
         self.close_ups = CloseUps(self.timeline, plan, session, lag_ns)
         self._signals: dict[str, SignalLog] = {}
@@ -124,23 +123,20 @@ class Replay:
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
         self._places = Places(self.timeline, session, self._colours, lines)
-        self._details = self._particulars(channels)
+        self._details = particulars(
+            self.timeline,
+            session,
+            self._colours,
+            self._places.sensors,
+            self._lanes,
+            lines,
+            channels,
+            close=plan.mode != "none",
+            tiles=map_tiles,
+        )
         log_truth(self.timeline, lane_labels(session), TRUTH)
         log_annotations(self.timeline, lines, session.annotations)
         self.timeline.static(PAGE, rr.TextDocument(about(session), media_type="text/markdown"))
-
-    def _particulars(self, channels: Sequence[str]) -> Details:
-        if self._session.application == "room":
-            close = self._plan.mode != "none"
-            return Stepwise(
-                self.timeline,
-                self._session,
-                self._colours,
-                self._places.sensors,
-                channels,
-                close=close,
-            )
-        return Walk(self.timeline, self._session, tiles=self._map_tiles)
 
     @property
     def shown(self) -> Bounds | None:
@@ -166,6 +162,7 @@ class Replay:
                 self._stage(item)
             case TraceBlock():
                 self._detector(item.spec).trace(item)
+                self._details.trace(item)
             case CandidateBlock():
                 self._detector(item.spec).candidates(item)
                 self._details.candidates(item)
@@ -186,6 +183,10 @@ class Replay:
                 self._places.disagreement(item)
             case Note():
                 log_note(self._lines, item, self.timeline.seconds(item.time_ns))
+            case _:
+                if isinstance(item, Pass | LineCrossing):
+                    self._answered(item.time_ns)
+                self._details.traffic(item)
 
     def _signal(self, block: SignalBlock) -> None:
         if not len(block):
@@ -223,9 +224,8 @@ class Replay:
             session = self._session
             span_ns = session.shown_ns or (session.start_ns, session.end_ns)
             drawn = replace(spec, trace=()) if self._details.draws(spec) else spec
-            self._detectors[key] = DetectorLog(
-                self.timeline, drawn, self._colours, self._lanes, span_ns
-            )
+            lanes = None if self._details.tells(spec) else self._lanes
+            self._detectors[key] = DetectorLog(self.timeline, drawn, self._colours, lanes, span_ns)
         return self._detectors[key]
 
     def _gap(self, gap: Gap) -> None:
@@ -267,6 +267,7 @@ class Replay:
     def _flush(self, before_ns: int | None) -> None:
         for detector in self._detectors.values():
             detector.flush(before_ns)
+        self._details.flush(before_ns)
         self._lanes.flush(before_ns)
         self._picks.flush()
         self._steps.flush()
@@ -274,7 +275,6 @@ class Replay:
         self._lines.flush()
         for section in self._sections.values():
             section.flush()
-        self._details.flush()
         self._places.flush()
 
     def _show_close_ups(self, last_ns: int | None) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from .arrivals_map import ArrivalSigns
 from .palette import IMPACT, OUTLINE
+from .road_map import log_road
 from .timeline import Entity
 from .truth_map import log_truth_places
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.geometry import Geometry, Sensor
+    from groundtrace_codecs.labels import Label
 
     from .palette import SensorColours
     from .timeline import Timeline
@@ -36,6 +38,8 @@ RADIUS, LIT, MAP_POINTS = 6.0, 1.4, 480.0
 SIDE, MARGIN = 0.1, 0.16
 #: Side of a shot point's triangle and height of its name, as parts of the site's extent.
 TRIANGLE, NAME = 0.022, 0.09
+#: What is shown beyond sensors that vehicles pass: a part of their extent, and this at least [m].
+REACH, LEAST_REACH_M = 0.45, 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,19 +101,32 @@ def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
     return found
 
 
+def placed(session: Session) -> list[Label]:
+    """Return the labels that the map shows as places; vehicles come from afar, and go."""
+    if session.application == "vehicle":
+        return []
+    return [x for x in session.labels if x.x_m is not None and x.y_m is not None]
+
+
 def places(session: Session) -> NDArray[np.float64]:
-    """Return every place the session knows, shape (n, 2) [m]."""
+    """Return every place the map must show, shape (n, 2) [m]."""
     points: list[tuple[float, float]] = [
-        (label.x_m, label.y_m)
-        for label in session.labels
-        if label.x_m is not None and label.y_m is not None
+        (label.x_m or 0.0, label.y_m or 0.0) for label in placed(session)
     ]
     if session.geometry is not None:
         geometry = session.geometry
         points += [(s.x, s.y) for s in geometry.sensors]
         points += list(geometry.outline)
         points += [(x, y) for _, x, y in geometry.sources]
-    return np.array(points, np.float64).reshape(-1, 2)
+    known = np.array(points, np.float64).reshape(-1, 2)
+    return _around(known) if session.application == "vehicle" and len(known) else known
+
+
+def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of what is shown around sensors that vehicles pass."""
+    low, high = known.min(axis=0), known.max(axis=0)
+    reach = np.maximum(REACH * (high - low), LEAST_REACH_M)
+    return np.array([low - reach, high + reach])
 
 
 def bounds(session: Session) -> Bounds | None:
@@ -183,20 +200,21 @@ class SensorMap:
         self._arrivals: list[tuple[int, str]] = []
         self.signs: tuple[Sign, ...] = ()
         self._extent = float(np.ptp(places(session), axis=0).max())
-        self._radius = marker_radius(list(self._place.values()), self._extent)
+        self._radius = marker_radius(list(dict.fromkeys(self._place.values())), self._extent)
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
         timeline.declare(Entity(SITE, "map"), upwards)
         if session.geometry is not None:
             self._log_geometry(session.geometry)
         self.names = ArrivalSigns(timeline, NAMES, self.signs, session.start_ns)
-        placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
-        log_truth_places(timeline, placed)
+        log_truth_places(timeline, placed(session))
 
     def _log_geometry(self, geometry: Geometry) -> None:
         import rerun as rr
 
         if geometry.outline:
             log_outline(self._timeline, geometry.outline)
+        if geometry.road:
+            log_road(self._timeline, SITE, geometry.road, self._extent)
         signs = signs_of(geometry, self._colours)
         if signs:
             sensors = rr.Points2D(

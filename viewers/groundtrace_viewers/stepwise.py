@@ -181,7 +181,7 @@ class Stepwise(Details):
             self._put_out(self._lit_ns + LIT_NS)
         self.flush()
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         if self._regions is not None:
             self._regions.flush()

@@ -29,8 +29,8 @@ class Entity:
     role
         What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``detector``, ``decision``, ``masses``,
-        ``heading``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``,
-        ``map``.
+        ``heading``, ``ratio``, ``road``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``,
+        ``table``, ``page``, ``map``.
     title
         Heading of its view.
     series
@@ -39,8 +39,8 @@ class Entity:
         Sampling rate of a signal, else 0.
     quantity
         Quantity of a signal, else empty.
-    top
-        Upper end of the value axis where it is known, else 0.
+    top, bottom
+        Ends of the value axis where the upper one is known, else 0.
     """
 
     path: str
@@ -50,6 +50,7 @@ class Entity:
     rate_hz: float = 0.0
     quantity: str = ""
     top: float = 0.0
+    bottom: float = 0.0
 
 
 class Timeline:

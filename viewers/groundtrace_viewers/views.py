@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 from .about import PAGE
 from .disagreements import LINES as DISAGREEMENTS
-from .fixes import ELLIPSES, POINTS
+from .fixes import CROSS_ELLIPSES, CROSSES, ELLIPSES, POINTS
 from .growing_line import RUNS, SEGMENTS_S
 from .headings import HEADING
 from .hodogram import ROOT as HODOGRAM
 from .hodogram import extent
+from .pass_log import CROSSINGS
 from .sensor_map import ARRIVALS
 from .street_map import FIXES
 from .street_map import ROOT as STREETS
@@ -38,6 +39,9 @@ VISIBLE_S = {
     ELLIPSES: -0.5,
     DISAGREEMENTS: -0.5,
     LINES: -SEGMENTS_S,
+    CROSSES: -12.0,
+    CROSS_ELLIPSES: -1.0,
+    CROSSINGS: -10.0,
     SATELLITES: None,
     f"{SATELLITES}/lines": -SEGMENTS_S,
 }
@@ -149,6 +153,19 @@ def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
         name=entity.title,
         axis_x=around(*span_s),
         axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def road(entity: Entity) -> rrb.View:
+    """Return the way along a road over time."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)),
         plot_legend=rrb.PlotLegend(visible=False),
     )
 

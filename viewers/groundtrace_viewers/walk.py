@@ -110,7 +110,7 @@ class Walk(Details):
         elif isinstance(event, Disturbance):
             self._headings.disturbance(event)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         for curve in self._curves.values():
             curve.flush()

@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -24,6 +24,28 @@ if TYPE_CHECKING:
 
 _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62
+
+
+class TextFile(Protocol):
+    """A text table on the disk or in an archive: :class:`pathlib.Path`, ``zipfile.Path``."""
+
+    @property
+    def name(self) -> str:
+        """Name without folder."""
+        ...
+
+    @property
+    def suffix(self) -> str:
+        """What the name ends in, with its dot."""
+        ...
+
+    def read_bytes(self) -> bytes:
+        """Return the content."""
+        ...
+
+    def open(self, mode: Literal["rb"]) -> IO[bytes]:
+        """Return the content as a stream."""
+        ...
 
 
 class DelimitedImporter:
@@ -50,12 +72,24 @@ class DelimitedImporter:
             raise SchemaError(f"{paths[0].name}: expected --map for a text table, found none")
         if len(paths) != 1:
             raise SchemaError(f"{paths[0].name}: expected one text table, found {len(paths)}")
-        return import_table(_Text.load(paths[0], map_), map_)
+        return import_table(TextTable.load(paths[0], map_), map_)
 
 
 @dataclass(frozen=True, slots=True)
-class _Text:
-    """The rows of a table and the names of its columns."""
+class TextTable:
+    """The rows of a text table and the names of its columns.
+
+    Attributes
+    ----------
+    name
+        Of the file, for messages.
+    header
+        Names of the columns, empty where the table has none.
+    rows, lines
+        Cells of each row of numbers, and its line in the file.
+    decimal
+        ``.`` or ``,``.
+    """
 
     name: str
     header: tuple[str, ...]
@@ -64,7 +98,14 @@ class _Text:
     decimal: str
 
     @classmethod
-    def load(cls, path: Path, map_: ImportMap) -> _Text:
+    def load(cls, path: TextFile, map_: ImportMap) -> TextTable:
+        """Read a table as a map says.
+
+        Raises
+        ------
+        FormatError
+            Where the file is no text of the map's encoding, or holds no rows.
+        """
         lines = list(_lines(path, map_))
         named = set(_names(map_))
         header: tuple[str, ...] = ()
@@ -152,7 +193,7 @@ class _Text:
         return SchemaError(f"{self.name}: {column}: expected {expected}")
 
 
-def _lines(path: Path, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
+def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells, without empty lines and comments."""
     try:
         text = path.read_bytes().decode(map_.encoding)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 TimeUnit = Literal["s", "ms", "us", "ns", "iso"]
 EventUnit = Literal["s", "ms", "us", "ns", "sample"]
 
+#: Formats whose files know their own rate.
+_TIMED = frozenset({"audio"})
+
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a map: no unknown keys, no wrong types."""
@@ -267,7 +270,10 @@ def _check_stream(map_: ImportMap, stream: StreamMap, place: str) -> None:
             raise SchemaError(f"{place}.columns[{j}].{error}") from error
     own = (stream.time, stream.rate_hz) != (None, None)
     time, rate = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
-    if (time is None) == (rate is None):
+    if map_.format in _TIMED:
+        if (time, rate) != (None, None):
+            raise SchemaError(f"{place}: expected the rate of the file, found one in the map")
+    elif (time is None) == (rate is None):
         found = "neither" if time is None else "both"
         raise SchemaError(f"{place}: expected one of time and rate_hz, found {found}")
     if rate is not None and not 0 < rate < 1e9:

@@ -9,6 +9,7 @@ from ..errors import SchemaError
 from ..geometry import Geometry
 from ..truth import read_truth
 from .maps import load_map
+from .plausible import UnitWatch
 from .registry import choose, files_of
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def import_recording(
     importer = choose(files, format_name or (map_.format if map_ else None))
     files, left_out = _readable(importer, files, len(paths) == 1 and paths[0].is_dir())
     imported = _with_tables(importer.read(files, map_), geometry, truth)
-    counts = _Counts({}, 0)
+    counts = _Counts({}, 0, {})
     write_recording(
         out,
         [(s, f, counts.counted(blocks)) for s, f, blocks in imported.sources],
@@ -120,7 +121,7 @@ def import_recording(
         end_ns=counts.end_ns,
         sensors=len(imported.geometry.sensors) if imported.geometry else 0,
         labels={k: kinds.count(k) for k in sorted(set(kinds))},
-        warnings=(*left_out, *imported.warnings),
+        warnings=(*left_out, *imported.warnings, *counts.remarks()),
     )
 
 
@@ -174,9 +175,14 @@ class _Counts:
 
     samples: dict[str, int]
     end_ns: int
+    units: dict[str, UnitWatch]
+
+    def remarks(self) -> list[str]:
+        return [line for watch in self.units.values() for line in watch.remarks()]
 
     def counted(self, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
         for block in blocks:
             self.samples[block.topic] = self.samples.get(block.topic, 0) + len(block)
             self.end_ns = max(self.end_ns, block.end_ns)
+            self.units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
             yield block

@@ -21,11 +21,9 @@ from groundtrace_codecs.mcap.records import (
     CHUNK,
     MAX_RECORD_BYTES,
     MESSAGE,
-    MESSAGE_INDEX,
+    MESSAGE_FIELDS,
     RECORD_HEAD,
     SCHEMA,
-    U16,
-    U32,
     U64,
     ChannelRecord,
     Fields,
@@ -47,9 +45,7 @@ replay_order = itemgetter(2, 0, 1)
 
 _CHUNK_HEAD: Final = struct.Struct("<QQQI")
 _MESSAGE_HEAD: Final = struct.Struct("<xQHIQQ")
-_MESSAGE_FIELDS: Final = 22
-_MESSAGE_DATA: Final = RECORD_HEAD.size + _MESSAGE_FIELDS
-_INDEX_ENTRY_BYTES: Final = 16
+_MESSAGE_DATA: Final = RECORD_HEAD.size + MESSAGE_FIELDS
 
 # What each format can reach at best (zstd: a 4-byte block repeats 128 KiB; LZ4: 255 bytes a byte);
 # more is a lie, and would be allocated before it is found out.
@@ -74,6 +70,8 @@ class ChunkEntry:
         Channels with messages inside; None = unknown.
     bare
         True for a run of Message records outside any chunk.
+    segment
+        Which of the files written one after the other it belongs to, from 0.
     """
 
     offset: int
@@ -82,6 +80,7 @@ class ChunkEntry:
     end_ns: int
     channel_ids: frozenset[int] | None
     bare: bool = False
+    segment: int = 0
 
 
 @dataclass(slots=True)
@@ -159,6 +158,40 @@ class ChunkReader:
             )
         return self._unpack(Fields(content))
 
+    def mended(self, entry: ChunkEntry) -> memoryview:
+        """Give the checked records of a chunk whose opcode or length field is wrong.
+
+        Its own fields must fill ``entry`` exactly, and it must have a CRC.
+
+        Raises
+        ------
+        MalformedError
+            If that is not so.
+        """
+        if entry.bare or entry.length > MAX_RECORD_BYTES:
+            raise MalformedError("expected a chunk of at most 1 GiB, found none")
+        fields = Fields(
+            memoryview(self.source.read_at(entry.offset, entry.length))[RECORD_HEAD.size :]
+        )
+        crc = fields.unpack(_CHUNK_HEAD)[3]
+        fields.text()
+        fields.blob(fields.unpack(U64)[0])
+        if not crc or fields.position + RECORD_HEAD.size != entry.length:
+            raise MalformedError(
+                f"expected fields of {entry.length - RECORD_HEAD.size} bytes and a CRC, "
+                f"found {fields.position} and 0x{crc:08x}"
+            )
+        fields.position = 0
+        return self._unpack(fields)
+
+    def head_fault(self, entry: ChunkEntry) -> str:
+        """Say what is wrong with the head of a chunk that was read by its own fields."""
+        opcode, length = RECORD_HEAD.unpack(self.source.read_at(entry.offset, RECORD_HEAD.size))
+        return (
+            f"chunk head: expected opcode 0x06 of {entry.length - RECORD_HEAD.size} bytes, "
+            f"found 0x{opcode:02x} of {length}; read by the chunk's own fields"
+        )
+
     def messages(
         self, records: memoryview, wanted: Container[int], start_ns: int, stop_ns: int
     ) -> tuple[list[Message], int]:
@@ -197,7 +230,7 @@ class ChunkReader:
                 continue
             length, channel_id, sequence, log_time, publish_time = unpack(records, position)
             stop = position + head + length
-            if length < _MESSAGE_FIELDS:
+            if length < MESSAGE_FIELDS:
                 raise MalformedError(f"expected 22 bytes of message fields, found {length}")
             if channel_id in wanted and start_ns <= log_time < stop_ns:
                 if log_time <= last_ns:
@@ -249,24 +282,3 @@ class ChunkReader:
             return memoryview(self._zstd.decompress(packed, max_output_size=size))
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
             raise MalformedError(f"expected {compression} data, found: {error}") from error
-
-
-def count_indexed(source: ByteSource, offset: int) -> int | None:
-    """Count the messages of a chunk by the MessageIndex records that follow it at ``offset``.
-
-    Returns
-    -------
-    int or None
-        None where no readable MessageIndex follows.
-    """
-    total, seen = 0, False
-    while True:
-        try:
-            content = read_record(source, offset, MESSAGE_INDEX)
-            fields = Fields(content)
-            fields.unpack(U16)
-            total += len(fields.blob(fields.unpack(U32)[0])) // _INDEX_ENTRY_BYTES
-        except MalformedError:
-            return total if seen else None
-        seen = True
-        offset += RECORD_HEAD.size + len(content)

@@ -23,6 +23,7 @@ from groundtrace_codecs.mcap.records import (
     read_record,
 )
 from groundtrace_codecs.mcap.scan import front_scan
+from groundtrace_codecs.mcap.segments import Segment, distinct, join
 from groundtrace_codecs.mcap.summary import read_summary
 
 if TYPE_CHECKING:
@@ -40,6 +41,8 @@ class FileIndex:
         Of the Header record.
     definitions
         Schemas and channels.
+    segments
+        The files it consists of: one, unless some were put together.
     chunks
         Where the messages are, in the order (start time, offset).
     attachments, metadata
@@ -57,6 +60,7 @@ class FileIndex:
     profile: str
     library: str
     definitions: Definitions
+    segments: tuple[Segment, ...]
     chunks: tuple[ChunkEntry, ...]
     attachments: tuple[AttachmentRef, ...]
     metadata: tuple[MetadataRecord, ...]
@@ -73,16 +77,22 @@ def load_index(source: ByteSource) -> FileIndex:
     Raises
     ------
     FormatError
-        If the source does not begin as an MCAP file. Every other fault is a `Damage`.
+        If the source neither begins as an MCAP file nor has a sound summary. Every other fault is
+        a `Damage`.
     """
     start = source.read_at(0, len(MAGIC))
+    damage: list[Damage] = []
+    index = _from_summary(source, damage)
     if start != MAGIC:
-        raise FormatError(
-            f"{source.name}: start of file: expected the MCAP magic {MAGIC.hex(' ')}, "
+        fault = (
+            f"start of file: expected the MCAP magic {MAGIC.hex(' ')}, "
             f"found {start.hex(' ') or 'an empty file'}"
         )
-    damage: list[Damage] = []
-    index = _from_summary(source, damage) or _from_scan(source)
+        # a summary that passes its checks proves that this was an MCAP file
+        if index is None:
+            raise FormatError(f"{source.name}: {fault}")
+        damage.insert(0, Damage(0, len(MAGIC), None, None, 0, fault))
+    index = index or _from_scan(source)
     return replace(index, damage=(*damage, *index.damage))
 
 
@@ -91,7 +101,7 @@ def _from_summary(source: ByteSource, damage: list[Damage]) -> FileIndex | None:
         summary = read_summary(source)
     except MalformedError as error:
         reason = f"summary: {error}; recovered by a front scan"
-        damage.append(Damage(source.size, 0, None, None, None, reason))
+        damage.append(Damage(source.size, 0, None, None, 0, reason))
         return None
     if summary is None or summary.statistics is None:
         return None
@@ -103,6 +113,7 @@ def _from_summary(source: ByteSource, damage: list[Damage]) -> FileIndex | None:
         profile,
         library,
         summary.definitions,
+        (Segment(summary.definitions),),
         _in_order(summary.chunks),
         tuple(summary.attachments),
         tuple(_metadata(source, summary.metadata, damage)),
@@ -117,19 +128,21 @@ def _from_summary(source: ByteSource, damage: list[Damage]) -> FileIndex | None:
 def _from_scan(source: ByteSource) -> FileIndex:
     damage: list[Damage] = []
     profile, library = _header(source, damage)
-    found = front_scan(source)
+    scans, several = distinct(source, front_scan(source))
+    whole = join(scans)
     return FileIndex(
         profile,
         library,
-        found.definitions,
-        _in_order(found.chunks),
-        tuple(found.attachments),
-        tuple(found.metadata),
-        found.message_counts(),
-        min((chunk.start_ns for chunk in found.chunks), default=0),
-        max((chunk.end_ns for chunk in found.chunks), default=0),
+        whole.definitions,
+        whole.segments,
+        _in_order(whole.chunks),
+        tuple(ref for scan in scans for ref in scan.attachments),
+        tuple(record for scan in scans for record in scan.metadata),
+        whole.counts,
+        min((chunk.start_ns for chunk in whole.chunks), default=0),
+        max((chunk.end_ns for chunk in whole.chunks), default=0),
         indexed=False,
-        damage=(*damage, *found.damage),
+        damage=(*damage, *(d for scan in scans for d in scan.damage), *several),
     )
 
 
@@ -138,7 +151,7 @@ def _header(source: ByteSource, damage: list[Damage]) -> tuple[str, str]:
         fields = Fields(read_record(source, len(MAGIC), HEADER))
         return fields.text(), fields.text()
     except MalformedError as error:
-        damage.append(Damage(len(MAGIC), 0, None, None, None, f"header: {error}"))
+        damage.append(Damage(len(MAGIC), 0, None, None, 0, f"header: {error}"))
         return "", ""
 
 
@@ -150,7 +163,7 @@ def _metadata(
         try:
             found.append(parse_metadata(read_record(source, offset, METADATA)))
         except MalformedError as error:
-            damage.append(Damage(offset, length, None, None, None, f"metadata: {error}"))
+            damage.append(Damage(offset, length, None, None, 0, f"metadata: {error}"))
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from bisect import bisect_left
+from contextlib import suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -13,14 +14,15 @@ from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes
 from groundtrace_codecs.mcap.chunks import (
     ChunkEntry,
     ChunkReader,
-    Definitions,
     MisplacedError,
-    count_indexed,
+    replay_order,
 )
 from groundtrace_codecs.mcap.index import FileIndex, load_index
 from groundtrace_codecs.mcap.merge import merge
+from groundtrace_codecs.mcap.message_index import indexed_messages
 from groundtrace_codecs.mcap.records import (
     ATTACHMENT,
+    RECORD_HEAD,
     U32,
     AttachmentRef,
     ChannelRecord,
@@ -33,13 +35,44 @@ from groundtrace_codecs.mcap.records import (
     parse_attachment,
     read_record,
 )
-from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan, stray_reason
+from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan
+from groundtrace_codecs.mcap.scanned import stray_reason
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterator
     from types import TracebackType
 
+    from groundtrace_codecs.mcap.segments import Segment
+
 _log_time = itemgetter(2)
+
+
+class _Part:
+    """Reads the chunks of one segment.
+
+    Parameters
+    ----------
+    source
+        The file.
+    segment
+        Which of the files in it.
+    wanted
+        Channels to read, ids of the whole.
+    """
+
+    def __init__(self, source: ByteSource, segment: Segment, wanted: Container[int]) -> None:
+        self.reader = ChunkReader(source, segment.definitions)
+        self._ids = segment.ids
+        self.wanted = wanted
+        if self._ids is not None:
+            self.wanted = {own for own, whole in self._ids.items() if whole in wanted}
+
+    def in_whole(self, found: list[Message]) -> list[Message]:
+        """Give messages the channel ids of the whole."""
+        ids = self._ids
+        if ids is None:
+            return found
+        return sorted((m._replace(channel_id=ids[m.channel_id]) for m in found), key=replay_order)
 
 
 class McapFile:
@@ -79,7 +112,7 @@ class McapFile:
         self.end_ns: int = index.end_ns
         self.indexed: bool = index.indexed
         self._source = source
-        self._definitions: Definitions = index.definitions
+        self._segments = index.segments
         self._chunks = index.chunks
         self._strict = strict
         self._damage: dict[tuple[int, str], Damage] = {}
@@ -144,10 +177,10 @@ class McapFile:
         if channel_ids is not None:
             wanted = chosen = self.channels.keys() & set(channel_ids)
             chunks = [c for c in chunks if c.channel_ids is None or c.channel_ids & chosen]
-        reader = ChunkReader(self._source, self._definitions)
+        parts = [_Part(self._source, segment, wanted) for segment in self._segments]
 
         def load(entry: ChunkEntry, floor_ns: int) -> list[Message]:
-            found = self._load(reader, entry, wanted, low, high)
+            found = self._load(parts[entry.segment], entry, low, high)
             return self._in_time(entry, found, floor_ns)
 
         return merge(chunks, load)
@@ -190,40 +223,44 @@ class McapFile:
     ) -> None:
         self.close()
 
-    def _load(
-        self,
-        reader: ChunkReader,
-        entry: ChunkEntry,
-        wanted: Container[int],
-        low: int,
-        high: int,
-    ) -> list[Message]:
+    def _load(self, part: _Part, entry: ChunkEntry, low: int, high: int) -> list[Message]:
         """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
         try:
-            records = self._records(reader, entry)
-            found, strays = reader.messages(records, wanted, low, high)
+            records = self._records(part.reader, entry)
+            found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
-            lost = count_indexed(self._source, entry.offset + entry.length)
+            lost = indexed_messages(self._source, entry.offset + entry.length).messages
             self._lost(entry, lost, f"chunk: {error}")
             return []
         if strays:
             self._lost(entry, strays, stray_reason(entry))
-        return found
+        return part.in_whole(found)
 
     def _records(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
-        """Give the records of a chunk, found by a front scan if it is not where the index says."""
+        """Give the records of a chunk, by its own fields if only its opcode or length is wrong.
+
+        If it is not where the index says, a front scan looks for it.
+        """
         try:
             return reader.records(entry)
         except MisplacedError:
+            with suppress(MalformedError):
+                return self._mended(reader, entry)
             for other in self._unindexed_chunks():
                 if (other.start_ns, other.end_ns) == (entry.start_ns, entry.end_ns):
                     return reader.records(other)
             raise
 
+    def _mended(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
+        records = reader.mended(entry)
+        reason = reader.head_fault(entry)
+        self._note(Damage(entry.offset, RECORD_HEAD.size, None, None, 0, reason))
+        return records
+
     def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:
         if self._scanned is None:
             known = {chunk.offset for chunk in self._chunks}
-            found = front_scan(self._source).chunks
+            found = front_scan(self._source)[0].chunks
             self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
         return self._scanned
 

@@ -32,6 +32,8 @@ DATA_END: Final = 0x0F
 
 #: Opcode and content length that open every record.
 RECORD_HEAD: Final = struct.Struct("<BQ")
+#: Shortest content of a Message record: its fields, without data.
+MESSAGE_FIELDS: Final = 22
 #: Larger records are never read whole: their length is taken for damage.
 MAX_RECORD_BYTES: Final = 1 << 30
 

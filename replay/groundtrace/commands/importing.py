@@ -5,21 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import CycloptsError, Parameter
 
 from groundtrace_codecs.importers import import_recording
 
 from ..errors import RecordingError
-from .output import print_json, say, writable
+from .output import existing, print_json, say, writable
 
 
 def import_(
     *sources: Path,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     format_: Annotated[str | None, Parameter(name="--format")] = None,
     geometry: Path | None = None,
     truth: Path | None = None,
     map_: Annotated[Path | None, Parameter(name="--map")] = None,
+    guess: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
@@ -30,7 +31,7 @@ def import_(
     sources
         Files of one recording, or folders of them.
     out
-        The recording to write.
+        The recording to write; with --guess the map, FILE.map.toml without it.
     format_
         Name of the importer (groundtrace plugins lists them); chosen by content without it.
     geometry
@@ -39,6 +40,9 @@ def import_(
         What is known to have happened: CSV, .sgt hand picks, or another MCAP.
     map_
         TOML that says what the columns are; a path, or the name of a shipped map.
+    guess
+        Import nothing: guess the map of one text table and write it, to be checked and given
+        with --map.
     force
         Overwrite an existing file.
     json
@@ -46,6 +50,14 @@ def import_(
     """
     if not sources:
         raise RecordingError("import: expected at least one file, found none")
+    if guess:
+        if json:
+            raise RecordingError("import: expected --guess or --json, found both")
+        _guess(sources, out, force=force)
+        return
+    if out is None:
+        say("import: expected --out, found none")
+        raise CycloptsError
     report = import_recording(
         sources,
         writable(out, force=force, sources=sources),
@@ -66,6 +78,26 @@ def import_(
     print(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
     if report.labels:
         print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
+
+
+def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
+    """Write the guessed map of a table and say what was guessed."""
+    from groundtrace_codecs.importers.guess import guess_map
+    from groundtrace_codecs.importers.guess_toml import remark_line
+
+    if len(sources) != 1:
+        raise RecordingError(f"import --guess: expected one table, found {len(sources)} files")
+    (table,) = sources
+    existing(table)
+    written = out or table.with_name(f"{table.name}.map.toml")
+    writable(written, force=force, sources=sources)
+    found = guess_map(table)
+    written.write_text(found.toml, encoding="utf-8")
+    for remark in found.remarks:
+        print(remark_line(remark))
+    print(
+        f"wrote {written}: check it, then: groundtrace import {table} --map {written} -o OUT.mcap"
+    )
 
 
 def _map(path: Path | None) -> Path | None:

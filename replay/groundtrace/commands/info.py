@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from groundtrace_codecs.events import Gap
+from groundtrace_codecs.importers.plausible import UnitWatch
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..source import Source
+from .info_lines import print_gaps, print_guesses, stream_row
 from .output import FIRST_DATE_NS, existing, print_json, print_table, progress
 from .truth import annotations_to_show
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
@@ -96,6 +98,7 @@ class RecordingInfo:
     length_unit: str | None
     metadata: list[str]
     annotations: dict[str, int] = field(default_factory=dict)
+    unit_warnings: list[str] = field(default_factory=list)
 
 
 def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
@@ -128,6 +131,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     spans: dict[str, tuple[int, int]] = {}
     gaps: list[GapInfo] = []
     watches = _watches(recording)
+    units = {s.topic: UnitWatch(s) for s in recording.streams}
     for item in Source(recording):
         if isinstance(item, Gap):
             gaps.append(_gap(item, start_ns))
@@ -136,6 +140,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
             continue
         if item.topic in watches:
             watches[item.topic].hear(item)
+        units[item.topic].hear(item)
         samples[item.topic] += len(item)
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
@@ -160,6 +165,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         geometry=_geometry(recording.geometry),
         length_unit=recording.geometry.length_unit if recording.geometry is not None else None,
         metadata=sorted(recording.metadata),
+        unit_warnings=[line for watch in units.values() for line in watch.remarks()],
     )
 
 
@@ -245,12 +251,14 @@ def _geometry(geometry: Geometry | None) -> dict[str, int] | None:
 def _print(found: RecordingInfo) -> None:
     when = f", began {found.start}" if found.start else ""
     print(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
-    rows = [_stream_row(s) for s in found.streams]
+    rows = [stream_row(s) for s in found.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
-    _print_guesses(found.streams)
+    print_guesses(found.streams)
+    for warning in found.unit_warnings:
+        print(f"unit: {warning}")
     for other in found.others:
         print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
-    _print_gaps(found.gaps)
+    print_gaps(found.gaps)
     for damage in found.damage:
         lost = "?" if damage.messages is None else damage.messages
         print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
@@ -262,39 +270,3 @@ def _print(found: RecordingInfo) -> None:
     if found.geometry is not None:
         unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
         print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit)
-
-
-def _print_guesses(streams: Sequence[StreamInfo]) -> None:
-    for stream in streams:
-        guess = stream.placement_guess
-        if guess is not None:
-            but = f"; stated: {stream.placement}, which is taken" if guess.contradicts else ""
-            print(f"placement of {stream.topic}, a guess: {guess.text}{but}")
-
-
-def _stream_row(s: StreamInfo) -> tuple[str, ...]:
-    kinds: dict[str, list[str]] = {}
-    for channel in s.channels:
-        kinds.setdefault(f"{channel['quantity']} [{channel['unit']}]", []).append(channel["name"])
-    text = "; ".join(f"{_names(names)}: {kind}" for kind, names in kinds.items())
-    rate = f"{s.rate_hz:g}" + (" irregular" if s.irregular else "")
-    return (s.topic, str(s.samples), rate, s.placement, text)
-
-
-def _names(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)})"
-
-
-def _print_gaps(gaps: Sequence[GapInfo]) -> None:
-    """Print unbridged gaps one by one, the bridged ones as counts."""
-    for gap in [g for g in gaps if not g.bridged][:20]:
-        print(
-            f"gap: {gap.topic} {gap.start_s:.3f} to {gap.end_s:.3f} s, {gap.reason}, "
-            f"{gap.lost} samples"
-        )
-    more = sum(not g.bridged for g in gaps) - 20
-    if more > 0:
-        print(f"gap: and {more} more")
-    bridged = Counter((g.topic, g.reason) for g in gaps if g.bridged)
-    for (topic, reason), count in bridged.items():
-        print(f"bridged: {topic} {count} times {reason}")

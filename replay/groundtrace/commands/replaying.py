@@ -59,6 +59,7 @@ def replay(
     full_rate: str = "",
     map_tiles: Annotated[bool, Parameter(negative="")] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
+    strict: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
@@ -98,6 +99,8 @@ def replay(
         Show positions on a street map too, whose tiles the viewer loads from the internet.
     rate
         Recorded seconds per second; 0 is as fast as possible.
+    strict
+        Stop at the first damage of the recording instead of leaving it out.
     force
         Overwrite existing outputs.
     json
@@ -110,7 +113,7 @@ def replay(
     results = _results_path(path, out, force=force)
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
-    with Recording.open(path) as opened:
+    with Recording.open(path, strict=strict) as opened:
         opened.geometry = site or opened.geometry
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)

@@ -1,0 +1,196 @@
+"""Importer for ROS bags: ROS 1 ``.bag``, and ROS 2 folders of ``.db3`` or ``.mcap``.
+
+What a message holds is told by the same code that reads ROS 2 messages of an MCAP file
+(:mod:`groundtrace_codecs.channels`); messages of ROS 1 are brought to CDR first.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..channels import nominal_reader
+from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
+from ..mcap.records import Message
+from ..recording import Recording
+from ..schemas.ros2msg import parse_ros2msg
+from .sampled import Sampled, together
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from ..channels import ChannelReader
+    from ..geometry import Geometry
+    from ..labels import Label
+    from ..signals import SignalBlock, Stream
+    from .api import Imported
+    from .maps import ImportMap
+
+_ROS1 = b"#ROSBAG V"
+_SQLITE = b"SQLite format 3\0"
+_MCAP = b"\x89MCAP0\r\n"
+_BAG_INFO = b"rosbag2_bagfile_information"
+_HEADER = "std_msgs/msg/Header"
+_SUFFIXES = (".bag", ".db3", ".db3.zstd", ".mcap.zstd")
+#: Messages of one topic decoded at once.
+_BATCH = 4096
+
+
+class RosImporter:
+    """Reads the bags of one recording."""
+
+    name = "ros"
+    description = "ROS 1 bags and ROS 2 bags (db3, mcap): Imu, MagneticField, pressure, fixes"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for the first bytes of a bag, 0.4 for the suffix of one."""
+        with path.open("rb") as file:
+            head = file.read(64)
+        if head.startswith((_ROS1, _MCAP)) or (path.name == "metadata.yaml" and _BAG_INFO in head):
+            return 1.0
+        if head.startswith(_SQLITE) and path.suffix == ".db3":
+            return 1.0
+        return 0.4 if path.name.endswith(_SUFFIXES) else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read the bags of one recording; they need no map.
+
+        Raises
+        ------
+        MissingReaderError
+            Without rosbags, where a bag is not MCAP.
+        FormatError
+            Where a file is no bag, is cut short, or holds no signal known here.
+        SchemaError
+            For a map.
+        """
+        if map_ is not None:
+            raise SchemaError(f"{map_.file}: expected no map for a ROS bag, found one")
+        found = _Found()
+        mcaps = [p for p in paths if p.suffix == ".mcap"]
+        for path in mcaps:
+            _read_mcap(path, found)
+        if bags := _bags(paths, bool(mcaps)):
+            _read_bags(bags, found)
+        if not found.samples:
+            others = ", ".join(sorted(found.others)) or "no messages"
+            raise FormatError(
+                f"{paths[0].name}: expected sensor_msgs Imu, MagneticField, FluidPressure, "
+                f"Temperature or NavSatFix, found {others}"
+            )
+        left = [f"left alone: {', '.join(sorted(found.others))}"] if found.others else []
+        return together(
+            [found.sampled(topic) for topic in found.samples],
+            geometry=found.geometry,
+            labels=tuple(found.labels),
+            warnings=(*left, *found.remarks),
+        )
+
+
+@dataclass(slots=True)
+class _Found:
+    """What the bags hold: blocks by topic, topics left alone, remarks, site and truth."""
+
+    samples: dict[str, list[SignalBlock]] = field(default_factory=dict)
+    others: set[str] = field(default_factory=set)
+    remarks: list[str] = field(default_factory=list)
+    labels: list[Label] = field(default_factory=list)
+    geometry: Geometry | None = None
+
+    def take(self, blocks: Iterable[SignalBlock]) -> None:
+        for block in blocks:
+            self.samples.setdefault(block.topic, []).append(block)
+
+    def sampled(self, topic: str) -> Sampled:
+        blocks = self.samples[topic]
+        stream: Stream = blocks[0].stream
+        if any(b.stream.channels != stream.channels for b in blocks):
+            raise SchemaError(f"{topic}: expected messages of one kind, found several")
+        return Sampled(
+            topic,
+            stream.placement,
+            stream.channels,
+            np.concatenate([b.sample_times() for b in blocks]),
+            np.concatenate([b.samples for b in blocks]).astype(np.float64),
+        )
+
+
+def _read_mcap(path: Path, found: _Found) -> None:
+    """Read one MCAP file as any recording; damage is said, not fatal."""
+    with Recording.open(path) as opened:
+        found.take(block for _, block in opened.blocks())
+        found.geometry = found.geometry or opened.geometry
+        found.labels += opened.labels
+        found.others |= {f"{o.topic} ({o.schema})" for o in opened.others}
+        found.remarks += [f"{path.name}: damaged: {d.reason}" for d in opened.damage]
+
+
+def _bags(paths: Sequence[Path], with_mcap: bool) -> list[Path]:
+    """Return what rosbags is to open: a ROS 2 bag by its folder, where that is described."""
+    folders = [p.parent for p in paths if p.name == "metadata.yaml"]
+    if folders:
+        return [] if with_mcap else folders
+    return [p for p in paths if p.suffix != ".mcap"]
+
+
+def _read_bags(paths: Sequence[Path], found: _Found) -> None:
+    name = paths[0].name
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise MissingReaderError(name, "rosbags", "ros") from error
+    try:
+        with ExitStack() as stack:
+            # bags of before Iron hold no definitions: those of the messages read never changed
+            known = get_typestore(Stores.ROS2_HUMBLE)
+            bag = stack.enter_context(AnyReader(list(paths), default_typestore=known))
+            # CDR knows the header of ROS 2, without the seq of ROS 1
+            types = {**bag.typestore.fielddefs, _HEADER: known.fielddefs[_HEADER]}
+            store = get_typestore(Stores.EMPTY)
+            store.register(types)
+            _read_bag(bag, store, name, found)
+    except CodecError:
+        raise
+    except Exception as error:  # rosbags' readers raise whatever their parsers meet
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise FormatError(f"{name}: expected a whole ROS bag, found: {text}") from error
+
+
+def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:
+    """Read every topic with a signal, in batches."""
+    readers: dict[tuple[str, str], ChannelReader] = {}
+    wanted = []
+    for connection in bag.connections:
+        key = (connection.topic, connection.msgtype)
+        text = store.generate_msgdef(connection.msgtype, ros_version=2)[0]
+        definition = parse_ros2msg(connection.msgtype, text)
+        reader = nominal_reader(definition, connection.topic, f"{name}: {connection.topic}")
+        if reader is None:
+            found.others.add(f"{connection.topic} ({connection.msgtype})")
+            continue
+        readers[key] = reader
+        wanted.append(connection)
+    if not wanted:  # rosbags takes no connections for all of them
+        return
+    for key, messages in _batches(bag, store, wanted):
+        found.take(block for _, block in readers[key].blocks(messages))
+
+
+def _batches(
+    bag: Any, store: Any, connections: Sequence[Any]
+) -> Iterator[tuple[tuple[str, str], list[Message]]]:
+    """Yield messages of one topic and type, as CDR, in the order recorded."""
+    pending: dict[tuple[str, str], list[Message]] = {}
+    for connection, time_ns, raw in bag.messages(connections=connections):
+        key = (connection.topic, connection.msgtype)
+        data = raw if bag.is2 else bytes(store.ros1_to_cdr(raw, connection.msgtype))
+        batch = pending.setdefault(key, [])
+        batch.append(Message(0, 0, time_ns, time_ns, data))
+        if len(batch) == _BATCH:
+            yield key, pending.pop(key)
+    yield from pending.items()

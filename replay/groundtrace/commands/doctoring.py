@@ -1,0 +1,266 @@
+"""``groundtrace doctor``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from groundtrace_codecs.copying import copy_readable
+from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..errors import RecordingError
+from .installation import Installation, look_at_installation
+from .output import existing, print_json, print_table, progress, writable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from groundtrace_codecs.mcap import Damage
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A damaged place: its bytes, and the messages and log times lost with it, where known."""
+
+    offset: int
+    length: int
+    messages: int | None
+    start_ns: int | None
+    end_ns: int | None
+    start_s: float | None
+    end_s: float | None
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TopicCount:
+    """Messages of a topic that can be read."""
+
+    topic: str
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class AttachmentState:
+    """An attachment, and what is wrong with it."""
+
+    name: str
+    bytes: int
+    fault: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Repair:
+    """The sound copy that was written."""
+
+    path: str
+    messages: int
+    left_out: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What of a recording can be read, and what is missing."""
+
+    recording: str
+    bytes: int
+    sound: bool
+    indexed: bool
+    messages: int
+    lost: int
+    lost_uncounted: int
+    topics: list[TopicCount]
+    attachments: list[AttachmentState]
+    metadata: list[str]
+    damage: list[Place]
+    undecodable: list[Place]
+    signals: str | None
+    repair: Repair | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """Everything ``doctor`` says: of a recording, or of the installation."""
+
+    recording: Health | None = None
+    installation: Installation | None = None
+
+
+def doctor(
+    recording: Path | None = None,
+    *,
+    repair: Path | None = None,
+    strict: Annotated[bool, Parameter(negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Say what of a damaged recording can be read and exactly what is missing.
+
+    Parameters
+    ----------
+    recording
+        MCAP file, or the .partial one of a run that was killed; without it, the installation.
+    repair
+        Write a sound copy of everything that can be read here.
+    strict
+        Stop at the first damage.
+    force
+        Overwrite an existing copy.
+    json
+        Print one JSON document.
+    """
+    if recording is None:
+        if repair is not None:
+            raise RecordingError("--repair: expected a recording to repair, found none")
+        report = Report(installation=look_at_installation())
+    else:
+        existing(recording)
+        if repair is not None:
+            writable(repair, force=force, sources=[recording])
+        report = Report(recording=_examined(recording, repair, strict=strict, force=force))
+    if json:
+        print_json(report)
+    elif report.recording is not None:
+        _print_health(report.recording)
+    elif report.installation is not None:
+        _print_installation(report.installation)
+
+
+def _examined(path: Path, repair: Path | None, *, strict: bool, force: bool) -> Health:
+    with McapFile.open(path, strict=strict) as file:
+        health = examine(file, path)
+        if repair is None:
+            return health
+        messages, left_out = copy_readable(file, repair, force=force)
+    return replace(health, repair=Repair(str(repair), messages, left_out))
+
+
+def examine(file: McapFile, path: Path) -> Health:
+    """Read a file from end to end and say what can be read."""
+    counts: Counter[int] = Counter()
+    span_s = max(0, file.end_ns - file.start_ns) / NS_PER_S
+    with progress(span_s, "reading") as show:
+        for number, message in enumerate(file.messages()):
+            counts[message.channel_id] += 1
+            if not number % 1000:
+                show((message.log_time - file.start_ns) / NS_PER_S)
+    attachments = _attachments(file)
+    undecodable, signals = _signals(path)
+    topics: Counter[str] = Counter()
+    for channel_id, channel in sorted(file.channels.items()):
+        topics[channel.topic] += counts[channel_id]
+    faults = any(a.fault for a in attachments)
+    return Health(
+        recording=Path(file.name).name,
+        bytes=path.stat().st_size,
+        sound=not (file.damage or faults or undecodable or signals),
+        indexed=file.indexed,
+        messages=counts.total(),
+        lost=sum(d.messages or 0 for d in file.damage),
+        lost_uncounted=sum(d.messages is None for d in file.damage),
+        topics=[TopicCount(topic, number) for topic, number in topics.items()],
+        attachments=attachments,
+        metadata=[record.name for record in file.metadata],
+        damage=_places(file.damage, file.start_ns),
+        undecodable=_places(undecodable, file.start_ns),
+        signals=signals,
+    )
+
+
+def _attachments(file: McapFile) -> list[AttachmentState]:
+    found = []
+    for ref in file.attachments:
+        fault = None
+        try:
+            file.attachment(ref)
+        except CodecError as error:
+            fault = str(error)
+        found.append(AttachmentState(ref.name, ref.size, fault))
+    return found
+
+
+def _signals(path: Path) -> tuple[list[Damage], str | None]:
+    """Decode every message; return those that are not what their schema says, or why none can."""
+    try:
+        with Recording.open(path) as recording:
+            for _ in recording.blocks():
+                pass
+            left_out = recording.damage[len(recording.file.damage) :]
+            return list(left_out), None
+    except CodecError as error:
+        return [], str(error)
+
+
+def _places(damage: Iterable[Damage], start_ns: int) -> list[Place]:
+    def seconds(time_ns: int | None) -> float | None:
+        return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
+
+    return [
+        Place(
+            d.offset,
+            d.length,
+            d.messages,
+            d.start_ns,
+            d.end_ns,
+            seconds(d.start_ns),
+            seconds(d.end_ns),
+            d.reason,
+        )
+        for d in damage
+    ]
+
+
+def _print_health(found: Health) -> None:
+    state = "sound" if found.sound else "damaged"
+    print(f"{found.recording}: {state}, {found.bytes} bytes, {found.messages} messages can be read")
+    for place in found.damage:
+        print(f"damage: {_place_text(place)}")
+    for place in found.undecodable:
+        print(f"not decoded: 1 message at {place.start_s:.3f} s: {place.reason}")
+    if found.signals is not None:
+        print(f"signals: none can be decoded: {found.signals}")
+    for attachment in found.attachments:
+        if attachment.fault is not None:
+            print(f"attachment: {attachment.fault}")
+    if found.lost or found.lost_uncounted:
+        more = " at least" if found.lost_uncounted else ""
+        print(f"lost:{more} {found.lost} messages")
+    print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in found.topics])
+    if found.repair is not None:
+        print(f"wrote {found.repair.path}: {found.repair.messages} messages")
+        for fault in found.repair.left_out:
+            print(f"left out: {fault}")
+
+
+def _place_text(place: Place) -> str:
+    lost = "?" if place.messages is None else str(place.messages)
+    span = ""
+    if place.start_s is not None and place.end_s is not None:
+        span = f", {place.start_s:.3f} to {place.end_s:.3f} s"
+    stop = place.offset + place.length
+    return f"bytes {place.offset} to {stop}: {lost} messages lost{span}: {place.reason}"
+
+
+def _print_installation(found: Installation) -> None:
+    print(f"groundtrace {found.groundtrace}, Python {found.python}, {found.platform}")
+    rows = [(p.name, p.version or "MISSING") for p in found.packages]
+    print_table(("package", "version"), rows)
+    print(f"viewer: {found.viewer.version or found.viewer.fault}")
+    for extra in found.extras:
+        has = (
+            f"{extra.package} {extra.version}"
+            if extra.version
+            else f"not installed; {extra.command}"
+        )
+        print(f"extra {extra.extra}: {has}")
+    print(f"plugins: {found.plugins}, of which {len(found.broken_plugins)} do not import")
+    for broken in found.broken_plugins:
+        print(f"  {broken}")
+    print("everything needed is there" if found.sound else "something needed is missing")
