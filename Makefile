@@ -54,10 +54,14 @@ bench: dev
 	$(BIN)/python bench/pickers.py
 	$(BIN)/python bench/room_tables.py
 	$(BIN)/python bench/tracking.py
+	$(BIN)/python bench/vehicle_tables.py
+	$(BIN)/python bench/damage_table.py
+	$(BIN)/python bench/timeline_size.py
 
 accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py
 	$(BIN)/python bench/room_accuracy.py
+	$(BIN)/python bench/placement_guess.py
 	$(BIN)/python bench/foot_accuracy.py
 	$(BIN)/python bench/heading_accuracy.py
 	$(BIN)/python bench/pedestrian_accuracy.py

@@ -47,6 +47,7 @@ def row(broken: bytes, sound: bytes) -> tuple[str, ...]:
 
 
 def main() -> None:
+    """Print the table."""
     rows: dict[str, list[tuple[str, ...]]] = {}
     for (kind, _), (broken, sound) in damage_set().items():
         rows.setdefault(kind, []).append(row(broken, sound))

@@ -1,4 +1,4 @@
-"""Stages: what a pipeline is made of, and those that run detectors and associators."""
+"""Stages: what a pipeline is made of, and the one that runs a detector."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Stage(Protocol):
 
 
 @dataclass(slots=True)
-class _Run(Generic[W]):
+class TopicRun(Generic[W]):
     """A detector or associator at work on one topic."""
 
     worker: W
@@ -143,7 +143,7 @@ class DetectorStage(PluginStage[Detector]):
         topics: Sequence[str] = (),
     ) -> None:
         super().__init__(name, plugin, kind, parameters, topics)
-        self._runs: dict[str, _Run[Detector] | None] = {}
+        self._runs: dict[str, TopicRun[Detector] | None] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
         """Feed a block to the detector, or end a run at a gap."""
@@ -186,7 +186,7 @@ class DetectorStage(PluginStage[Detector]):
         """Go on from what :meth:`save` returned."""
         self._runs = copy.deepcopy(saved)
 
-    def _begin(self, stream: Stream) -> _Run[Detector] | None:
+    def _begin(self, stream: Stream) -> TopicRun[Detector] | None:
         columns = stream.columns_of(self.kind.quantities)
         allowed = self.allowed(stream.topic)
         if not (columns and allowed):
@@ -203,16 +203,16 @@ class DetectorStage(PluginStage[Detector]):
             trace=detector.trace,
             emits=detector.emits,
         )
-        return _Run(detector, spec, columns)
+        return TopicRun(detector, spec, columns)
 
-    def _feed(self, run: _Run[Detector], block: SignalBlock) -> Iterator[Event]:
+    def _feed(self, run: TopicRun[Detector], block: SignalBlock) -> Iterator[Event]:
         if not run.open:
             run.worker = self.kind(self.parameters)
             run.worker.start(block.stream)
             run.open = True
         yield from self._measured(run, run.worker.measure(run.holder.held(block)))
 
-    def _finish(self, run: _Run[Detector]) -> Iterator[Event]:
+    def _finish(self, run: TopicRun[Detector]) -> Iterator[Event]:
         if not run.open:
             return
         run.open = False
@@ -223,74 +223,10 @@ class DetectorStage(PluginStage[Detector]):
             yield Note(run.holder.last_ns, text, "WARN", self.name)
         run.holder = Holder()
 
-    def _measured(self, run: _Run[Detector], measured: Measured) -> Iterator[Event]:
+    def _measured(self, run: TopicRun[Detector], measured: Measured) -> Iterator[Event]:
         if len(measured.frames.time_ns):
             yield TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value)
         yield from run.decide(measured.candidates, self.parameters)
-
-
-class AssociatorStage(PluginStage[Associator]):
-    """Runs one associator on the picks of every topic.
-
-    Parameters
-    ----------
-    name, plugin, kind, parameters, topics
-        As those of :class:`DetectorStage`.
-    source
-        The stage whose picks it takes; empty means any.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        plugin: str,
-        kind: type[Associator],
-        parameters: Any,
-        topics: Sequence[str] = (),
-        source: str = "",
-    ) -> None:
-        super().__init__(name, plugin, kind, parameters, topics)
-        self.source = source
-        self._runs: dict[str, _Run[Associator]] = {}
-
-    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
-        """Begin at the stage that picks, then feed its picks; begin anew where the clock steps."""
-        if isinstance(item, Gap):
-            run = self._runs.get(item.topic)
-            if run is not None and item.reason == "clock step" and not item.bridged:
-                yield from run.decide(run.worker.finish(), self.parameters)
-                run.carry = Carry()
-        if not isinstance(item, StageSpec | Pick) or item.stage != (self.source or item.stage):
-            return
-        if isinstance(item, StageSpec):
-            if self.allowed(item.topic):
-                self._runs[item.topic] = run = self._begin(item)
-                yield run.spec
-        elif item.topic in self._runs:
-            run = self._runs[item.topic]
-            yield from run.decide(run.worker.associate(item), self.parameters)
-
-    def flush(self) -> Iterator[Event]:
-        """Yield the groups held back."""
-        for run in self._runs.values():
-            yield from run.decide(run.worker.finish(), self.parameters)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses picks."""
-        return copy.deepcopy(self._runs)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs = copy.deepcopy(saved)
-
-    def _begin(self, source: StageSpec) -> _Run[Associator]:
-        worker = self.kind(self.parameters)
-        names = worker.start(source)
-        gates = gate_specs(worker.gates, self.parameters)
-        spec = StageSpec(
-            self.name, self.plugin, source.topic, names, worker.columns, gates, (), worker.emits
-        )
-        return _Run(worker, spec)
 
 
 def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | StepEvent]:

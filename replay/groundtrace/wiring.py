@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from .array_stage import ArrayStage
+from .associator_stage import AssociatorStage
 from .bearing_stage import BearingStage
 from .comparison_stage import ComparisonStage
 from .errors import PipelineError
@@ -14,7 +15,7 @@ from .inertial.stage import NavigatorStage
 from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
 from .reckoning.stage import ReckoningStage
-from .stage import AssociatorStage, DetectorStage
+from .stage import DetectorStage
 from .step_type_stage import StepTypeStage
 from .tracker_stage import TrackerStage
 from .vehicle_ratio_stage import RatioStage

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from groundtrace.associator_stage import AssociatorStage
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.gates import Candidates, decide
-from groundtrace.stage import AssociatorStage
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from groundtrace.associator_stage import AssociatorStage
 from groundtrace.detectors.first_breaks import FirstBreakParameters, FirstBreaks
 from groundtrace.gates import Candidates
-from groundtrace.stage import AssociatorStage
 from groundtrace_codecs.events import GateSpec, Pick, Quantity, StageSpec
 
 MS = 1_000_000

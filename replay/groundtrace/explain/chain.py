@@ -14,10 +14,11 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Pick
 
+from ..associator_stage import AssociatorStage
 from ..errors import RecordingError
 from ..gates import Candidates, decide, gate_specs
 from ..parameters import build
-from ..stage import AssociatorStage, accepted_events
+from ..stage import accepted_events
 from .redecide import Redecider, associated
 
 if TYPE_CHECKING:

@@ -13,13 +13,14 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec, StepEvent
 
+from ..associator_stage import AssociatorStage
 from ..errors import PipelineError
 from ..gates import Candidates, decided_block, gate_specs
 from ..parameters import build, describe
 from ..pipeline import STAGE_GROUPS
 from ..plugins import find
 from ..score import match_steps
-from ..stage import AssociatorStage, accepted_events
+from ..stage import accepted_events
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

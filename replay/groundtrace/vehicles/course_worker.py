@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -102,7 +103,7 @@ class CurveParameters:
     sigma: _Sigma = 10.0
 
 
-class RunWorker:
+class RunWorker(ABC):
     """What the finders share: they collect runs, and tell tracks and crossings of what they find.
 
     A run ends when no station has heard a vehicle for ``quiet_s``; what is found is told then. A
@@ -145,9 +146,9 @@ class RunWorker:
         yield from ride.points(way)
         yield from ride.crossings(self._lines, way)
 
+    @abstractmethod
     def ride(self, observed: Observed) -> Ride | None:
         """Return what the run was, or None where the powers do not tell."""
-        raise NotImplementedError
 
     def _candidate(self, run: list[Cycle]) -> Candidates:
         self._found = None
