@@ -6,6 +6,7 @@ import getpass
 import json
 import shutil
 import socket
+import tempfile
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -97,8 +98,11 @@ def test_nothing_shared_says_who_shared_it_or_where(
         monkeypatch.setenv(name, "zoe.private")
     monkeypatch.setenv("COMPUTERNAME", "host-of-zoe")
     monkeypatch.setattr(socket, "gethostname", lambda: "host-of-zoe")
+    monkeypatch.setenv("HOME", str(Path("home-of-zoe").resolve()))
     assert getpass.getuser() == "zoe.private"
-    secrets = ("zoe", "secret-place", str(walk.results.parent.parent), str(Path.home()), "/tmp/")
+    # each has a character that the base64 of the one page has not: none is there by chance
+    secrets = ("zoe.private", "-of-zoe", "secret-place", str(walk.results.parent.parent))
+    secrets += (f"{tempfile.gettempdir()}/groundtrace-",)
     aside = Path("rec")
     aside.mkdir()
     for path in walk.recording.parent.glob("walk*"):
