@@ -152,19 +152,16 @@ class _Scissors:
 
     def _label(self, message: Message) -> Message | None:
         label = decode_label(message.data, self._file.name)
-        if label.end_ns is None:
-            return message if self._span.holds(label.time_ns) else None
-        first_ns = max(label.time_ns, self._span.start_ns)
-        end_ns = min(label.end_ns, self._span.stop_ns)
-        if (first_ns, end_ns) == (label.time_ns, label.end_ns):
-            return message
-        if first_ns >= end_ns or label.kind == "count":
+        kept = label.within(self._span.start_ns, self._span.stop_ns)
+        if kept is None:
             return None
+        if kept == label or kept.end_ns is None:
+            return message
         content = parse(message_class("Label"), message.data, self._file.name)
-        set_time(content.timestamp, first_ns)
-        set_time(content.end, end_ns)
+        set_time(content.timestamp, kept.time_ns)
+        set_time(content.end, kept.end_ns)
         data = content.SerializeToString()
-        return message._replace(log_time=first_ns, publish_time=first_ns, data=data)
+        return message._replace(log_time=kept.time_ns, publish_time=kept.time_ns, data=data)
 
     def _placed(self, message: Message) -> Message | None:
         """Return where sensors stand; said before the span, it holds from its start."""

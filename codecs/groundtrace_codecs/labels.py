@@ -69,6 +69,21 @@ class Label:
     note: str = ""
     target: str = ""
 
+    def within(self, start_ns: int, stop_ns: int) -> Label | None:
+        """Return the label as it holds in a half-open span; None where nothing of it does.
+
+        A span is cut. A count is not told of a part of its span, so one that would be cut is left
+        out.
+        """
+        if self.end_ns is None:
+            return self if start_ns <= self.time_ns < stop_ns else None
+        first_ns, end_ns = max(self.time_ns, start_ns), min(self.end_ns, stop_ns)
+        if (first_ns, end_ns) == (self.time_ns, self.end_ns):
+            return self
+        if first_ns >= end_ns or self.kind == "count":
+            return None
+        return replace(self, time_ns=first_ns, end_ns=end_ns)
+
 
 def as_truth(label: Label) -> Label:
     """Return what an annotation says as truth: ``missed`` is a step, others are what they are.

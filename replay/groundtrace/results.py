@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
@@ -204,12 +204,5 @@ def replayed_labels(
     """Return the labels of the span that was replayed; labelled spans are cut to it."""
     first = FIRST_NS if from_ns is None else from_ns
     last = LAST_NS if to_ns is None else to_ns
-    kept = []
-    for label in labels:
-        end_ns = label.time_ns if label.end_ns is None else label.end_ns
-        if end_ns < first or label.time_ns >= last:
-            continue
-        if label.end_ns is not None:
-            label = replace(label, time_ns=max(label.time_ns, first), end_ns=min(end_ns, last))
-        kept.append(label)
-    return tuple(kept)
+    cut = (label.within(first, last) for label in labels)
+    return tuple(label for label in cut if label is not None)
