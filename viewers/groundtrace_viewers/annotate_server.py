@@ -23,6 +23,7 @@ from groundtrace_codecs.recording import Recording
 from .errors import ViewerError
 from .moments import moments_of_results
 from .page_api import Desk, api
+from .recipe import written_recipe
 from .serve import LOOPBACK
 from .web import listen, page_app, run
 
@@ -104,11 +105,8 @@ def replayed(
     if results is not None:
         earlier = read_results(results)
         _check(earlier, recording)
-        pipeline = str(folder / "pipeline.toml")
-        Path(pipeline).write_text(earlier.provenance.pipeline, "utf-8")
-        if earlier.geometry is not None:
-            geometry = folder / "geometry.toml"
-            geometry.write_text(earlier.geometry.to_toml(), "utf-8")
+        recipe, geometry = written_recipe(earlier, folder)
+        pipeline = str(recipe)
     elif not pipeline:
         with Recording.open(recording) as opened:
             pipeline = fitting_pipeline(opened) or SIGNALS

@@ -1,4 +1,4 @@
-"""The pipeline of a session read back: which plugin a stage runs, and with which parameters."""
+"""The pipeline of a session read back: what a stage runs, and how to replay it once more."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
 from groundtrace.plugins import find
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from groundtrace.results import Results
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import StageSpec
 
@@ -33,3 +36,25 @@ def used(session: Session, spec: StageSpec) -> Used | None:
         return Used(kind, build(kind.Parameters, stage.parameters, stage.key), stage.topics)
     except (PipelineError, PluginError, StopIteration):
         return None
+
+
+def written_recipe(results: Results, folder: Path) -> tuple[Path, Path | None]:
+    """Write what results were made with, for another replay.
+
+    Parameters
+    ----------
+    results
+        Of an earlier replay.
+    folder
+        Where to.
+
+    Returns
+    -------
+    The pipeline's file, and that of the geometry or None without one.
+    """
+    pipeline, geometry = folder / "pipeline.toml", folder / "geometry.toml"
+    pipeline.write_text(results.provenance.pipeline, "utf-8")
+    if results.geometry is None:
+        return pipeline, None
+    geometry.write_text(results.geometry.to_toml(), "utf-8")
+    return pipeline, geometry

@@ -17,6 +17,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .errors import ViewerError
 from .identity import stream_of
+from .recipe import written_recipe
 from .serve import quiet_environment, viewer_program
 
 if TYPE_CHECKING:
@@ -74,18 +75,13 @@ def _replayed(sources: Sources, recording: Path, light: bool, target: Path) -> N
     """Replay a recording as the results say that it was."""
     origin = sources.results.provenance
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
-        pipeline, geometry, fresh = (
-            Path(folder, name) for name in ("pipeline.toml", "geometry.toml", "fresh.mcap")
-        )
-        pipeline.write_text(origin.pipeline, "utf-8")
-        site = sources.results.geometry
-        if site is not None:
-            geometry.write_text(site.to_toml(), "utf-8")
+        fresh = Path(folder, "fresh.mcap")
+        pipeline, geometry = written_recipe(sources.results, Path(folder))
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
             replay(
                 recording,
                 pipeline=str(pipeline),
-                geometry=None if site is None else geometry,
+                geometry=geometry,
                 from_=_since(origin.from_ns, origin.start_ns),
                 to=_since(origin.to_ns, origin.start_ns),
                 rrd=target,
