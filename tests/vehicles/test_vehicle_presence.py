@@ -15,7 +15,6 @@ from groundtrace.vehicles.presence import (
     PresenceFeatures,
     cadence,
     kurtosis,
-    run_lengths,
     spectral_shape,
 )
 
@@ -97,12 +96,3 @@ def test_features_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
 def test_a_silent_channel_has_features() -> None:
     found = features(np.zeros((1, 2000)))
     assert all(np.isfinite(getattr(found, name)).all() for name in NAMES)
-
-
-def test_cycles_above_a_gate_are_counted_across_blocks() -> None:
-    over = np.array([[1, 1, 0, 1, 1, 1], [0, 0, 1, 1, 0, 1]], bool)
-    whole = run_lengths(over, np.zeros(2, np.int64))
-    assert whole.tolist() == [[1, 2, 0, 1, 2, 3], [0, 0, 1, 2, 0, 1]]
-    first = run_lengths(over[:, :4], np.zeros(2, np.int64))
-    rest = run_lengths(over[:, 4:], first[:, -1])
-    assert np.concatenate([first, rest], axis=1).tolist() == whole.tolist()

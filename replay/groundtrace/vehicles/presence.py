@@ -167,25 +167,6 @@ def _line(spectrum: Array, frequency: Array, resolution_hz: float) -> tuple[Arra
     return parts[np.arange(len(parts)), best] / total, candidates[best]
 
 
-def run_lengths(over: NDArray[np.bool_], before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return for how many cycles each channel has been over its gate.
-
-    Parameters
-    ----------
-    over
-        Shape (n_channels, n).
-    before
-        Shape (n_channels,): the last of the block before, 0 at first.
-
-    Returns
-    -------
-    Shape (n_channels, n): 0 where it is not over.
-    """
-    index = np.arange(1, over.shape[1] + 1)
-    broken = np.maximum.accumulate(np.where(over, 0, index), axis=1)
-    return np.where(over, index - broken + np.where(broken == 0, before[:, None], 0), 0)
-
-
 class PresenceFeatures:
     """Features of windows that end with every cycle, on multiples of its length.
 
