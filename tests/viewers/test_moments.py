@@ -8,6 +8,8 @@ import pytest
 from page_sessions import write_walk
 from viewer_sessions import IMU, SEISMIC, at, decisions, room_session
 
+from groundtrace.commands.replaying import replay
+from groundtrace.results import read_results
 from groundtrace.simulate import WalkOptions, simulate_walk, write
 from groundtrace_codecs.events import Fix, Gap, Note, StepEvent
 from groundtrace_codecs.labels import Label
@@ -41,6 +43,15 @@ def moments(*more: object) -> Moments:
 def walked(tmp_path_factory: pytest.TempPathFactory) -> Results:
     folder = tmp_path_factory.mktemp("walked")
     return replayed(write_walk(folder / "walk.mcap"), None, "", folder)[1]
+
+
+def test_results_of_a_span_are_shown_over_that_span(tmp_path: Path) -> None:
+    recording, part = write_walk(tmp_path / "walk.mcap"), tmp_path / "part.mcap"
+    replay(recording, from_=3.0, to=8.0, out=part, no_viewer=True)
+    (tmp_path / "page").mkdir()
+    _, shown = replayed(recording, part, "", tmp_path / "page")
+    made = read_results(part).provenance
+    assert (shown.provenance.from_ns, shown.provenance.to_ns) == (made.from_ns, made.to_ns)
 
 
 def test_every_event_that_a_person_looks_for_is_listed_by_time() -> None:

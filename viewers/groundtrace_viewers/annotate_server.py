@@ -23,7 +23,7 @@ from groundtrace_codecs.recording import Recording
 from .errors import ViewerError
 from .moments import moments_of_results
 from .page_api import Desk, api
-from .recipe import written_recipe
+from .recipe import Recipe, written_recipe
 from .serve import LOOPBACK
 from .web import listen, page_app, run
 
@@ -101,18 +101,28 @@ def replayed(
         Where to.
     """
     rrd, fresh = folder / "replay.rrd", folder / "results.mcap"
-    geometry = None
     if results is not None:
         earlier = read_results(results)
         _check(earlier, recording)
-        recipe, geometry = written_recipe(earlier, folder)
-        pipeline = str(recipe)
-    elif not pipeline:
-        with Recording.open(recording) as opened:
-            pipeline = fitting_pipeline(opened) or SIGNALS
+        recipe = written_recipe(earlier, folder)
+    else:
+        recipe = Recipe(Path(pipeline or _fitting(recording)), None, None, None)
     with redirect_stdout(io.StringIO()):  # it would name files that nobody is to see
-        replay(recording, pipeline=pipeline, geometry=geometry, rrd=rrd, out=fresh)
+        replay(
+            recording,
+            pipeline=str(recipe.pipeline),
+            geometry=recipe.geometry,
+            from_=recipe.from_,
+            to=recipe.to,
+            rrd=rrd,
+            out=fresh,
+        )
     return rrd, read_results(fresh)
+
+
+def _fitting(recording: Path) -> str:
+    with Recording.open(recording) as opened:
+        return fitting_pipeline(opened) or SIGNALS
 
 
 def _check(results: Results, recording: Path) -> None:

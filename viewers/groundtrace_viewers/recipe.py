@@ -9,6 +9,7 @@ from groundtrace.errors import PipelineError, PluginError
 from groundtrace.parameters import build
 from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
 from groundtrace.plugins import find
+from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +39,27 @@ def used(session: Session, spec: StageSpec) -> Used | None:
         return None
 
 
-def written_recipe(results: Results, folder: Path) -> tuple[Path, Path | None]:
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What a replay is made with: the names of ``groundtrace replay``'s options.
+
+    Attributes
+    ----------
+    pipeline
+        The pipeline's file.
+    geometry
+        The geometry's file; None without one.
+    from_, to
+        The span, in seconds after the first sample; None where it is the recording's end.
+    """
+
+    pipeline: Path
+    geometry: Path | None
+    from_: float | None
+    to: float | None
+
+
+def written_recipe(results: Results, folder: Path) -> Recipe:
     """Write what results were made with, for another replay.
 
     Parameters
@@ -47,14 +68,19 @@ def written_recipe(results: Results, folder: Path) -> tuple[Path, Path | None]:
         Of an earlier replay.
     folder
         Where to.
-
-    Returns
-    -------
-    The pipeline's file, and that of the geometry or None without one.
     """
+    origin = results.provenance
     pipeline, geometry = folder / "pipeline.toml", folder / "geometry.toml"
-    pipeline.write_text(results.provenance.pipeline, "utf-8")
-    if results.geometry is None:
-        return pipeline, None
-    geometry.write_text(results.geometry.to_toml(), "utf-8")
-    return pipeline, geometry
+    pipeline.write_text(origin.pipeline, "utf-8")
+    if results.geometry is not None:
+        geometry.write_text(results.geometry.to_toml(), "utf-8")
+    return Recipe(
+        pipeline,
+        None if results.geometry is None else geometry,
+        _since(origin.from_ns, origin.start_ns),
+        _since(origin.to_ns, origin.start_ns),
+    )
+
+
+def _since(time_ns: int | None, start_ns: int) -> float | None:
+    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S

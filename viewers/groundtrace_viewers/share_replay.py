@@ -13,7 +13,6 @@ from groundtrace.commands.output import say
 from groundtrace.commands.replaying import replay
 from groundtrace.results import read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
-from groundtrace_codecs.signals import NS_PER_S
 
 from .errors import ViewerError
 from .identity import stream_of
@@ -73,17 +72,16 @@ def timeline_file(sources: Sources, given: Path | None, light: bool, target: Pat
 
 def _replayed(sources: Sources, recording: Path, light: bool, target: Path) -> None:
     """Replay a recording as the results say that it was."""
-    origin = sources.results.provenance
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
         fresh = Path(folder, "fresh.mcap")
-        pipeline, geometry = written_recipe(sources.results, Path(folder))
+        recipe = written_recipe(sources.results, Path(folder))
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
             replay(
                 recording,
-                pipeline=str(pipeline),
-                geometry=geometry,
-                from_=_since(origin.from_ns, origin.start_ns),
-                to=_since(origin.to_ns, origin.start_ns),
+                pipeline=str(recipe.pipeline),
+                geometry=recipe.geometry,
+                from_=recipe.from_,
+                to=recipe.to,
                 rrd=target,
                 out=fresh,
                 full_rate="none" if light else "",
@@ -96,10 +94,6 @@ def _replayed(sources: Sources, recording: Path, light: bool, target: Path) -> N
                 f"{sources.path.name}: this version decides otherwise than when it was made: the "
                 f"timeline shows what it decides now; replay and share again to have both the same"
             )
-
-
-def _since(time_ns: int | None, start_ns: int) -> float | None:
-    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
 
 
 def _decided(results: Results) -> list[str]:
