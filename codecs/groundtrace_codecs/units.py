@@ -69,6 +69,7 @@ QUANTITIES: dict[str, str] = {
     "acceleration_magnitude": "m/s2",
     "angular_velocity": "rad/s",
     "magnetic_field": "T",
+    "magnetic_field_normalised": "1",
     "pressure": "Pa",
     "temperature": "degC",
     "latitude": "deg",

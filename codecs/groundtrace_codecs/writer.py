@@ -49,6 +49,8 @@ class RecordingWriter:
         ``zstd``, ``lz4`` or ``none``.
     force
         Replace an existing file.
+    ending
+        What the file's name ends in while it grows.
 
     Raises
     ------
@@ -56,9 +58,17 @@ class RecordingWriter:
         Where the file exists already and ``force`` is not given, or cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, compression: str = "zstd", force: bool = False) -> None:
-        self._container = Container(Path(path), compression, force)
-        self.path = self._container.path
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        compression: str = "zstd",
+        force: bool = False,
+        ending: str = "partial",
+    ) -> None:
+        #: The file underneath.
+        self.container = Container(Path(path), compression, force, ending=ending)
+        self.path = self.container.path
         self._streams: dict[str, tuple[Stream, tuple[Encoder, ...]]] = {}
         self._geometry: Geometry | None = None
         self._began = False
@@ -81,7 +91,7 @@ class RecordingWriter:
             if kind is None:
                 raise
         finally:
-            self._container.close(complete=complete)
+            self.container.close(complete=complete)
 
     def add_stream(self, stream: Stream, sample_format: str = "f32le") -> None:
         """Announce a stream.
@@ -113,7 +123,7 @@ class RecordingWriter:
         encoders = encoders_for(stream, sample_format)
         self._streams[stream.topic] = (stream, encoders)
         for encoder in encoders:
-            self._container.channel(encoder.output)
+            self.container.channel(encoder.output)
 
     def write(self, block: SignalBlock) -> None:
         """Write samples of a stream; blocks may have any length.
@@ -162,14 +172,14 @@ class RecordingWriter:
     def add_labels(self, labels: Iterable[Label], topic: str = TRUTH_TOPIC) -> None:
         """Write labels; without a topic they are the recording's truth."""
         output = protobuf_output(topic, "Label")
-        self._container.channel(output)
+        self.container.channel(output)
         packets = (Packet(x.time_ns, x.time_ns, 0, encode_label(x)) for x in labels)
         self._send(output, packets)
 
     def add_annotations(self, annotations: Iterable[Annotation]) -> None:
         """Write annotations, which keep their ids."""
         output = protobuf_output(ANNOTATIONS_TOPIC, "Label")
-        self._container.channel(output)
+        self.container.channel(output)
         packets = (
             Packet(a.label.time_ns, a.label.time_ns, 0, encode_annotation(a)) for a in annotations
         )
@@ -178,39 +188,37 @@ class RecordingWriter:
     def add_event(self, event: Event) -> None:
         """Write an event, with its line in ``/groundtrace/log`` where it is a single one."""
         for output, packet in encode_event(event):
-            self._container.channel(output)
+            self.container.channel(output)
             self._send(output, () if packet is None else (packet,))
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""
-        self._container.add_metadata(name, values)
+        self.container.add_metadata(name, values)
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Write an attachment."""
-        self._container.add_attachment(0, name, media_type, data)
+        self.container.add_attachment(0, name, media_type, data)
 
     def _send(self, output: Output, packets: Iterable[Packet]) -> None:
         for packet in packets:
-            self._begin(packet.publish_ns)
-            self._container.send(output, packet)
+            self.begin(packet.publish_ns)
+            self.container.send(output, packet)
 
-    def _begin(self, time_ns: int) -> None:
+    def begin(self, time_ns: int) -> None:
         """Write the site once the first time is known: a transform at 1970 would lie far off."""
         if self._began or self._geometry is None:
             return
         self._began = True
-        geometry = self._geometry
-        site = geometry.to_json()
-        self._container.add_attachment(time_ns, SITE_NAME, "application/json", site)
-        output, packet = transforms(geometry, time_ns)
-        self._container.channel(output)
+        site = self._geometry.to_json()
+        self.container.add_attachment(time_ns, SITE_NAME, "application/json", site)
+        output, packet = transforms(self._geometry, time_ns)
+        self.container.channel(output)
         self._send(output, (packet,))
 
     def _flush(self) -> None:
-        for _, encoders in self._streams.values():
-            for encoder in encoders:
-                self._send(encoder.output, encoder.flush())
-        self._begin(0)
+        for encoder in (e for _, encoders in self._streams.values() for e in encoders):
+            self._send(encoder.output, encoder.flush())
+        self.begin(0)
 
 
 def write_recording(
@@ -220,6 +228,7 @@ def write_recording(
     geometry: Geometry | None = None,
     labels: Iterable[Label] = (),
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    attachments: Iterable[tuple[str, str, bytes]] = (),
     force: bool = False,
 ) -> None:
     """Write a whole recording, its streams merged in time.
@@ -234,6 +243,8 @@ def write_recording(
         Site and truth, if known.
     metadata
         Metadata records by name; ``recording`` (start_ns, tool, version) is added.
+    attachments
+        Name, media type and content of each.
     force
         Replace an existing file.
 
@@ -256,6 +267,8 @@ def write_recording(
             writer.write(item)
         for name, values in (metadata or {}).items():
             writer.add_metadata(name, values)
+        for attachment in attachments:
+            writer.add_attachment(*attachment)
         writer.add_metadata("recording", _origin(start_ns or 0))
 
 

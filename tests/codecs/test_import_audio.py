@@ -193,6 +193,17 @@ def test_without_soundfile_the_error_names_the_command(
         read(path)
 
 
+@pytest.mark.parametrize(
+    ("date", "count"),
+    [(b"9999-05-01", 0), (b"2261-12-31", 8000 * 40_000_000), (b"2024-05-01", 2**63)],
+)
+def test_a_start_beyond_all_clocks_is_refused(tmp_path: Path, date: bytes, count: int) -> None:
+    path = sound(tmp_path / "x.wav", samples(24, 100))
+    with_bext(path, date, b"13:00:05", count)
+    with pytest.raises(CodecError, match="bext"):
+        read(path)
+
+
 @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     head=st.sampled_from([b"", b"fLaC", b"RIFF\x40\0\0\0WAVEfmt ", b"RF64\xff\xff\xff\xffWAVE"]),

@@ -192,3 +192,39 @@ def test_any_bytes_give_a_map_that_loads_or_the_importers_own_error(
         return
     (tmp_path / "t.toml").write_text(found.toml, encoding="utf-8")
     load_map(tmp_path / "t.toml")
+
+
+def test_a_flag_beside_the_axes_is_no_axis_and_rows_may_end_in_a_separator(
+    tmp_path: Path,
+) -> None:
+    random = np.random.default_rng(1)
+    rows = [
+        f"{k * 5_000_000},3,{a:.5f},{b:.5f},{9.7 + c:.5f}"
+        for k, (a, b, c) in enumerate(random.normal(0, 0.3, (200, 3)))
+    ]
+    _, map_, _ = guessed(tmp_path, "\n".join(rows) + "\n")
+    assert [c.column for c in columns(map_)["/acc"]] == [2, 3, 4]
+    lines = table("t\tax\tay\taz", "\t").splitlines()
+    ended = "\n".join([lines[0], *(line + "\t" for line in lines[1:])]) + "\n"
+    _, map_, _ = guessed(tmp_path, ended)
+    assert [c.column for c in columns(map_)["/acc"]] == ["ax", "ay", "az"]
+
+
+def test_a_magnitude_is_one_column(tmp_path: Path) -> None:
+    rows = "".join(f"{k * 0.04:.2f},{18_000 + k % 900},99\n" for k in range(200))
+    _, map_, _ = guessed(tmp_path, f"Timestamp,Magnitude,Steps\n{rows}")
+    (column,) = columns(map_)["/acc_magnitude"]
+    assert (column.quantity, column.unit) == ("acceleration_magnitude", "count")
+
+
+def test_a_file_that_says_itself_what_it_holds_needs_no_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from groundtrace.commands import main
+
+    path = tmp_path / "a.txt"
+    path.write_text("// Update Rate: 100.0Hz\nPacketCounter\tAcc_X\tAcc_Y\tAcc_Z\n1\t0\t0\t9.8\n")
+    with pytest.raises(SystemExit):
+        main(["import", str(path), "--guess"])
+    assert "found one that the importer xsens reads by itself" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]

@@ -85,6 +85,8 @@ def test_a_trace_without_waypoints_starts_nowhere(tmp_path: Path) -> None:
     [
         (line(1000, "TYPE_GYROSCOPE", 1, 2), "expected 3 values, found 2"),
         (line(1000, "TYPE_WAYPOINT", "x", 2), "expected numbers"),
+        ("9" * 18 + "\tTYPE_WAYPOINT\t1\t2\n", "expected a unix time in ms"),
+        ("-1\tTYPE_WAYPOINT\t1\t2\n", "expected a unix time in ms"),
     ],
 )
 def test_a_broken_line_is_named(tmp_path: Path, more: str, words: str) -> None:

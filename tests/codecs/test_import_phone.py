@@ -231,6 +231,13 @@ def test_an_archive_cut_short_is_refused_in_one_line(tmp_path: Path) -> None:
         read(path)
 
 
+def test_an_archive_with_a_name_that_is_no_text_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = archive(tmp_path / "x.zip", {"Gyroscopé.csv": still(0.0, 0.0, 1.0)})
+    path.write_bytes(path.read_bytes().replace("é".encode(), b"\xc8\x41"))
+    with pytest.raises(FormatError, match=r"^x\.zip: expected a whole archive, found: [^\n]+$"):
+        read(path)
+
+
 @settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(place=st.integers(0, 1500), value=st.integers(0, 255))
 def test_a_changed_byte_of_an_archive_gives_samples_or_the_importers_own_error(

@@ -56,6 +56,21 @@ def test_columns_are_found_by_name_and_come_in_si(tmp_path: Path) -> None:
     assert block.sample_times().tolist() == [0, 10_000_000, 20_000_000]
 
 
+def test_a_header_with_lines_in_its_cells_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(
+        SchemaError, match=r"^table.csv: ax: expected one column of t, a b, found"
+    ) as e:
+        imported(tmp_path, 't,"a\nb"\n0,1\n1,2\n', AX)
+    assert "\n" not in str(e.value)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_number_beyond_single_precision_is_kept(tmp_path: Path) -> None:
+    found = imported(tmp_path, "0,7\n1,1e300\n", COUNT, time="time = {column = 0}")
+    _, name, (block,) = one(found)
+    assert (name, block.samples[1, 0]) == ("f64le", 1e300)
+
+
 def test_columns_are_found_by_index_without_a_header(tmp_path: Path) -> None:
     found = imported(tmp_path, "0,7\n1,8\n", COUNT, time="time = {column = 0}")
     _, name, (block,) = one(found)

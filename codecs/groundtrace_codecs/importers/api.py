@@ -36,6 +36,10 @@ class Imported:
         Records to keep with the recording, by name.
     warnings
         One line each: what was lost, merged or assumed.
+    remarks
+        One line each: what is good to know and no reason to doubt, such as where places count from.
+    attachments
+        Name, media type and content of files to keep with the recording.
     """
 
     sources: tuple[Source, ...]
@@ -44,6 +48,8 @@ class Imported:
     labels: tuple[Label, ...] = ()
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    attachments: tuple[tuple[str, str, bytes], ...] = ()
 
 
 class Importer(Protocol):

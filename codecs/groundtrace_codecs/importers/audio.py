@@ -17,7 +17,7 @@ from ..errors import FormatError, MissingReaderError, SchemaError
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream
 from ..units import to_quantity
 from .api import Imported
-from .mapped import parse_start
+from .moments import parse_start
 from .riff import bytes_missing, origination
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ _ENCODINGS = {
     "FLOAT": ("float32", 0, "f32le"),
     "DOUBLE": ("float64", 0, "f64le"),
 }
+#: A recorder that goes on after midnight goes on counting, for days [s].
+_LONGEST_S = 1e7
 #: Frames read at once.
 _FRAMES = 1 << 16
 
@@ -169,16 +171,20 @@ def _start_ns(first: _Sound, map_: ImportMap | None) -> int:
     start = None if map_ is None else map_.start
     if map_ is not None and start is not None:
         if isinstance(start, str):
-            return parse_start(start, f"{map_.file}: start")
+            return parse_start(start, f"{map_.file}: start", map_.zone, map_.scale)
         if isinstance(start, float | int) and 0 <= start < 9e9:
             return round(start * NS_PER_S)
         raise SchemaError(f"{map_.file}: start: expected ISO 8601 or unix seconds, found {start}")
     found = origination(first.path)
     if found is None:
         return 0
-    return parse_start(found.date, f"{first.path.name}: bext") + round(
-        found.samples * NS_PER_S / first.rate_hz
-    )
+    place = f"{first.path.name}: bext"
+    later_s = found.samples / first.rate_hz
+    if later_s > _LONGEST_S:
+        raise FormatError(
+            f"{place}: expected samples since midnight, found {later_s:.3g} s of them"
+        )
+    return parse_start(found.date, place) + round(found.samples * NS_PER_S / first.rate_hz)
 
 
 def _streams(first: _Sound, map_: ImportMap | None) -> list[tuple[Stream, list[int]]]:

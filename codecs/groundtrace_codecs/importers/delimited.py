@@ -11,7 +11,8 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 
 from ..errors import FormatError, SchemaError
-from .mapped import TIME_UNITS_NS, import_table, parse_start
+from .mapped import TIME_UNITS_NS, import_table
+from .moments import moments
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .api import Imported
-    from .maps import ImportMap, TimeMap
+    from .maps import ImportMap
+    from .time_map import TimeMap
 
 _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62
@@ -140,8 +142,7 @@ class TextTable:
         """Return the sample times [ns], shape (n,), exact to the digit."""
         cells = self.cells(time.column)
         if time.unit == "iso":
-            place = f"{self.name}: {time.column}"
-            return np.array([parse_start(c, place) for c in cells], np.int64)
+            return moments(cells, f"{self.name}: {time.column}")[0]
         factor = TIME_UNITS_NS[time.unit]
 
         def moment(cell: str) -> int:
@@ -154,6 +155,10 @@ class TextTable:
             return np.array([moment(c) for c in cells], np.int64)
         except InvalidOperation as error:
             raise self.wrong(time.column, cells, moment, f"a time in {time.unit}") from error
+
+    def texts(self, column: str | int) -> list[str]:
+        """Return the cells of a column of times in words."""
+        return self.cells(column)
 
     def groups(self, path: str) -> list[Any]:
         """Return the non-empty cells of a column: a text table has one bout."""
@@ -178,7 +183,8 @@ class TextTable:
     def _find(self, column: str) -> int:
         if self.header.count(column) != 1:
             names = ", ".join(self.header) or "no header (name columns by 0-based index)"
-            raise SchemaError(f"{self.name}: {column}: expected one column of {names}, found none")
+            said = f"{column}: expected one column of {names}, found none"
+            raise SchemaError(f"{self.name}: {' '.join(said.split())}")  # cells may have lines
         return self.header.index(column)
 
     def wrong(self, column: str | int, cells: list[str], parse: Any, expected: str) -> SchemaError:
@@ -215,7 +221,9 @@ def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
 def _names(map_: ImportMap) -> Iterator[str]:
     """Yield the column names the map uses."""
     times = [t for t in (map_.time, *(s.time for s in map_.stream)) if t is not None]
-    columns = [t.column for t in times] + [c.column for s in map_.stream for c in s.columns]
+    counters = [c for c in (map_.counter, *(s.counter for s in map_.stream)) if c is not None]
+    columns = [t.column for t in times] + [c.column for c in counters]
+    columns += [c.column for s in map_.stream for c in s.columns]
     yield from (c for c in columns if isinstance(c, str))
 
 

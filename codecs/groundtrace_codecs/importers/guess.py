@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import FormatError
 from .guess_columns import Column, name_columns
+from .guess_counter import GuessedCounter, guess_counter
 from .guess_table import RawTable, read_raw
 from .guess_time import PLACEHOLDER_HZ, GuessedTime, guess_time
 from .guess_toml import as_toml
@@ -55,6 +56,9 @@ def guess_map(path: Path) -> Guess:
     numbers = {i: column for i in range(table.width) if (column := _numbers(table, i)) is not None}
     time = guess_time(table, numbers)
     rest = {i: c for i, c in numbers.items() if time is None or i != time.column}
+    counter = guess_counter(table, rest)
+    if counter is not None:
+        del rest[counter.column]
     groups = name_columns(table.header, rest)
     if not groups:
         raise FormatError(f"{path.name}: expected columns of numbers besides the time, found none")
@@ -62,11 +66,15 @@ def guess_map(path: Path) -> Guess:
     left = [table.label(i) for i in range(table.width) if i not in used]
     if time is not None:
         left.remove(table.label(time.column))
+    if counter is not None:
+        left.remove(table.label(counter.column))
     remarks = [_layout(table), _timing(table, time)]
+    if counter is not None:
+        remarks.append(_counted(table, counter))
     remarks += [_group(table, topic, columns) for topic, columns in groups.items()]
     if left:
         remarks.append(Remark("left out", ", ".join(left), "", "no stream is known for them"))
-    return Guess(as_toml(table, time, groups, remarks), tuple(remarks))
+    return Guess(as_toml(table, time, counter, groups, remarks), tuple(remarks))
 
 
 def _numbers(table: RawTable, index: int) -> NDArray[np.float64] | None:
@@ -93,7 +101,15 @@ def _timing(table: RawTable, time: GuessedTime | None) -> Remark:
         taken = f"none; rate_hz = {PLACEHOLDER_HZ:g} stands in"
         return Remark("time", taken, "unsure", "no column goes on and on: write the true rate")
     taken = f"{table.label(time.column)} in {time.unit}, {time.rate_hz:.4g} Hz"
+    if time.unit == "iso" and not time.zoned:
+        taken += '; no zone is written: UTC, or add zone = "Europe/Paris"'
     return Remark("time", taken, time.sureness, time.why)
+
+
+def _counted(table: RawTable, counter: GuessedCounter) -> Remark:
+    wraps = "" if counter.modulus is None else f", modulus {counter.modulus}"
+    taken = f"{table.label(counter.column)}{wraps}"
+    return Remark("counter of samples", taken, counter.sureness, counter.why)
 
 
 def _group(table: RawTable, topic: str, columns: tuple[Column, ...]) -> Remark:

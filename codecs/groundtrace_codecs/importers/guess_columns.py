@@ -41,6 +41,7 @@ class Named(NamedTuple):
 
 #: Words of each quantity, and the short names of its axes.
 _WORDS: tuple[tuple[str, str], ...] = (
+    ("acceleration_magnitude", r"(?:acc[a-z]*[ _])?(?:magnitude|norm)|vector[ _]magnitude"),
     ("acceleration", r"lin\w*[ _]?acc\w*|acc[a-z]*|a(?=_?[xyz]$)|beschl\w*"),
     ("angular_velocity", r"gyr[a-z]*|ang\w*[ _]?vel\w*|rot\w*|omega|[gw](?=_?[xyz]$)"),
     ("magnetic_field", r"mag[a-z]*(?:[ _]?field)?|[mb](?=_?[xyz]$)"),
@@ -54,6 +55,7 @@ VECTORS = frozenset({"acceleration", "angular_velocity", "magnetic_field"})
 _FIX = ("latitude", "longitude", "altitude")
 _TOPICS = {
     "acceleration": "/acc",
+    "acceleration_magnitude": "/acc_magnitude",
     "angular_velocity": "/gyro",
     "magnetic_field": "/mag",
     "pressure": "/baro",
@@ -82,6 +84,7 @@ _UNITS: dict[str, dict[str, str]] = {
     },
     "pressure": {"hpa": "hPa", "pa": "Pa", "kpa": "kPa", "mbar": "mbar"},
 }
+_UNITS["acceleration_magnitude"] = _UNITS["acceleration"]
 _FIXED = {"temperature": "degC", "latitude": "deg", "longitude": "deg", "altitude": "m"}
 #: Unit to the range the median of the length of a vector, or of a value, has in it.
 _RANGES: dict[str, tuple[tuple[str, float, float], ...]] = {
@@ -95,6 +98,9 @@ _RANGES: dict[str, tuple[tuple[str, float, float], ...]] = {
     ),
     "pressure": (("hPa", 300.0, 1100.0), ("Pa", 3e4, 1.1e5), ("kPa", 30.0, 110.0)),
 }
+_RANGES["acceleration_magnitude"] = _RANGES["acceleration"]
+#: A column of no more different values is a flag.
+_FLAGS = 8
 #: Above this no body turns, so that the unit is degrees [rad/s]; half of it leaves a doubt.
 _FAST_RADPS = 40.0
 
@@ -210,7 +216,8 @@ def _topics(
 
 def _without_words(numbers: Numbers) -> dict[str, tuple[Column, ...]]:
     """Return what the numbers alone show: three columns as long as gravity, else counts."""
-    order = list(numbers)
+    # a flag beside the axes, such as a phone's accuracy of 3, adds little to their length
+    order = [i for i, column in numbers.items() if len(np.unique(column)) > _FLAGS]
     for start in range(len(order) - 2):
         three = order[start : start + 3]
         if three[2] - three[0] != 2:

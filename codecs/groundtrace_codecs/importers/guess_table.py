@@ -103,6 +103,8 @@ def _split(text: str, delimiter: str, encoding: str) -> RawTable | None:
     if len(rows) < _MIN_ROWS:
         return None
     header = tuple(c.strip() for c in cells[start - 1]) if start else ()
+    if len(header) == width - 1 and not any(row[-1].strip() for row in rows):
+        header = (*header, "")  # only the rows end in a separator
     decimal: Literal[".", ","] = "." if delimiter == "," or not _commas(rows) else ","
     named = len(header) == width and any(header)
     return RawTable(delimiter, decimal, encoding, header if named else (), start, tuple(rows))

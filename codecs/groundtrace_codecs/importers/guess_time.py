@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import datetime
 import re
-from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..errors import SchemaError
+from ..signals import NS_PER_S
 from .mapped import TIME_UNITS_NS
+from .moments import moments
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .guess_table import RawTable
-    from .maps import TimeUnit
+    from .time_map import TimeUnit
 
 _WORD = re.compile(
     r"(?i)(^|[^a-z])(t|ts|time|times|zeit|epoch|timestamp|\w*time\w*|sec\w*|elapsed)"
@@ -43,13 +44,14 @@ _RATES_HZ = (1.01, 2000.0)
 
 
 class GuessedTime(NamedTuple):
-    """A time column: its index, unit, the rate it gives, how sure, and why."""
+    """A time column: its index, unit, the rate it gives, how sure, why, and if it names a zone."""
 
     column: int
     unit: TimeUnit
     rate_hz: float
     sureness: str
     why: str
+    zoned: bool = True
 
 
 def guess_time(table: RawTable, numbers: Mapping[int, NDArray[np.float64]]) -> GuessedTime | None:
@@ -63,15 +65,17 @@ def guess_time(table: RawTable, numbers: Mapping[int, NDArray[np.float64]]) -> G
 
 def _iso(table: RawTable, index: int) -> GuessedTime | None:
     cells = [row[index].strip() for row in table.rows]
-    try:
-        moments = [datetime.datetime.fromisoformat(c) for c in cells]
-        steps = [(b - a).total_seconds() for a, b in pairwise(moments)]
-    except (ValueError, TypeError):  # TypeError: times with a zone and without
+    if not all(c[:4].isdigit() and len(c) > 9 for c in cells):
         return None
-    step = float(np.median(steps))
+    try:
+        times_ns, _ = moments(cells, table.label(index))
+    except SchemaError:
+        return None
+    step = float(np.median(np.diff(times_ns))) / NS_PER_S
     if step <= 0:
         return None
-    return GuessedTime(index, "iso", 1 / step, "sure", "every cell is an ISO 8601 time")
+    zoned = re.search(r"(Z|[+-]\d\d:?\d\d|[A-Za-z]+\]?)$", cells[0]) is not None
+    return GuessedTime(index, "iso", 1 / step, "sure", "every cell is an ISO 8601 time", zoned)
 
 
 def _numeric(table: RawTable, index: int, column: NDArray[np.float64]) -> GuessedTime | None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from .guess import Remark
     from .guess_columns import Column
+    from .guess_counter import GuessedCounter
     from .guess_table import RawTable
     from .guess_time import GuessedTime
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 def as_toml(
     table: RawTable,
     time: GuessedTime | None,
+    counter: GuessedCounter | None,
     groups: Mapping[str, Sequence[Column]],
     remarks: Sequence[Remark],
 ) -> str:
@@ -37,6 +39,9 @@ def as_toml(
         lines.append(f"rate_hz = {PLACEHOLDER_HZ}")
     else:
         lines.append(f"time = {{column = {_key(table, time.column)}, unit = {_text(time.unit)}}}")
+    if counter is not None:
+        wraps = "" if counter.modulus is None else f", modulus = {counter.modulus}"
+        lines.append(f"counter = {{column = {_key(table, counter.column)}{wraps}}}")
     for topic, columns in groups.items():
         lines += ["", "[[stream]]", f"topic = {_text(topic)}", "columns = ["]
         lines += [f"  {_column(table, c)}," for c in columns]

@@ -102,6 +102,10 @@ def _rows(path: Path) -> Iterator[tuple[str, Row]]:
                 raise FormatError(
                     f"{path.name}: line {number}: expected numbers, found: {error}"
                 ) from error
+            if not 0 <= time_ns < 1 << 63:
+                raise FormatError(
+                    f"{path.name}: line {number}: expected a unix time in ms, found {cells[0]}"
+                )
             if len(values) != count:
                 raise FormatError(
                     f"{path.name}: line {number}: expected {count} values, found {len(values)}"

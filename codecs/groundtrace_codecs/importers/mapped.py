@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,8 +12,10 @@ from ..errors import SchemaError
 from ..schemas.ros import kind_of
 from ..signals import NS_PER_S, Channel, Stream
 from ..units import to_quantity
-from . import grid
+from . import grid, packet_counters
 from .api import Imported
+from .grid import Timing
+from .moments import leap_seconds, moments, parse_start
 from .orientation import orientation_labels
 from .references import Reference, references
 
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .api import Source
-    from .grid import Timing
-    from .maps import ColumnMap, ImportMap, StreamMap, TimeMap
+    from .maps import ColumnMap, ImportMap, StreamMap
+    from .time_map import CounterMap, TimeMap
 
+#: Name of the metadata record that says by topic what a device's counter tells of its samples.
+CLOCKS = "groundtrace.counters"
 #: Nanoseconds per unit of a time column.
 TIME_UNITS_NS = {"s": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
@@ -44,7 +47,11 @@ class Table(Protocol):
         ...
 
     def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
-        """Return the sample times [ns], shape (n,)."""
+        """Return the sample times [ns], shape (n,), of a column of numbers."""
+        ...
+
+    def texts(self, column: str | int) -> list[str]:
+        """Return the cells of a column of times in words."""
         ...
 
     def groups(self, path: str) -> list[Any]:
@@ -54,11 +61,31 @@ class Table(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Read:
-    """One stream as read: its map, timing and stored samples, shape (n, n_channels)."""
+    """One stream as read.
+
+    Attributes
+    ----------
+    map
+        What it is.
+    timing, samples
+        When its samples were taken, and the samples as stored, shape (n, n_channels).
+    row_times_ns
+        Time of every row of the file [ns]: more than there are samples where some came twice.
+    warnings, remarks
+        What is to be said of its times.
+    """
 
     map: StreamMap
     timing: Timing
     samples: NDArray[Any]
+    row_times_ns: NDArray[np.int64]
+    warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    def shifted(self, by_ns: int) -> _Read:
+        """Return the same stream ``by_ns`` later."""
+        rows = self.row_times_ns + by_ns
+        return replace(self, timing=self.timing.shifted(by_ns), row_times_ns=rows)
 
 
 def import_table(table: Table, map_: ImportMap) -> Imported:
@@ -70,24 +97,28 @@ def import_table(table: Table, map_: ImportMap) -> Imported:
         Where the table does not have what the map names.
     """
     start_ns = _start_ns(table, map_)
-    reads = [_read_stream(table, map_, stream, start_ns) for stream in map_.stream]
-    warnings = [w for r in reads for w in _timing_warnings(r)]
+    reads = [_read_stream(table, map_, stream).shifted(start_ns) for stream in map_.stream]
+    warnings = list(dict.fromkeys(w for r in reads for w in (*r.warnings, *_timing_warnings(r))))
     earliest = min(int(r.timing.sample_times().min()) for r in reads)
+    if ahead_s := leap_seconds(earliest, map_.scale):
+        reads = [r.shifted(-ahead_s * NS_PER_S) for r in reads]
+        earliest -= ahead_s * NS_PER_S
     if earliest < 0:
         warnings.append(f"times start {-earliest} ns before the clock's zero: shifted to zero")
-        reads = [_Read(r.map, r.timing.shifted(-earliest), r.samples) for r in reads]
+        reads = [r.shifted(-earliest) for r in reads]
         earliest = 0
-    reference = Reference(
-        table.name, earliest, reads[0].timing.sample_times(), table.numbers, table.groups
-    )
+    reference = Reference(table.name, earliest, reads[0].row_times_ns, table.numbers, table.groups)
     labels, remarks = references(reference, map_.truth)
     if map_.orientation is not None:
         labels = tuple(sorted((*labels, *orientation_labels(reference, map_.orientation))))
+    clocks = {r.map.topic: "; ".join(r.remarks) for r in reads if r.remarks}
     return Imported(
         sources=tuple(_source(r) for r in reads),
         start_ns=earliest,
         labels=labels,
+        metadata={CLOCKS: clocks} if clocks else {},
         warnings=(*warnings, *remarks),
+        remarks=tuple(f"{topic}: {text}" for topic, text in clocks.items()),
     )
 
 
@@ -98,28 +129,11 @@ def sample_format(samples: NDArray[np.float64]) -> tuple[str, NDArray[Any]]:
             limits = np.iinfo(kind)
             if samples.size and samples.min() >= limits.min and samples.max() <= limits.max:
                 return name, samples.astype(kind)
-    single = samples.astype(np.float32)
+    with np.errstate(over="ignore"):  # what does not fit is kept as it is
+        single = samples.astype(np.float32)
     if np.array_equal(single.astype(np.float64), samples, equal_nan=True):
         return "f32le", single
     return "f64le", samples
-
-
-def parse_start(text: str, place: str) -> int:
-    """Return an ISO 8601 time (UTC where it has no zone) as unix time [ns].
-
-    Raises
-    ------
-    SchemaError
-        Where the text is no ISO 8601 time.
-    """
-    try:
-        moment = datetime.datetime.fromisoformat(text.strip())
-    except ValueError as error:
-        raise SchemaError(f"{place}: expected an ISO 8601 time, found {text[:40]!r}") from error
-    if moment.tzinfo is None:
-        moment = moment.replace(tzinfo=datetime.UTC)
-    epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
-    return (moment - epoch) // datetime.timedelta(microseconds=1) * 1000
 
 
 def _start_ns(table: Table, map_: ImportMap) -> int:
@@ -133,37 +147,83 @@ def _start_ns(table: Table, map_: ImportMap) -> int:
         start = found[0] if found.size else ""
         start = str(start) if isinstance(start, str) else float(start)
     if isinstance(start, str):
-        return parse_start(start, place)
+        return parse_start(start, place, map_.zone)
     if not 0 <= start < 9e9:
         raise SchemaError(f"{place}: expected unix seconds, found {start}")
     return round(start * NS_PER_S)
 
 
-def _read_stream(table: Table, map_: ImportMap, stream: StreamMap, start_ns: int) -> _Read:
+def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
     columns = [table.numbers(c.column) for c in stream.columns]
     lengths = sorted({len(c) for c in columns})
     if len(lengths) != 1 or lengths[0] == 0:
         raise SchemaError(
             f"{table.name}: {stream.topic}: expected columns of one length, found {lengths}"
         )
+    samples, count = np.stack(columns, axis=1), lengths[0]
     own = stream.time is not None or stream.rate_hz is not None
     time, rate_hz = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
-    if time is None:
+    times_ns: NDArray[np.int64] | None = None
+    warnings: list[str] = []
+    if time is not None:
+        times_ns, warnings = _times(table, map_, stream.topic, time, count)
+    counter = stream.counter or map_.counter
+    if counter is not None:
+        return _by_counter(table, stream, samples, counter, (times_ns, rate_hz), warnings)
+    if time is None or times_ns is None:
         assert rate_hz is not None  # the map's check saw to it
-        timing = grid.uniform(lengths[0], rate_hz)
+        timing = grid.uniform(count, rate_hz)
     else:
-        timing = _timing(table, stream.topic, time, lengths[0])
-    return _Read(stream, timing.shifted(start_ns), np.stack(columns, axis=1))
+        timing = grid.even(times_ns) if time.even else grid.fit(times_ns)
+    return _Read(stream, timing, samples, timing.sample_times(), tuple(warnings))
 
 
-def _timing(table: Table, topic: str, time: TimeMap, count: int) -> Timing:
-    times_ns = table.times_ns(time)
+def _by_counter(
+    table: Table,
+    stream: StreamMap,
+    samples: NDArray[np.float64],
+    counter: CounterMap,
+    clock: tuple[NDArray[np.int64] | None, float | None],
+    warnings: list[str],
+) -> _Read:
+    """Return a stream whose device counts its samples."""
+    place = f"{table.name}: {stream.topic}: {counter.column}"
+    values = table.numbers(counter.column)
+    if len(values) != len(samples):
+        raise SchemaError(f"{place}: expected {len(samples)} counts, found {len(values)}")
+    found = packet_counters.count(values, counter.modulus, clock[0], place)
+    timing, text = packet_counters.timed(found, *clock, place)
+    rows = Timing(timing.rate_hz, timing.anchor_ns, found.of_row, None).sample_times()
+    if found.resets:
+        warnings.append(
+            f"{stream.topic}: the counter began again {found.resets} times: what was lost there is "
+            + ("told by the times only" if clock[0] is not None else "not known")
+        )
+    said = (f"counter {counter.column}: {found.line()}", text)
+    return _Read(stream, timing, samples[found.rows], rows, tuple(warnings), said)
+
+
+def _times(
+    table: Table, map_: ImportMap, topic: str, time: TimeMap, count: int
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the times of the rows, shape (count,) [ns], and what is to be said of them."""
     place = f"{table.name}: {topic}: {time.column}"
+    remarks: list[str] = []
+    if time.unit == "iso":
+        where = f"{table.name}: {time.column}"
+        times_ns, remarks = moments(table.texts(time.column), where, map_.zone)
+    else:
+        times_ns = table.times_ns(time)
+    if time.wraps is not None and time.unit != "iso":
+        period_ns = time.wraps * TIME_UNITS_NS[time.unit]
+        times_ns, turns = packet_counters.times_going_on(times_ns, period_ns)
+        if turns:
+            remarks.append(f"{place}: the clock began again {turns} times: taken to go on")
     if len(times_ns) != count:
         raise SchemaError(f"{place}: expected {count} times, found {len(times_ns)}")
     if count < 2 or not (np.diff(times_ns) > 0).any() or times_ns[-1] <= times_ns[0]:
         raise SchemaError(f"{place}: expected times that go on, found {count} that do not")
-    return grid.even(times_ns) if time.even else grid.fit(times_ns)
+    return times_ns, remarks
 
 
 def _timing_warnings(read: _Read) -> list[str]:

@@ -12,17 +12,14 @@ import msgspec
 from ..errors import SchemaError
 from ..labels import TRUTH_KINDS
 from ..units import to_quantity
+from .moments import zone_of
 from .orientation_map import OrientationMap  # noqa: TC001 (msgspec reads it at run time)
+from .time_map import CounterMap, StartMap, TimeMap, TimeScale, check_time
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-#: Units a time may have; ``iso`` reads ISO 8601, ``sample`` counts samples of the first stream.
-TimeUnit = Literal["s", "ms", "us", "ns", "iso"]
 EventUnit = Literal["s", "ms", "us", "ns", "sample"]
-
-#: Formats whose files know their own rate.
-_TIMED = frozenset({"audio"})
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -53,39 +50,15 @@ class ColumnMap(_Strict, frozen=True):
     scale: float = 1.0
 
 
-class TimeMap(_Strict, frozen=True):
-    """Where a stream's sample times are.
-
-    Attributes
-    ----------
-    column
-        As in :class:`ColumnMap`.
-    unit
-        Of the times.
-    even
-        True: samples were taken evenly between the first and the last time, whatever the times
-        between say (receivers that stamp whole packets).
-    """
-
-    column: str | int
-    unit: TimeUnit = "s"
-    even: bool = False
-
-
-class StartMap(_Strict, frozen=True):
-    """Where the file itself says when it starts: ISO 8601 text or unix seconds."""
-
-    column: str
-
-
 class StreamMap(_Strict, frozen=True):
-    """One stream; ``time`` or ``rate_hz`` overrides the map's."""
+    """One stream; ``time`` or ``rate_hz``, and ``counter``, override the map's."""
 
     topic: str
     columns: tuple[ColumnMap, ...]
     placement: str = ""
     rate_hz: float | None = None
     time: TimeMap | None = None
+    counter: CounterMap | None = None
 
 
 class TruthMap(_Strict, frozen=True):
@@ -153,8 +126,14 @@ class ImportMap(_Strict, frozen=True):
         A reference orientation in the file.
     time, rate_hz
         Exactly one, unless each stream has its own.
+    counter
+        The device's own count of samples.
     start
         Added to the times: ISO 8601, unix seconds, or where the file says it; 0 without.
+    zone
+        Of times in words that name none: a name such as Europe/Paris, or an offset; UTC without.
+    scale
+        Of the times: ``utc``, or ``gps`` or ``tai``, which count leap seconds.
     delimiter, decimal, comment, skip_rows, encoding
         Of text tables. Names of columns are sought in the last skipped row and the first after
         it. Lines that start with ``comment`` are no rows.
@@ -168,7 +147,10 @@ class ImportMap(_Strict, frozen=True):
     orientation: OrientationMap | None = None
     time: TimeMap | None = None
     rate_hz: float | None = None
+    counter: CounterMap | None = None
     start: float | str | StartMap | None = None
+    zone: str = ""
+    scale: TimeScale = "utc"
     delimiter: str | None = None
     decimal: Literal[".", ","] = "."
     comment: str = "#"
@@ -225,6 +207,7 @@ _CHOICES = {
     "axis": "x, y, z or w",
     "decimal": "'.' or ','",
     "missing": "ignore or error",
+    "scale": "utc, gps or tai",
     "unit": "s, ms, us, ns, iso (times of samples) or sample (times of events)",
 }
 
@@ -247,6 +230,8 @@ def _check(map_: ImportMap) -> None:
         )
     if map_.skip_rows < 0:
         raise SchemaError(f"{map_.file}: skip_rows: expected 0 or more, found {map_.skip_rows}")
+    if map_.zone:
+        zone_of(map_.zone, f"{map_.file}: zone")
     topics = [s.topic for s in map_.stream]
     for i, stream in enumerate(map_.stream):
         place = f"{map_.file}: stream[{i}]"
@@ -268,16 +253,7 @@ def _check_stream(map_: ImportMap, stream: StreamMap, place: str) -> None:
             to_quantity(column.quantity, column.unit)
         except SchemaError as error:
             raise SchemaError(f"{place}.columns[{j}].{error}") from error
-    own = (stream.time, stream.rate_hz) != (None, None)
-    time, rate = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
-    if map_.format in _TIMED:
-        if (time, rate) != (None, None):
-            raise SchemaError(f"{place}: expected the rate of the file, found one in the map")
-    elif (time is None) == (rate is None):
-        found = "neither" if time is None else "both"
-        raise SchemaError(f"{place}: expected one of time and rate_hz, found {found}")
-    if rate is not None and not 0 < rate < 1e9:
-        raise SchemaError(f"{place}.rate_hz: expected a positive rate, found {rate}")
+    check_time(map_, stream, place)
 
 
 def _check_truth(truth: TruthMap, place: str) -> None:

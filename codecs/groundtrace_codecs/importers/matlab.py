@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .api import Imported
-    from .maps import ImportMap, TimeMap
+    from .maps import ImportMap
+    from .time_map import TimeMap
 
 _MAGIC = b"MATLAB 5.0 MAT-file"
 _MAGIC_HDF5 = b"MATLAB 7.3 MAT-file"
@@ -46,13 +47,18 @@ class Archive:
     def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
         """Return the sample times [ns], shape (n,)."""
         found = self.numbers(time.column)
-        if time.unit == "iso" or not np.isfinite(found).all():
-            expected = "numbers (unit s, ms, us or ns)" if time.unit == "iso" else "times"
-            raise SchemaError(f"{self.name}: {time.column}: expected {expected}, found others")
+        if not np.isfinite(found).all():
+            raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
         whole = np.floor(found)  # apart, so that unix times keep all their digits
         factor = TIME_UNITS_NS[time.unit]
         parts = np.rint((found - whole) * factor).astype(np.int64)
         return whole.astype(np.int64) * factor + parts
+
+    def texts(self, column: str | int) -> list[str]:
+        """Refuse times in words: arrays hold numbers."""
+        raise SchemaError(
+            f"{self.name}: {column}: expected numbers (unit s, ms, us or ns), found others"
+        )
 
     def groups(self, path: str) -> list[Any]:
         """Return what a path leads to, one entry for each element of its ``[*]``."""

@@ -115,6 +115,7 @@ _DAMAGE = (
     NotImplementedError,
     RuntimeError,
     OSError,
+    UnicodeDecodeError,
 )
 
 

@@ -13,15 +13,16 @@ from ..errors import SchemaError
 from ..signals import Channel
 from ..units import to_quantity
 from .delimited import TextTable
-from .maps import ColumnMap, ImportMap, StreamMap, TimeMap
+from .maps import ColumnMap, ImportMap, StreamMap
 from .sampled import MAX_NS, Sampled
+from .time_map import TimeMap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..labels import Label
     from .delimited import TextFile
-    from .maps import TimeUnit
+    from .time_map import TimeUnit
 
 PLACEMENT = "phone"
 #: First part of the topic of each quantity.

@@ -53,6 +53,9 @@ _LIKELY = {
     "magnetic_field": (15e-6, 90e-6),
     "pressure": (3e4, 1.1e5),
 }
+#: Quantities of which some sensors tell the changes only: an app's acceleration without gravity, a
+#: microbarometer's pressure.
+_CHANGES = frozenset({"acceleration", "pressure"})
 
 
 @dataclass(slots=True)
@@ -111,8 +114,8 @@ class UnitWatch:
             return None
         si = QUANTITIES[quantity]
         fix = _fix(quantity, value)
-        if fix is None and quantity == "acceleration" and value < range_.low:
-            return None  # without gravity: an app's linear acceleration
+        if fix is None and quantity in _CHANGES and value < range_.low:
+            return None
         what = "99 % of the lengths are below" if range_.percentile > 50 else "the median length is"
         return (
             f"{self.stream.topic}: {quantity} in {si}: {what} {value:.3g} {si}, "

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from ..channels import ChannelReader
     from ..geometry import Geometry
     from ..labels import Label
@@ -35,6 +37,8 @@ _SQLITE = b"SQLite format 3\0"
 _MCAP = b"\x89MCAP0\r\n"
 _BAG_INFO = b"rosbag2_bagfile_information"
 _HEADER = "std_msgs/msg/Header"
+#: Quantities of an Imu, either of which a sensor may lack.
+_IMU = ("acceleration", "angular_velocity")
 _SUFFIXES = (".bag", ".db3", ".db3.zstd", ".mcap.zstd")
 #: Messages of one topic decoded at once.
 _BATCH = 4096
@@ -110,13 +114,26 @@ class _Found:
         stream: Stream = blocks[0].stream
         if any(b.stream.channels != stream.channels for b in blocks):
             raise SchemaError(f"{topic}: expected messages of one kind, found several")
+        values = np.concatenate([b.samples for b in blocks]).astype(np.float64)
+        kept = self._heard(stream, values)
         return Sampled(
             topic,
             stream.placement,
-            stream.channels,
+            stream.select(kept).channels,
             np.concatenate([b.sample_times() for b in blocks]),
-            np.concatenate([b.samples for b in blocks]).astype(np.float64),
+            values[:, kept],
         )
+
+    def _heard(self, stream: Stream, values: NDArray[np.float64]) -> list[int]:
+        """Return the columns but those of a sensor an Imu does not have: it leaves them zero."""
+        columns = list(range(len(stream.channels)))
+        if stream.columns_of(set(_IMU)) != columns:
+            return columns
+        silent = [q for q in _IMU if not np.nan_to_num(values[:, stream.columns_of({q})]).any()]
+        if len(silent) != 1:
+            return columns
+        self.remarks.append(f"{stream.topic}: {silent[0]} is zero throughout: left out")
+        return stream.columns_of(set(_IMU) - set(silent))
 
 
 def _read_mcap(path: Path, found: _Found) -> None:

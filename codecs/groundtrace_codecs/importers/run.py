@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ..errors import SchemaError
+from ..errors import FormatError, SchemaError
 from ..geometry import Geometry
+from ..signals import NS_PER_S
 from ..truth import read_truth
 from .maps import load_map
 from .plausible import UnitWatch
 from .registry import choose, files_of
+from .station_xml import is_station_xml
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from ..signals import SignalBlock
@@ -43,6 +45,8 @@ class ImportReport:
         How many labels of each kind.
     warnings
         One line each: what was lost, merged or assumed.
+    remarks
+        One line each: what is good to know, such as where places count from.
     """
 
     path: Path
@@ -54,6 +58,7 @@ class ImportReport:
     sensors: int
     labels: dict[str, int]
     warnings: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     @property
     def duration_s(self) -> float:
@@ -69,7 +74,10 @@ def import_recording(
     geometry: Path | None = None,
     truth: Path | None = None,
     map_path: Path | None = None,
+    stationxml: Path | None = None,
+    strict: bool = False,
     force: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> ImportReport:
     """Read files of another tool and write them as one recording.
 
@@ -87,8 +95,14 @@ def import_recording(
         Truth to add: .csv, .sgt or .mcap.
     map_path
         Map TOML, for tables and archives.
+    stationxml
+        Station metadata for seismic files; without it the only one beside them is taken.
+    strict
+        Refuse what would be a warning.
     force
         Overwrite ``out``.
+    progress
+        Told how much of the recording is written [s].
 
     Raises
     ------
@@ -101,14 +115,18 @@ def import_recording(
     files = files_of(paths)
     importer = choose(files, format_name or (map_.format if map_ else None))
     files, left_out = _readable(importer, files, len(paths) == 1 and paths[0].is_dir())
+    if stationxml is not None:
+        files = [*(f for f in files if f != stationxml), *_stations(importer, stationxml)]
     imported = _with_tables(importer.read(files, map_), geometry, truth)
-    counts = _Counts({}, 0, {})
+    counts = _Counts({}, 0, {}, strict, imported.start_ns, progress)
+    counts.refuse([*left_out, *imported.warnings])
     write_recording(
         out,
         [(s, f, counts.counted(blocks)) for s, f, blocks in imported.sources],
         geometry=imported.geometry,
         labels=imported.labels,
         metadata={"groundtrace.import": _provenance(importer, files, map_), **imported.metadata},
+        attachments=imported.attachments,
         force=force,
     )
     kinds = [label.kind for label in imported.labels]
@@ -122,7 +140,20 @@ def import_recording(
         sensors=len(imported.geometry.sensors) if imported.geometry else 0,
         labels={k: kinds.count(k) for k in sorted(set(kinds))},
         warnings=(*left_out, *imported.warnings, *counts.remarks()),
+        remarks=imported.remarks,
     )
+
+
+def _stations(importer: Importer, path: Path) -> list[Path]:
+    """Return the StationXML as a file to read, if it is one and the importer knows what it is."""
+    (file,) = files_of([path])
+    if not is_station_xml(file):
+        raise FormatError(f"{path.name}: expected StationXML, found another file")
+    if importer.sniff(file) <= 0:
+        raise SchemaError(
+            f"--stationxml: expected files of seismic traces to go with it, found {importer.name}"
+        )
+    return [file]
 
 
 def _readable(
@@ -176,6 +207,14 @@ class _Counts:
     samples: dict[str, int]
     end_ns: int
     units: dict[str, UnitWatch]
+    strict: bool = False
+    start_ns: int = 0
+    progress: Callable[[float], None] | None = None
+
+    def refuse(self, warnings: Sequence[str]) -> None:
+        """Raise a SchemaError for the first warning, where none is allowed."""
+        if self.strict and warnings:
+            raise SchemaError(f"--strict: {warnings[0]}")
 
     def remarks(self) -> list[str]:
         return [line for watch in self.units.values() for line in watch.remarks()]
@@ -184,5 +223,8 @@ class _Counts:
         for block in blocks:
             self.samples[block.topic] = self.samples.get(block.topic, 0) + len(block)
             self.end_ns = max(self.end_ns, block.end_ns)
+            if self.progress is not None:
+                self.progress((self.end_ns - self.start_ns) / NS_PER_S)
             self.units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
             yield block
+        self.refuse(self.remarks())

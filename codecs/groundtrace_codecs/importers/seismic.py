@@ -1,9 +1,14 @@
-"""Importer for seismic files, read by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y and others."""
+"""Importer for seismic files, read by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y and others.
+
+StationXML among the files, or alone beside them, says what counts are worth and where sensors
+stand.
+"""
 
 from __future__ import annotations
 
 import io
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +18,8 @@ from ..signals import NS_PER_S, Channel, SignalBlock, Stream
 from .api import Imported
 from .mapped import sample_format
 from .shots import Shot, lay
+from .station_channels import Described, describe, split
+from .station_xml import beside, is_station_xml, load_stations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +27,7 @@ if TYPE_CHECKING:
 
     from .api import Source
     from .maps import ImportMap
+    from .station_xml import Stations
 
 _SUFFIXES = frozenset(
     {".sg2", ".seg2", ".mseed", ".miniseed", ".ms", ".sac", ".sgy", ".segy", ".su", ".gse2"}
@@ -27,8 +35,13 @@ _SUFFIXES = frozenset(
 _SEG2 = (b"\x55\x3a", b"\x3a\x55")
 #: Metres per unit of coordinates, as the header names it.
 _LENGTHS_M = {"METERS": 1.0, "FEET": 0.3048, "CENTIMETERS": 0.01, "INCHES": 0.0254}
-#: Formats that keep whole seconds of the start time only.
-_WHOLE_SECONDS = frozenset({"SEGY", "SU"})
+#: First bytes of GSE 2.x waveforms.
+_GSE = (b"WID2 ", b"WID1 ")
+#: What formats keep of the start time.
+_KEPT = {
+    **dict.fromkeys(("SEGY", "SU"), "whole seconds"),
+    **dict.fromkeys(("GSE2", "GSE1", "SH_ASC"), "milliseconds"),
+}
 _AXES = {"Z": "z", "N": "y", "E": "x"}
 
 
@@ -39,11 +52,13 @@ class SeismicImporter:
     description = "seismic files by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y"
 
     def sniff(self, path: Path) -> float:
-        """Return 1 for SEG-2, 0.9 for miniSEED, 0.6 for the suffix of a seismic format."""
+        """Return 1 for SEG-2, 0.9 for miniSEED, GSE and StationXML, 0.6 for a seismic suffix."""
         with path.open("rb") as file:
             head = file.read(8)
         if head[:2] in _SEG2:
             return 1.0
+        if head.startswith(_GSE) or is_station_xml(path):
+            return 0.9
         if len(head) == 8 and head[:6].isdigit() and head[6:7] in b"DRQM":
             return 0.9
         return 0.6 if path.suffix.lower() in _SUFFIXES else 0.0
@@ -62,15 +77,40 @@ class SeismicImporter:
         """
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for seismic files, found one")
-        read = [(path, _read(path)) for path in paths]
-        formats = {str(trace.stats._format) for _, traces in read for trace in traces}
-        if formats == {"SEG2"}:
-            return lay([_shot(path, traces) for path, traces in read])
-        if "SEG2" in formats:
-            raise SchemaError(
-                f"{paths[0].name}: expected shots of one format, found {', '.join(sorted(formats))}"
+        described = [p for p in paths if is_station_xml(p)]
+        waves = [p for p in paths if p not in described]
+        if not waves:
+            raise FormatError(
+                f"{paths[0].name}: expected files with samples, found StationXML only"
             )
-        return _continuous([t for _, traces in read for t in traces], formats, paths[0].name)
+        read = [(path, _read(path)) for path in waves]
+        formats = {str(trace.stats._format) for _, traces in read for trace in traces}
+        if "SEG2" in formats:
+            if formats != {"SEG2"} or described:
+                others = [*sorted(formats), *(["STATIONXML"] if described else [])]
+                raise SchemaError(
+                    f"{waves[0].name}: expected shots of one format, found {', '.join(others)}"
+                )
+            return lay([_shot(path, traces) for path, traces in read])
+        traces = [trace for _, found in read for trace in found]
+        stations, doubts = _stations(waves, described, traces)
+        found = _continuous(traces, formats, waves[0].name, stations)
+        return replace(found, warnings=(*found.warnings, *doubts))
+
+
+def _stations(
+    waves: Sequence[Path], described: Sequence[Path], traces: Sequence[Any]
+) -> tuple[Stations | None, tuple[str, ...]]:
+    """Return the metadata given, or the only one beside the files, and what to say about it."""
+    if described:
+        return load_stations(described), ()
+    found = beside(waves, {trace.stats.station for trace in traces} - {""})
+    if not found:
+        return None, ()
+    if len(found) == 1:
+        return load_stations(found), ()
+    names = ", ".join(p.name for p in found)
+    return None, (f"expected one StationXML of the stations, found {names}: none was used",)
 
 
 def _read(path: Path) -> list[Any]:
@@ -153,13 +193,18 @@ def _place(path: Path, header: Any, key: str) -> tuple[float, float, float] | No
     return x, y, z
 
 
-def _continuous(traces: list[Any], formats: set[str], place: str) -> Imported:
+def _continuous(
+    traces: list[Any], formats: set[str], place: str, stations: Stations | None
+) -> Imported:
     """Return traces as streams: those with one rate and the same segments share a stream."""
     start_ns = min(int(t.stats.starttime.ns) for t in traces)
     if start_ns < 0:
         raise SchemaError(f"{place}: start time: expected 1970 or later, found {start_ns} ns")
+    channels = _segments(traces if stations is None else split(traces, stations))
+    plain = {name: _channel(name, segments[0]) for name, segments in channels.items()}
+    known = Described(plain, {}) if stations is None else describe(channels, plain, stations)
     streams: dict[Any, dict[str, list[Any]]] = {}
-    for name, segments in _segments(traces).items():
+    for name, segments in channels.items():
         key = (
             segments[0].stats.sampling_rate,
             *((int(t.stats.starttime.ns), t.stats.npts) for t in segments),
@@ -168,13 +213,18 @@ def _continuous(traces: list[Any], formats: set[str], place: str) -> Imported:
     several = len(streams) > 1
     return Imported(
         sources=tuple(
-            _stream(f"/seismic/{i}" if several else "/seismic", channels)
-            for i, channels in enumerate(streams.values(), start=1)
+            _stream(f"/seismic/{i}" if several else "/seismic", of_stream, known)
+            for i, of_stream in enumerate(streams.values(), start=1)
         ),
         start_ns=start_ns,
-        warnings=tuple(
-            f"{f}: the start time has whole seconds only" for f in sorted(formats & _WHOLE_SECONDS)
+        geometry=known.geometry,
+        metadata=known.metadata,
+        warnings=(
+            *(f"{f}: the start time has {_KEPT[f]} only" for f in sorted(formats & _KEPT.keys())),
+            *known.warnings,
         ),
+        remarks=known.remarks,
+        attachments=() if stations is None else stations.files,
     )
 
 
@@ -190,12 +240,17 @@ def _segments(traces: list[Any]) -> dict[str, list[Any]]:
     return {n: sorted(ts, key=lambda t: int(t.stats.starttime.ns)) for n, ts in channels.items()}
 
 
-def _stream(topic: str, channels: dict[str, list[Any]]) -> Source:
+def _stream(topic: str, channels: dict[str, list[Any]], known: Described) -> Source:
     """Return one stream; a segment starts at its own time to the nanosecond."""
     segments = list(zip(*channels.values(), strict=True))
     rate_hz = float(segments[0][0].stats.sampling_rate)
-    stream = Stream(topic, tuple(_channel(n, ts[0]) for n, ts in channels.items()), rate_hz)
-    rows = [np.stack([t.data for t in segment], axis=1) for segment in segments]
+    stream = Stream(topic, tuple(known.channels[name] for name in channels), rate_hz)
+    ones = (1.0,) * len(segments)
+    gains = zip(*(known.factors.get(name, ones) for name in channels), strict=True)
+    rows = [
+        np.stack([t.data if gain == 1.0 else t.data * gain for t, gain in pairs], axis=1)
+        for pairs in (zip(*both, strict=True) for both in zip(segments, gains, strict=True))
+    ]
     name, samples = sample_format(np.concatenate(rows).astype(np.float64))
     start_ns = int(segments[0][0].stats.starttime.ns)
     blocks, row = [], 0

@@ -1,7 +1,7 @@
 """``ros2msg`` schemas of the ROS 2 messages that groundtrace writes.
 
-Field names, types and order are those of the ROS 2 packages std_msgs, geometry_msgs and
-sensor_msgs, as every reader expects them.
+Fields and constants are those of the ROS 2 packages std_msgs, geometry_msgs and sensor_msgs as
+Jazzy has them, without their comments: the types have the same hash (REP 2016).
 """
 
 from __future__ import annotations
@@ -35,7 +35,20 @@ _DEFINITIONS = {
         "float64 temperature",
         "float64 variance",
     ),
-    "sensor_msgs/NavSatStatus": ("int8 status", "uint16 service"),
+    "sensor_msgs/NavSatStatus": (
+        "int8 STATUS_UNKNOWN=-2",
+        "int8 STATUS_NO_FIX=-1",
+        "int8 STATUS_FIX=0",
+        "int8 STATUS_SBAS_FIX=1",
+        "int8 STATUS_GBAS_FIX=2",
+        "int8 status",
+        "uint16 SERVICE_UNKNOWN=0",
+        "uint16 SERVICE_GPS=1",
+        "uint16 SERVICE_GLONASS=2",
+        "uint16 SERVICE_COMPASS=4",
+        "uint16 SERVICE_GALILEO=8",
+        "uint16 service",
+    ),
     "sensor_msgs/NavSatFix": (
         "std_msgs/Header header",
         "sensor_msgs/NavSatStatus status",
@@ -43,6 +56,10 @@ _DEFINITIONS = {
         "float64 longitude",
         "float64 altitude",
         "float64[9] position_covariance",
+        "uint8 COVARIANCE_TYPE_UNKNOWN=0",
+        "uint8 COVARIANCE_TYPE_APPROXIMATED=1",
+        "uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2",
+        "uint8 COVARIANCE_TYPE_KNOWN=3",
         "uint8 position_covariance_type",
     ),
     "std_msgs/MultiArrayDimension": ("string label", "uint32 size", "uint32 stride"),

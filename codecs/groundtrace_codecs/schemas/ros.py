@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from .cdr import Table
 
 _LAST_STAMP_S = (1 << 31) - 1
+_IMU = "sensor_msgs/Imu"
+_IMU_PARTS = ("orientation", "angular_velocity", "linear_acceleration")
 
 
 def _axes(path: str, name: str, quantity: str, unit: str) -> tuple[tuple[str, Channel], ...]:
@@ -34,7 +36,7 @@ def _axes(path: str, name: str, quantity: str, unit: str) -> tuple[tuple[str, Ch
 
 #: Message to the paths of its samples and what they are.
 KINDS: dict[str, tuple[tuple[str, Channel], ...]] = {
-    "sensor_msgs/Imu": (
+    _IMU: (
         *_axes("linear_acceleration", "acc", "acceleration", "m/s2"),
         *_axes("angular_velocity", "gyro", "angular_velocity", "rad/s"),
     ),
@@ -189,7 +191,7 @@ class RosWriter:
     kind
         Key of :data:`KINDS`.
     stream
-        Whose channels are those of the kind, in any order.
+        Whose channels are those of the kind, in any order; of an Imu perhaps one sensor's only.
     """
 
     def __init__(self, kind: str, stream: Stream) -> None:
@@ -199,7 +201,10 @@ class RosWriter:
         order = column_order(kind, stream)
         self._columns = [(KINDS[kind][k][0], i) for i, k in enumerate(order)]
         self._topic = stream.topic
-        self._is_imu = kind == "sensor_msgs/Imu"
+        have = {path.partition(".")[0] for path, _ in self._columns}
+        self._unknown = [
+            f"{name}_covariance" for name in _IMU_PARTS if kind == _IMU and name not in have
+        ]
 
     def encode(self, times_ns: NDArray[np.int64], values: NDArray[Any]) -> list[bytes]:
         """Return one message per sample; ``values`` has shape (n, n_channels).
@@ -219,9 +224,9 @@ class RosWriter:
         table.put("header.stamp.nanosec", nanos[:, None])
         for path, i in self._columns:
             table.put(path, values[:, i : i + 1])
-        if self._is_imu:
-            # sensor_msgs/Imu: -1 in the first element says that there is no orientation estimate.
-            covariance = np.zeros((len(times_ns), 9))
-            covariance[:, 0] = -1.0
-            table.put("orientation_covariance", covariance)
+        # sensor_msgs/Imu: -1 in the first element says that there is no such estimate.
+        covariance = np.zeros((len(times_ns), 9))
+        covariance[:, 0] = -1.0
+        for path in self._unknown:
+            table.put(path, covariance)
         return table.payloads()

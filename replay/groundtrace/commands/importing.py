@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import CycloptsError, Parameter
 
-from groundtrace_codecs.importers import import_recording
+from groundtrace_codecs.importers import choose, import_recording
 
+from ..appearing import write_text
 from ..errors import RecordingError
-from .output import existing, print_json, say, writable
+from .output import existing, print_json, progress, say, writable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+#: An importer that is so sure of a file needs no map for it.
+CERTAIN = 0.8
 
 
 def import_(
@@ -20,8 +27,11 @@ def import_(
     geometry: Path | None = None,
     truth: Path | None = None,
     map_: Annotated[Path | None, Parameter(name="--map")] = None,
+    stationxml: Path | None = None,
     guess: Annotated[bool, Parameter(negative="")] = False,
+    strict: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Turn files of another tool into a recording.
@@ -40,11 +50,18 @@ def import_(
         What is known to have happened: CSV, .sgt hand picks, or another MCAP.
     map_
         TOML that says what the columns are; a path, or the name of a shipped map.
+    stationxml
+        Sensitivities and places of the channels of seismic files; without it the only StationXML
+        beside them is taken.
     guess
         Import nothing: guess the map of one text table and write it, to be checked and given
         with --map.
+    strict
+        Stop at the first thing that would be a warning.
     force
         Overwrite an existing file.
+    quiet
+        Show no progress bar.
     json
         Print one JSON document.
     """
@@ -58,15 +75,19 @@ def import_(
     if out is None:
         say("import: expected --out, found none")
         raise CycloptsError
-    report = import_recording(
-        sources,
-        writable(out, force=force, sources=sources),
-        format_name=format_,
-        geometry=geometry,
-        truth=truth,
-        map_path=_map(map_),
-        force=force,
-    )
+    with progress(None, "importing", quiet=quiet) as show:
+        report = import_recording(
+            sources,
+            writable(out, force=force, sources=_read(sources, stationxml, map_, geometry, truth)),
+            format_name=format_,
+            geometry=geometry,
+            truth=truth,
+            map_path=_map(map_),
+            stationxml=stationxml,
+            strict=strict,
+            force=force,
+            progress=show,
+        )
     for warning in report.warnings:
         say(f"warning: {warning}")
     if json:
@@ -76,8 +97,15 @@ def import_(
     for topic, samples in report.samples.items():
         print(f"  {topic}: {samples} samples")
     print(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
+    for remark in report.remarks:
+        print(f"  {remark}")
     if report.labels:
         print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
+
+
+def _read(sources: Sequence[Path], *others: Path | None) -> list[Path]:
+    """Return all that is read: none of it may be written over."""
+    return [*sources, *(path for path in others if path is not None)]
 
 
 def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
@@ -89,10 +117,16 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
         raise RecordingError(f"import --guess: expected one table, found {len(sources)} files")
     (table,) = sources
     existing(table)
+    known = choose([table])
+    if known.sniff(table) >= CERTAIN and known.name != "csv":
+        raise RecordingError(
+            f"import --guess: expected a table that needs a map, found one that the importer "
+            f"{known.name} reads by itself: groundtrace import {table} -o OUT.mcap"
+        )
     written = out or table.with_name(f"{table.name}.map.toml")
     writable(written, force=force, sources=sources)
     found = guess_map(table)
-    written.write_text(found.toml, encoding="utf-8")
+    write_text(written, found.toml)
     for remark in found.remarks:
         print(remark_line(remark))
     print(

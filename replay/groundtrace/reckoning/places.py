@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.earth import metres_per_radian
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -15,9 +17,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .parameters import Updates
-
-#: Radii of the WGS 84 ellipsoid's equator, and its first eccentricity squared.
-EQUATOR_M, ECCENTRICITY = 6_378_137.0, 6.694_379_990_14e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +60,7 @@ class TangentPlane:
         if self.origin is None:
             self.origin = (latitude, longitude)
         start, meridian = self.origin
-        across, along = _radii(start)
+        across, along = metres_per_radian(start)
         turned = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
         return self.at[0] + across * turned, self.at[1] + along * (latitude - start)
 
@@ -76,15 +75,8 @@ class TangentPlane:
         if self.origin is None:
             raise ValueError("plane: expected a first fix, found none")
         start, meridian = self.origin
-        across, along = _radii(start)
+        across, along = metres_per_radian(start)
         return start + (y_m - self.at[1]) / along, meridian + (x_m - self.at[0]) / across
-
-
-def _radii(latitude: float) -> tuple[float, float]:
-    """Return metres per radian to the east and to the north at a latitude [rad]."""
-    bent = 1 - ECCENTRICITY * math.sin(latitude) ** 2
-    east = EQUATOR_M / math.sqrt(bent) * math.cos(latitude)
-    return east, EQUATOR_M * (1 - ECCENTRICITY) / bent**1.5
 
 
 def satellite_columns(stream: Stream) -> tuple[int, int] | None:
