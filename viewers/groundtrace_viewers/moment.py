@@ -6,9 +6,10 @@ A file cannot hold a cursor (rerun 0.41), a running viewer's can be set.
 from __future__ import annotations
 
 import hashlib
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
+from groundtrace.appearing import appearing
 from groundtrace_codecs.signals import NS_PER_S
 
 from .errors import ViewerError
@@ -58,17 +59,18 @@ def recording_at(
     recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
-    file = [rr.FileSink(path)] if path is not None else []
-    recording.set_sinks(*file, *([rr.GrpcSink(data_url(port))] if spawn else []))
-    try:
-        yield recording
-        recording.flush()
-    except BaseException:
-        if viewer is not None:
-            viewer.terminate()
-        raise
-    finally:
-        recording.disconnect()
+    with nullcontext() if path is None else appearing(path) as fresh:
+        file = [] if fresh is None else [rr.FileSink(fresh)]
+        recording.set_sinks(*file, *([rr.GrpcSink(data_url(port))] if spawn else []))
+        try:
+            yield recording
+            recording.flush()
+        except BaseException:
+            if viewer is not None:
+                viewer.terminate()
+            raise
+        finally:
+            recording.disconnect()
     if viewer is not None and at_s is not None:
         put_cursor(viewer, port, at_s)
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import secrets
 import shutil
 import zipfile
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from groundtrace.annotate import to_json
 from groundtrace.annotate.exchange import item_of
+from groundtrace.appearing import appearing
 from groundtrace.score.html import score_page
 
 from .errors import ViewerError
@@ -24,7 +23,7 @@ from .verdict import TOLERANCE_S
 from .viewer_files import VIEWER_FILES, viewer_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from .share_sources import Sources
@@ -77,7 +76,7 @@ def share_view(
     used = [path for path in (results, recording, rrd) if path is not None]
     _check_target(out, form == "folder", force, used)
     sources = sources_of(results, recording)
-    with _appearing(out) as fresh:
+    with appearing(out) as fresh:
         folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
         folder.mkdir()
         try:
@@ -109,28 +108,6 @@ def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) ->
         raise ViewerError(
             f"{out}: expected a folder that groundtrace share wrote, found another: it stays"
         )
-
-
-@contextmanager
-def _appearing(out: Path) -> Iterator[Path]:
-    """Give a place beside ``out``; what is written there then takes its name."""
-    mark = secrets.token_hex(4)
-    fresh, old = (out.with_name(f".{out.name}.{mark}.{what}") for what in ("new", "old"))
-    try:
-        yield fresh
-        if out.is_dir():  # a folder that is not empty cannot be renamed over
-            out.rename(old)
-        fresh.replace(out)
-    except BaseException:
-        if old.exists() and not out.exists():
-            old.rename(out)
-        raise
-    finally:
-        for left in (fresh, old):
-            if left.is_dir():
-                shutil.rmtree(left)
-            elif left.exists():
-                left.unlink()
 
 
 def _fill(folder: Path, sources: Sources, rrd: Path | None, light: bool, *, alone: bool) -> None:

@@ -128,7 +128,7 @@ class RerunSink:
 
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if self._path is not None:
-            sinks.append(rr.FileSink(self._path))
+            sinks.append(rr.FileSink(_growing(self._path)))
         if self._spawn:
             self.viewer = open_viewer(["--expect-data-soon"], self._port)
             sinks.append(rr.GrpcSink(data_url(self._port)))
@@ -159,6 +159,8 @@ class RerunSink:
         self._recording.flush()
         self._recording.disconnect()
         self._recording = None
+        if self._path is not None:
+            _growing(self._path).replace(self._path)
         if self._spawn:
             self._go_to_first_event()
         if self._web and self._path is not None and self._session is not None:
@@ -181,3 +183,8 @@ class RerunSink:
         client = connect(self.viewer, self._port)
         since_s = (first_ns - self._session.start_ns) / NS_PER_S
         client.set_time(TIMELINE, duration=since_s, play_state="paused")
+
+
+def _growing(path: Path) -> Path:
+    """Return what a viewer's file is called while it is written."""
+    return path.with_name(f"{path.name}.partial")

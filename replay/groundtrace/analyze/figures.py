@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from ..appearing import appearing
 from .ambiguity import region_at
 from .words import (
     advice_words,
@@ -62,7 +63,8 @@ def save(found: RoomAnalysis, path: Path) -> None:
         The PNG to write.
     """
     # without pyplot there is no window and no state that figures share
-    room_figure(found).savefig(path)
+    with appearing(path) as fresh:
+        room_figure(found).savefig(fresh)
 
 
 def room_figure(found: RoomAnalysis) -> Figure:

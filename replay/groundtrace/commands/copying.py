@@ -17,7 +17,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..results import RUN, file_sha256
-from .output import existing, print_json, print_table, say, writable
+from .output import existing, print_json, print_table, progress, say, writable
 
 if TYPE_CHECKING:
     from groundtrace_codecs.rewriting import Copied
@@ -144,6 +144,7 @@ def convert(
     chunk_kb: Annotated[int, POSITIVE] = 256,
     block_ms: Annotated[float | None, POSITIVE] = None,
     force: Annotated[bool, FLAG] = False,
+    quiet: Annotated[bool, FLAG] = False,
     json: Annotated[bool, FLAG] = False,
 ) -> None:
     """Copy a recording with another compression, chunks or blocks; no sample changes.
@@ -162,18 +163,22 @@ def convert(
         Length of the messages of fast signals [ms]; without it every message stays as it is.
     force
         Overwrite an existing file.
+    quiet
+        Show no progress bar.
     json
         Print one JSON document.
     """
     writable(out, force=force, sources=[existing(recording)])
-    found = convert_file(
-        recording,
-        out,
-        compression=compression,
-        chunk_bytes=chunk_kb << 10,
-        block_ns=None if block_ms is None else round(block_ms * 1e6),
-        force=force,
-    )
+    with progress(None, "copying", quiet=quiet) as show:
+        found = convert_file(
+            recording,
+            out,
+            compression=compression,
+            chunk_bytes=chunk_kb << 10,
+            block_ns=None if block_ms is None else round(block_ms * 1e6),
+            force=force,
+            progress=show,
+        )
     _report(recording, out, found, json=json)
 
 

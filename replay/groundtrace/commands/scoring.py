@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
+from ..appearing import write_text
 from ..errors import RecordingError
-from ..results import read_results
 from ..score import score_events
 from .output import print_json, print_table, say, writable
+from .resuming import results_at
 from .truth import truth_of
 
 if TYPE_CHECKING:
@@ -65,10 +66,11 @@ def score(
     """
     if html is not None:
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
-    result = read_results(results)
+    result = results_at(results, blocks=html is not None)
     origin = result.provenance
     labels = truth_of(result, results, truth, author)
-    figures = score_events(labels, result.events, origin.start_ns, origin.end_ns, tolerance)
+    end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
+    figures = score_events(labels, result.events, origin.start_ns, end_ns, tolerance)
     if not _parts(figures):
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
@@ -77,7 +79,7 @@ def score(
     if html is not None:
         from ..score.html import score_page
 
-        html.write_text(score_page(result, labels, figures, tolerance), encoding="utf-8")
+        write_text(html, score_page(result, labels, figures, tolerance))
     if json:
         print_json(_parts(figures))
     else:

@@ -9,8 +9,9 @@ from cyclopts import Parameter
 
 from ..errors import RecordingError
 from ..plugins import load
-from ..results import file_sha256, read_results
+from ..results import file_sha256
 from .output import existing, say
+from .resuming import results_at
 
 if TYPE_CHECKING:
     from ..results import Provenance
@@ -76,7 +77,7 @@ def recording_of(results: Path, given: Path | None = None) -> Path | None:
     RecordingError
         Where the one given has other bytes, or ``results`` are none.
     """
-    result = read_results(results)
+    result = results_at(results)
     if given is not None:
         if not _same(existing(given), result.provenance):
             raise RecordingError(

@@ -38,5 +38,5 @@ def where_to_show(
         writable(rrd, force=force, sources=sources)
     if spawn and not has_display():
         say("no display: the viewer's file is written instead")
-        return False, rrd or fallback
+        return False, rrd or writable(fallback, force=force, sources=sources)
     return spawn, rrd

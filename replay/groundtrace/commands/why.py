@@ -14,9 +14,9 @@ from ..explain import Healer, Redecider, evidence_of
 from ..explain.account import account, moment
 from ..explain.comparison import matched
 from ..plugins import load
-from ..results import read_results
 from .output import print_json, say
 from .pages import account_page, moment_page
+from .resuming import results_at
 from .showing import where_to_show
 from .truth import truth_of
 from .why_picks import explain_picks
@@ -90,7 +90,7 @@ def why(
     chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
-    result = read_results(results)
+    result = results_at(results)
     evidence = evidence_of(result, truth_of(result, results, truth))
     at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
     if chosen == "steps" and kind is None and step is None:

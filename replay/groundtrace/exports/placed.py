@@ -6,16 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from groundtrace_codecs.earth import ORIGIN
 from groundtrace_codecs.events import Fix, StepEvent, TrackPoint
 
 from ..errors import RecordingError
 from ..reckoning.places import TangentPlane, satellite_columns, satellite_fixes
+from .api import Origin
 from .kinds import events_of_kind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .api import Material, Origin
+    from .api import Material
 
 #: Kinds that have a place.
 PLACED = ("steps", "fixes", "tracks")
@@ -48,7 +50,7 @@ class Earth:
 
 
 def earth_of(material: Material) -> Earth:
-    """Return where the site lies: as somebody said, or by the first satellite fix.
+    """Return where the site lies: as somebody or the recording says, or by the first fix.
 
     The first fix of the replayed span lies where the walk starts on the map, x to the east, as
     dead reckoning has it.
@@ -65,6 +67,9 @@ def earth_of(material: Material) -> Earth:
         )
     if material.origin is not None:
         return _told(material.origin)
+    found = _imported(material)
+    if found is not None:
+        return _told(found)
     plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
     _hear_first_fix(material, plane)
     if plane.origin is None:
@@ -78,6 +83,16 @@ def earth_of(material: Material) -> Earth:
 def _told(origin: Origin) -> Earth:
     plane = TangentPlane((0.0, 0.0), (origin.latitude_rad, origin.longitude_rad))
     return Earth(plane, origin.azimuth_rad)
+
+
+def _imported(material: Material) -> Origin | None:
+    """Return where the recording says that its zero lies, as an import from StationXML writes."""
+    recording = material.recording()
+    record = {} if recording is None else recording.metadata.get(ORIGIN, {})
+    try:
+        return Origin(*(math.radians(float(record[f"{k}_deg"])) for k in ("latitude", "longitude")))
+    except (KeyError, ValueError):
+        return None
 
 
 def _hear_first_fix(material: Material, plane: TangentPlane) -> None:

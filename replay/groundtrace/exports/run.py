@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import secrets
-import shutil
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, cast
 
+from ..appearing import appearing
 from ..errors import PluginError, RecordingError
 from ..plugins import load, plugins
 from .kinds import KINDS, has_step_truth, there
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from .api import Exporter, Material, Written
@@ -126,29 +124,7 @@ def export(
                 f"{path}: expected a folder of {exporter.name} tables to replace, "
                 f"found {sorted(others)[0]} in it: it stays"
             )
-    with _appearing(path) as fresh:
+    with appearing(path) as fresh:
         if folder:
             fresh.mkdir()
         return exporter.write(material, kinds, fresh)
-
-
-@contextmanager
-def _appearing(path: Path) -> Iterator[Path]:
-    """Give a place beside ``path``; what is written there then takes its name."""
-    mark = secrets.token_hex(4)
-    fresh, old = (path.with_name(f".{path.stem}.{mark}.{what}{path.suffix}") for what in "no")
-    try:
-        yield fresh
-        if path.is_dir():  # a folder that is not empty cannot be renamed over
-            path.rename(old)
-        fresh.replace(path)
-    except BaseException:
-        if old.exists() and not path.exists():
-            old.rename(path)
-        raise
-    finally:
-        for left in (fresh, old):
-            if left.is_dir():
-                shutil.rmtree(left)
-            elif left.exists():
-                left.unlink()
