@@ -56,6 +56,12 @@ class _Growing:
     def tell(self) -> int:
         return self._file.tell()
 
+    def flush(self) -> None:
+        try:
+            self._file.flush()
+        except OSError as error:
+            raise self._full(error) from error
+
     def close(self) -> None:
         try:
             self._file.close()
@@ -89,6 +95,11 @@ class Container:
         Of the Header record.
     ending
         What the file's name ends in while it grows.
+
+    Attributes
+    ----------
+    messages
+        Number of messages written.
 
     Raises
     ------
@@ -124,6 +135,7 @@ class Container:
         self._mcap.start(profile=profile, library=f"{TOOL} {tool_version()}")
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[Output, int] = {}
+        self.messages = 0
 
     def channel(self, output: Output) -> int:
         """Return the id of a channel, registered at its first use."""
@@ -133,6 +145,21 @@ class Container:
                 output.topic, output.encoding, schema_id, dict(output.metadata)
             )
         return self._channels[output]
+
+    @property
+    def growing(self) -> Path:
+        """The file while it grows."""
+        return self._partial
+
+    @property
+    def outputs(self) -> tuple[Output, ...]:
+        """The channels registered by :meth:`channel`, in the order of their ids."""
+        return tuple(self._channels)
+
+    def settle(self) -> int:
+        """End the chunk in progress; return how many bytes hold everything written so far."""
+        self._mcap.flush()  # type: ignore[no-untyped-call]
+        return self._file.tell()
 
     def send(self, output: Output, packet: Packet) -> None:
         """Write one message.
@@ -150,6 +177,7 @@ class Container:
         self._mcap.add_message(
             self.channel(output), packet.log_ns, packet.data, packet.publish_ns, packet.sequence
         )
+        self.messages += 1
 
     def copy_channel(self, channel: ChannelRecord, schema: Schema | None) -> int:
         """Register a channel of another file, and return its id in this one."""
@@ -177,6 +205,7 @@ class Container:
             message.publish_time,
             message.sequence,
         )
+        self.messages += 1
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""

@@ -11,13 +11,17 @@ from .encoders import Packet, protobuf_output
 from .errors import CodecError, FormatError
 from .label_codec import label_channels
 from .mcap import McapFile
+from .signals import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator
     from pathlib import Path
 
     from .annotations import Annotation
     from .mcap import Message
+
+    #: Told how much is done, and of how much.
+    Progress = Callable[[float, float], None]
 
 
 def copy_with_annotations(source: Path, path: Path, annotations: Iterable[Annotation]) -> int:
@@ -117,7 +121,9 @@ def copy_frame(
     return ids
 
 
-def copy_readable(file: McapFile, path: Path, *, force: bool = False) -> tuple[int, list[str]]:
+def copy_readable(
+    file: McapFile, path: Path, *, force: bool = False, progress: Progress | None = None
+) -> tuple[int, list[str]]:
     """Copy everything of a file that can be read into a sound one.
 
     Messages keep their bytes, times and sequence numbers; schemas, channels, attachments, metadata
@@ -131,6 +137,8 @@ def copy_readable(file: McapFile, path: Path, *, force: bool = False) -> tuple[i
         The copy.
     force
         Replace an existing file.
+    progress
+        Told now and then how much of the file is copied, and of how much [s].
 
     Returns
     -------
@@ -151,13 +159,22 @@ def copy_readable(file: McapFile, path: Path, *, force: bool = False) -> tuple[i
         for _, schema in sorted(file.schemas.items()):
             container.copy_schema(schema)
         ids = copy_frame(file, container, file.channels.keys(), faults)
-        for message in file.messages():
+        for message in passing(file, progress):
             container.copy(ids[message.channel_id], message)
             count += 1
         complete = True
     finally:
         container.close(complete=complete)
     return count, faults
+
+
+def passing(file: McapFile, progress: Progress | None) -> Iterator[Message]:
+    """Yield all messages of a file; tell now and then how much of it has passed [s]."""
+    length_s = max(0, file.end_ns - file.start_ns) / NS_PER_S
+    for number, message in enumerate(file.messages()):
+        yield message
+        if progress is not None and not number % 1000:
+            progress((message.log_time - file.start_ns) / NS_PER_S, length_s)
 
 
 def _together(

@@ -151,6 +151,8 @@ class _Scissors:
         return message
 
     def _label(self, message: Message) -> Message | None:
+        # all labels are kept until they are in order, and a view would keep the whole chunk
+        message = message._replace(data=bytes(message.data))
         label = decode_label(message.data, self._file.name)
         kept = label.within(self._span.start_ns, self._span.stop_ns)
         if kept is None:
@@ -168,7 +170,7 @@ class _Scissors:
         if message.log_time >= self._span.stop_ns:
             return None
         at_ns = max(message.log_time, self._span.start_ns)
-        return message._replace(log_time=at_ns, publish_time=at_ns)
+        return message._replace(log_time=at_ns, publish_time=at_ns, data=bytes(message.data))
 
 
 def _log_time(message: Message) -> int:

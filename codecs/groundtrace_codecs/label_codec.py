@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sys import intern
 from typing import TYPE_CHECKING, Any
 
 from .labels import Label
@@ -44,11 +45,12 @@ def decode_label(data: bytes | memoryview, place: str = "Label") -> Label:
         Where the bytes are not a label; names ``place``.
     """
     message = parse(message_class("Label"), data, place)
-    fields: dict[str, Any] = {name: getattr(message, name) for name in _TEXTS}
+    # one text for all labels that say the same: an hour of picks has thousands
+    fields: dict[str, Any] = {name: intern(getattr(message, name)) for name in _TEXTS}
     fields |= {name: getattr(message, name) for name in _NUMBERS if message.HasField(name)}
     if message.HasField("end"):
         fields["end_ns"] = get_time(message.end, place)
-    return Label(get_time(message.timestamp, place), message.kind, **fields)
+    return Label(get_time(message.timestamp, place), intern(message.kind), **fields)
 
 
 def label_channels(file: McapFile, topic: str) -> set[int]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .channels import WaveformReader, reader_for
 from .container import CHUNK_BYTES, Container
-from .copying import copy_frame
+from .copying import copy_frame, passing
 from .encoders import Buckets, pieces
 from .errors import CodecError
 from .mcap import McapFile
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
     from pathlib import Path
 
+    from .copying import Progress
     from .mcap import Damage
     from .signals import SignalBlock, Stream
 
@@ -117,6 +118,7 @@ def convert(
     chunk_bytes: int = CHUNK_BYTES,
     block_ns: int | None = None,
     force: bool = False,
+    progress: Progress | None = None,
 ) -> Copied:
     """Copy a file into other chunks, and where asked its waveforms into other blocks.
 
@@ -134,6 +136,8 @@ def convert(
         Length of a WaveformBlock [ns]; None leaves every message as it is, byte by byte.
     force
         Replace an existing file.
+    progress
+        Told now and then how much of the recording is copied, and of how much [s].
 
     Raises
     ------
@@ -141,7 +145,7 @@ def convert(
         Where a file cannot be used.
     """
     with opened(source) as file:
-        messages, faults = file.messages(), list[str]()
+        messages, faults = passing(file, progress), list[str]()
         if block_ns is not None:
             messages = _reblocked(file, messages, block_ns)
         container = Container(path, compression, force, chunk_bytes, profile=file.profile)

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.recording import Recording
 
 from ..errors import SimulationError
 from ..simulate import RoomOptions, Simulation, WalkOptions, simulate_room, simulate_walk, write
 
 # read by the command line at run time, like the types above
 from ..simulate.options import PathName, ShoeName  # noqa: TC001
+from ..simulate.steps_of import ClockError, Walked, simulate_same_walk
 from ..simulate.walk_options import PlacementName, RouteName  # noqa: TC001
 from .output import existing, writable
 
@@ -151,6 +153,9 @@ def walk(
     disturbances: int | None = None,
     hard_iron_ut: float | None = None,
     soft_iron: float | None = None,
+    steps_of: Path | None = None,
+    clock_ahead_s: float = 0.0,
+    clock_drift_ppm: float = 0.0,
     force: Annotated[bool, FLAG] = False,
 ) -> None:
     """Make a walker with an IMU, with steps, walking spans, headings and places known.
@@ -188,6 +193,12 @@ def walk(
         Constant field of the carrier in the sensor's axes [uT], 0 to 100.
     soft_iron
         By how much the carrier stretches the field along one axis, 0 to 0.3.
+    steps_of
+        A recording whose true steps are walked, e.g. a simulated room: the same walk as another
+        sensor has it, for groundtrace merge. Its length and path hold.
+    clock_ahead_s, clock_drift_ppm
+        With --steps-of: how far the sensor's clock is ahead of the recording's at its start [s],
+        and how much faster it runs [1e-6].
     force
         Overwrite an existing file.
     """
@@ -205,7 +216,27 @@ def walk(
         hard_iron_t=None if hard_iron_ut is None else hard_iron_ut / 1e6,
         soft_iron=soft_iron,
     )
-    store(simulate_walk(options), out, force=force)
+    if steps_of is None:
+        if clock_ahead_s or clock_drift_ppm:
+            raise SimulationError("--clock-ahead-s, --clock-drift-ppm: expected --steps-of with it")
+        store(simulate_walk(options), out, force=force)
+        return
+    if path is not None or types or with_idle or duration_s is not None:
+        raise SimulationError(
+            "--steps-of: expected no --path, --types, --with-idle or --duration-s with it"
+        )
+    walked = _walked(existing(steps_of))
+    clock = ClockError(clock_ahead_s, clock_drift_ppm)
+    store(simulate_same_walk(walked, options, clock), out, force=force)
+
+
+def _walked(path: Path) -> Walked:
+    """Return the true steps of a recording."""
+    with Recording.open(path) as opened:
+        steps = tuple(label for label in opened.labels if label.kind == "step")
+        if not steps:
+            raise SimulationError(f"{path.name}: expected true steps, found none")
+        return Walked(path.name, steps, opened.start_ns, opened.end_ns)
 
 
 def _sides(text: str) -> tuple[float, float]:
