@@ -134,7 +134,9 @@ class PlacementWatch:
         )
 
 
-def noted(items: Iterable[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap | Note]:
+def noted(
+    items: Iterable[SignalBlock | Gap], watches: dict[str, PlacementWatch | None] | None = None
+) -> Iterator[SignalBlock | Gap | Note]:
     """Pass on what a source gives, and say of worn sensors where they may be worn.
 
     A note comes as soon as it is known, for a stream that states no placement, or one that the
@@ -144,8 +146,10 @@ def noted(items: Iterable[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap | No
     ----------
     items
         Blocks and gaps in time order.
+    watches
+        The watch of each topic, kept by the caller where the replay may be broken off and go on.
     """
-    watches: dict[str, PlacementWatch | None] = {}
+    watches = {} if watches is None else watches
     for item in items:
         yield item
         if isinstance(item, SignalBlock) and item.topic not in watches:

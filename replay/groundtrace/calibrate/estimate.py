@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import PipelineError, RecordingError
+from ..explain.swaps import swap_notes
 from ..localizers.floor import EXPONENT
 from ..localizers.hyperbolic import calibrated_velocity
 from ..localizers.joint_fit import LOSSES, Free, Impacts, fit
@@ -157,6 +158,8 @@ def calibrate(
     again = _bootstrap(impacts, best)
     pace_known = best.deviations[0] <= PACE_LIMIT
     notes += [] if pace_known else [_unknown_scale(best)]
+    right_s = impacts.times_s - best.floor.offsets_s
+    notes += swap_notes(gathered.channels, impacts.positions, right_s, best.places)
     free = best.free
     velocity = _velocity(impacts, best) if pace_known else None
     spread = np.maximum(again.std(axis=0), _deviations(best))

@@ -13,9 +13,11 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..appearing import write_text
 from ..errors import RecordingError
-from ..results import RUN, read_results
+from ..results import RUN
 from .output import existing, print_json, print_table, progress, say, writable
+from .resuming import results_at
 from .truth import truth_of, truth_of_recording
 
 if TYPE_CHECKING:
@@ -112,7 +114,7 @@ def calibrate(
         found = package.calibrate_once(subject.replayed(site), site, subject.labels, choices)
     if geometry_out is not None:
         text = package.calibrated_geometry(site, found).to_toml()
-        geometry_out.write_text(text, encoding="utf-8")
+        write_text(geometry_out, text)
     if json:
         written = None if geometry_out is None else str(geometry_out)
         document = msgspec.to_builtins(found)
@@ -131,7 +133,7 @@ def _subject(path: Path, pipeline: str, truth: Path | None) -> _Subject:
             labels = truth_of_recording(opened, path, truth)
             config, site = load_pipeline(pipeline), opened.geometry
             return _Subject(path.name, _replayer(path, config), True, config, site, labels)
-    result = read_results(path)
+    result = results_at(path)
     labels = truth_of(result, path, truth)
     config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
     return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,110 +12,64 @@ from cyclopts import Parameter
 
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.importers.plausible import UnitWatch
+from groundtrace_codecs.label_codec import TRUTH_TOPIC
+from groundtrace_codecs.mcap.remote import is_url
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..source import Source
+from .info_clocks import clock_lines
+from .info_document import DamageInfo, GapInfo, GuessInfo, RecordingInfo, StreamInfo
+from .info_faults import absences, fault_of, print_faults
 from .info_lines import print_gaps, print_guesses, stream_row
 from .output import FIRST_DATE_NS, existing, print_json, print_table, progress
 from .truth import annotations_to_show
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import Stream
 
-    from ..placement import Measures
+    from ..health import HealthWatch
     from ..placement_watch import PlacementWatch
+    from .info_faults import FaultInfo
 
 
-@dataclass(frozen=True, slots=True)
-class GuessInfo:
-    """Where a sensor may be worn, and what that was decided by (:mod:`groundtrace.placement`)."""
-
-    placement: str
-    confidence: float
-    contradicts: bool
-    measures: Measures
-    text: str
+#: How long a step is heard [ns]: a gap that begins in this time after it cuts it.
+STEP_NS = 150_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class StreamInfo:
-    """One sampled stream of a recording; times are seconds from its first sample."""
-
-    topic: str
-    rate_hz: float
-    irregular: bool
-    placement: str
-    channels: list[dict[str, str]]
-    samples: int
-    start_s: float | None
-    end_s: float | None
-    placement_guess: GuessInfo | None
-
-
-@dataclass(frozen=True, slots=True)
-class GapInfo:
-    """One interruption."""
-
-    topic: str
-    start_s: float
-    end_s: float
-    reason: str
-    lost: int
-    bridged: bool
-
-
-@dataclass(frozen=True, slots=True)
-class DamageInfo:
-    """One damaged place of the file."""
-
-    offset: int
-    length: int
-    messages: int | None
-    start_s: float | None
-    end_s: float | None
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingInfo:
-    """Everything ``info`` says."""
-
-    recording: str
-    bytes: int
-    start_ns: int
-    start: str | None
-    duration_s: float
-    streams: list[StreamInfo]
-    others: list[dict[str, str | int]]
-    gaps: list[GapInfo]
-    damage: list[DamageInfo]
-    truth: dict[str, int]
-    geometry: dict[str, int] | None
-    length_unit: str | None
-    metadata: list[str]
-    annotations: dict[str, int] = field(default_factory=dict)
-    unit_warnings: list[str] = field(default_factory=list)
-
-
-def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = False) -> None:
-    """Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.
+def info(
+    recording: Path,
+    *,
+    quick: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Say what a recording holds: topics, rates, gaps, units, faults, geometry, truth, damage.
 
     Parameters
     ----------
     recording
-        MCAP file.
+        MCAP file, or its URL.
+    quick
+        Read the summary and no signal: nothing is said of gaps, units, faults and placements. So
+        it is for a URL.
     json
         Print one JSON document.
     """
     existing(recording)
     with Recording.open(recording) as opened:
+        size = opened.file.size
         duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
-        with progress(duration_s, "reading") as show:
-            found = examine(opened, recording.stat().st_size, show)
+        if is_url(recording):  # all of a remote recording is not fetched for this
+            found = summary(opened, size, labels=False)
+        elif quick:
+            found = summary(opened, size)
+        else:
+            with progress(duration_s, "reading") as show:
+                found = examine(opened, size, show)
         marked = Counter(a.label.kind for a in annotations_to_show(opened, recording))
         found = replace(found, annotations=dict(marked))
     if json:
@@ -124,17 +78,57 @@ def info(recording: Path, *, json: Annotated[bool, Parameter(negative="")] = Fal
     _print(found)
 
 
+def summary(recording: Recording, size: int, *, labels: bool = True) -> RecordingInfo:
+    """Say what a recording's summary tells, without its signal.
+
+    Without ``labels``, which lie among the signals, those of truth are counted and not read.
+    """
+    start_ns = recording.start_ns
+    return RecordingInfo(
+        recording=recording.name,
+        bytes=size,
+        start_ns=start_ns,
+        start=_date(start_ns),
+        duration_s=(recording.end_ns - start_ns) / NS_PER_S,
+        streams=[_stream(s, None, None, start_ns, None) for s in recording.streams],
+        others=[
+            {"topic": o.topic, "schema": o.schema, "encoding": o.encoding, "messages": o.messages}
+            for o in recording.others
+        ],
+        gaps=[],
+        damage=_damage(recording, start_ns),
+        truth=_truth(recording, read=labels),
+        geometry=_geometry(recording.geometry),
+        length_unit=recording.geometry.length_unit if recording.geometry is not None else None,
+        metadata=sorted(recording.metadata),
+        clocks=clock_lines(recording),
+        signals_read=False,
+    )
+
+
+def _truth(recording: Recording, *, read: bool) -> dict[str, int]:
+    if read:
+        return dict(Counter(label.kind for label in recording.labels))
+    count = recording.topic_counts.get(TRUTH_TOPIC, 0)
+    return {"label": count} if count else {}
+
+
 def examine(recording: Recording, size: int, show: Callable[[float], None]) -> RecordingInfo:
     """Read a recording from end to end and say what it holds."""
+    # what computes is not imported before there is something to compute
+    from ..health import HealthWatch, Listened
+
     start_ns = recording.start_ns
     samples: Counter[str] = Counter()
     spans: dict[str, tuple[int, int]] = {}
-    gaps: list[GapInfo] = []
+    gaps: list[Gap] = []
     watches = _watches(recording)
     units = {s.topic: UnitWatch(s) for s in recording.streams}
-    for item in Source(recording):
+    health = {s.topic: HealthWatch(s) for s in recording.streams}
+    for item in Source(Listened(recording, health)):
+        health[item.topic].hear(item)
         if isinstance(item, Gap):
-            gaps.append(_gap(item, start_ns))
+            gaps.append(item)
             if item.topic in watches and not item.bridged:
                 watches[item.topic].gap()
             continue
@@ -145,28 +139,30 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
         show((item.last_ns - start_ns) / NS_PER_S)
-    return RecordingInfo(
-        recording=recording.name,
-        bytes=size,
-        start_ns=start_ns,
-        start=_date(start_ns),
-        duration_s=(recording.end_ns - start_ns) / NS_PER_S,
-        streams=[
-            _stream(s, samples[s.topic], spans.get(s.topic), start_ns, watches.get(s.topic))
-            for s in recording.streams
-        ],
-        others=[
-            {"topic": o.topic, "schema": o.schema, "encoding": o.encoding, "messages": o.messages}
-            for o in recording.others
-        ],
-        gaps=gaps,
-        damage=_damage(recording, start_ns),
-        truth=dict(Counter(label.kind for label in recording.labels)),
-        geometry=_geometry(recording.geometry),
-        length_unit=recording.geometry.length_unit if recording.geometry is not None else None,
-        metadata=sorted(recording.metadata),
+    streams = [
+        _stream(s, samples[s.topic], spans.get(s.topic), start_ns, watches.get(s.topic))
+        for s in recording.streams
+    ]
+    return replace(
+        summary(recording, size),
+        streams=streams,
+        gaps=[_gap(gap, start_ns, recording.labels) for gap in gaps],
         unit_warnings=[line for watch in units.values() for line in watch.remarks()],
+        faults=_faults(recording, health, streams),
+        signals_read=True,
     )
+
+
+def _faults(
+    recording: Recording, health: dict[str, HealthWatch], streams: list[StreamInfo]
+) -> list[FaultInfo]:
+    found = [fault_of(f, recording.start_ns) for watch in health.values() for f in watch.findings()]
+    length_s = (recording.end_ns - recording.start_ns) / NS_PER_S
+    for stream, told in zip(recording.streams, streams, strict=True):
+        if told.samples and told.start_s is not None and told.end_s is not None:
+            heard_s = told.samples / stream.rate_hz
+            found += absences(stream, (told.start_s, told.end_s), heard_s, length_s)
+    return found
 
 
 def _date(time_ns: int) -> str | None:
@@ -194,7 +190,7 @@ def _guess(watch: PlacementWatch | None) -> GuessInfo | None:
 
 def _stream(
     stream: Stream,
-    samples: int,
+    samples: int | None,
     span: tuple[int, int] | None,
     start_ns: int,
     watch: PlacementWatch | None,
@@ -217,7 +213,9 @@ def _stream(
     )
 
 
-def _gap(gap: Gap, start_ns: int) -> GapInfo:
+def _gap(gap: Gap, start_ns: int, labels: Sequence[Label]) -> GapInfo:
+    early_ns, late_ns = gap.start_ns - STEP_NS, gap.end_ns
+    steps = sum(label.kind == "step" and early_ns < label.time_ns < late_ns for label in labels)
     return GapInfo(
         gap.topic,
         (gap.start_ns - start_ns) / NS_PER_S,
@@ -225,6 +223,7 @@ def _gap(gap: Gap, start_ns: int) -> GapInfo:
         gap.reason,
         gap.lost,
         gap.bridged,
+        0 if gap.bridged else steps,
     )
 
 
@@ -254,11 +253,16 @@ def _print(found: RecordingInfo) -> None:
     rows = [stream_row(s) for s in found.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
     print_guesses(found.streams)
+    for line in found.clocks:
+        print(f"time: {line}")
     for warning in found.unit_warnings:
         print(f"unit: {warning}")
+    print_faults(found.faults)
     for other in found.others:
         print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
     print_gaps(found.gaps)
+    if not found.signals_read:
+        print("signals: not read, so nothing about gaps, units, faults (without --quick they are)")
     for damage in found.damage:
         lost = "?" if damage.messages is None else damage.messages
         print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .info import GapInfo, StreamInfo
+    from .info_document import GapInfo, StreamInfo
 
 
 def print_guesses(streams: Sequence[StreamInfo]) -> None:
@@ -27,11 +27,15 @@ def stream_row(s: StreamInfo) -> tuple[str, ...]:
         kinds.setdefault(f"{channel['quantity']} [{channel['unit']}]", []).append(channel["name"])
     text = "; ".join(f"{_names(names)}: {kind}" for kind, names in kinds.items())
     rate = f"{s.rate_hz:g}" + (" irregular" if s.irregular else "")
-    return (s.topic, str(s.samples), rate, s.placement, text)
+    return (s.topic, "-" if s.samples is None else str(s.samples), rate, s.placement, text)
 
 
 def _names(names: Sequence[str]) -> str:
     return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)})"
+
+
+def _cut(steps: int) -> str:
+    return f", cuts or swallows {steps} true step{'s' * (steps > 1)}" if steps else ""
 
 
 def print_gaps(gaps: Sequence[GapInfo]) -> None:
@@ -39,7 +43,7 @@ def print_gaps(gaps: Sequence[GapInfo]) -> None:
     for gap in [g for g in gaps if not g.bridged][:20]:
         print(
             f"gap: {gap.topic} {gap.start_s:.3f} to {gap.end_s:.3f} s, {gap.reason}, "
-            f"{gap.lost} samples"
+            f"{gap.lost} samples{_cut(gap.steps)}"
         )
     more = sum(not g.bridged for g in gaps) - 20
     if more > 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from .place_causes import stands
 from .place_remedies import Figures, figures, mending
 from .readings import timed
+from .swaps import swapped
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,7 +70,13 @@ class SensorFault:
 
 def faulty_sensors(healer: PlaceHealer, faults: Sequence[Fault]) -> tuple[SensorFault, ...]:
     """Return the accounts of sensors that are late or displaced."""
-    return tuple(_faulty(healer, fault) for fault in faults)
+    accounts = {fault.channel: _faulty(healer, fault) for fault in faults}
+    names = healer.relocator.names
+    for pair in swapped(faults, healer.relocator.positions):
+        for one, other in (pair, pair[::-1]):
+            text = f"{accounts[one].text}: swapped with {names[other]}"
+            accounts[one] = replace(accounts[one], text=text)
+    return tuple(accounts.values())
 
 
 def _faulty(healer: PlaceHealer, fault: Fault) -> SensorFault:

@@ -101,14 +101,34 @@ def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
         Arrivals(stored.step_ns[rows], stored.times_s[rows])
         for stored in (relocator.onsets, relocator.arrivals)
     )
-    positions, found = relocator.positions, []
     outline = np.array(relocator.geometry.outline, np.float64)
-    judge = _Judge(known, outline if len(outline) else None)
+    judge = Judge(known, outline if len(outline) else None)
+    correlated = relocator.correlated
+    return found_faults(judge, onsets, arrivals, relocator.positions, correlated=correlated)
+
+
+def found_faults(
+    judge: Judge, onsets: Arrivals, arrivals: Arrivals, positions: Array, *, correlated: bool
+) -> tuple[Fault, ...]:
+    """Return the faults that a judge finds in onsets, the worst first.
+
+    Parameters
+    ----------
+    judge
+        Knows where the steps were.
+    onsets, arrivals
+        What faults are found in, and what places are made of.
+    positions
+        Shape (n, 2): where the geometry has the sensors [m].
+    correlated
+        Whether the arrivals are an array method's.
+    """
+    found: list[Fault] = []
     for _ in range(MOST_FAULTS):
         worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
         if worst is None:
             break
-        fault = judge.felt(worst[1], arrivals, positions) if relocator.correlated else worst[1]
+        fault = judge.felt(worst[1], arrivals, positions) if correlated else worst[1]
         found.append(fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
         arrivals, positions = fault.mended(arrivals, positions)
@@ -116,13 +136,22 @@ def faults(relocator: Relocator, reference: Reference) -> tuple[Fault, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Judge:
-    """Judges channels by known places of the steps, or else by those of the other channels."""
+class Judge:
+    """Judges channels by known places of the steps, or else by those of the other channels.
+
+    Attributes
+    ----------
+    known
+        Shape (m, 2): places of the steps [m]; None where they are unknown.
+    outline
+        Shape (k, 2): of the site [m], or None.
+    """
 
     known: Array | None
     outline: Array | None
 
     def sources(self, arrivals: Arrivals, positions: Array) -> Array:
+        """Return the places of the steps, shape (m, 2) [m]."""
         if self.known is not None:
             return self.known
         return blind_sources(positions, arrivals, self.outline)
