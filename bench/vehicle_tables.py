@@ -104,7 +104,7 @@ def places(trials: int, rng: np.random.Generator) -> None:
         mean = LAW.power(ranges(place, SENSORS))
         p = rng.exponential(size=(6, 200)) * mean[:, None]
         theta = ratios.estimate(p[1:], p[:1], "likelihood", correlated=False).log_theta
-        fit = positions.locate(nodes, SENSORS, theta, (3 / 200) ** 0.5)
+        fit = positions.locate(nodes, SENSORS, theta, (1.5 / 200) ** 0.5)
         powers = mean * (1 + rng.normal(size=6) / 3)
         found = (
             nodes[printed_17(nodes, SENSORS, np.exp(theta)).argmax()],

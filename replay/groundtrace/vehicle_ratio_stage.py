@@ -17,6 +17,7 @@ from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit
 from .localizer_stage import place_candidate, placed_channels
 from .stage import PluginStage
+from .vehicles.ratios import Noise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -34,11 +35,49 @@ _KEEP_NS = 60 * NS_PER_S
 
 
 @dataclass(slots=True)
+class _Heard:
+    """The cycles of one topic in which a vehicle is heard.
+
+    Attributes
+    ----------
+    names
+        Of the channels.
+    cycles
+        Time [ns] of each, and power, floor and its standard deviation, shape (n_channels, 3).
+    """
+
+    names: tuple[str, ...]
+    cycles: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=deque)
+
+    def remember(self, block: CandidateBlock) -> None:
+        """Keep the cycles in which any channel hears a vehicle."""
+        named = [c.name for c in block.spec.columns]
+        columns = [named.index(name) for name in ("power", "floor", "floor_sigma")]
+        for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
+            rows = np.flatnonzero(block.time_ns == time_ns)
+            known = np.full((len(self.names), len(columns)), np.nan)
+            known[block.channel[rows]] = block.value[np.ix_(rows, columns)]
+            self.cycles.append((time_ns, known))
+        while self.cycles and self.cycles[0][0] < self.cycles[-1][0] - _KEEP_NS:
+            self.cycles.popleft()
+
+    def noise(self, time_ns: int, names: Sequence[str]) -> Noise | None:
+        """Return the noise at channels in a cycle, None if no vehicle is heard; forget older."""
+        while self.cycles and self.cycles[0][0] < time_ns:
+            self.cycles.popleft()
+        if not self.cycles or self.cycles[0][0] != time_ns:
+            return None
+        known = self.cycles[0][1][[self.names.index(name) for name in names]]
+        return Noise.of(*known.T)
+
+
+@dataclass(slots=True)
 class _Run:
-    """Ratios of one topic, and the cycles in which a vehicle was heard."""
+    """Ratios of the stations of one topic."""
 
     worker: RatioPlaces
     spec: StageSpec
+    names: tuple[str, ...]
     columns: list[int]
     sensors: NDArray[np.float64]
     rate_hz: float
@@ -81,7 +120,7 @@ class RatioStage(PluginStage["RatioPlaces"]):
         super().__init__(name, plugin, kind, parameters, topics)
         self.hearing = hearing
         self.geometry = geometry or Geometry()
-        self._heard: dict[str, deque[int]] = {}
+        self._heard: dict[str, _Heard] = {}
         self._runs: dict[str, _Run | None] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
@@ -91,15 +130,15 @@ class RatioStage(PluginStage["RatioPlaces"]):
                 yield from self._hear(item)
             case StageSpec(stage=stage, topic=topic) if stage == self.hearing:
                 if self.allowed(topic):
-                    self._heard[topic] = deque()
+                    self._heard[topic] = _Heard(item.channels)
             case CandidateBlock(spec=spec) if spec.stage == self.hearing:
                 if spec.topic in self._heard:
-                    _remember(self._heard[spec.topic], item)
+                    self._heard[spec.topic].remember(item)
             case Gap(bridged=False, topic=topic):
                 if (run := self._runs.get(topic)) is not None:
                     run.begin()
                     run.carry = Carry()
-                    self._heard[topic].clear()
+                    self._heard[topic].cycles.clear()
 
     def flush(self) -> Iterator[Event]:
         """Yield nothing: a cycle that is not complete has no ratios."""
@@ -125,10 +164,9 @@ class RatioStage(PluginStage["RatioPlaces"]):
             return
         heard = self._heard[block.topic]
         for ratios in run.worker.add(block.sample_times(), planar(block.select(run.columns))):
-            while heard and heard[0] < ratios.time_ns:
-                heard.popleft()
-            if heard and heard[0] == ratios.time_ns:
-                yield from self._located(run, ratios)
+            noise = heard.noise(ratios.time_ns, run.names)
+            if noise is not None:
+                yield from self._located(run, ratios, noise)
 
     def _begin(self, block: SignalBlock) -> _Run | None:
         stream = block.stream
@@ -137,7 +175,7 @@ class RatioStage(PluginStage["RatioPlaces"]):
         if len(np.unique(sensors, axis=0)) < _LEAST:
             return None
         worker = self.kind(self.parameters)
-        names = list(places)
+        names = tuple(places)
         pairs = tuple(f"{name}/{names[0]}" for name in names[1:])
         gates = gate_specs(worker.gates, self.parameters)
         spec = StageSpec(
@@ -152,29 +190,22 @@ class RatioStage(PluginStage["RatioPlaces"]):
         )
         index = {c.name: i for i, c in enumerate(stream.channels)}
         chosen = [index[name] for name in names]
-        run = _Run(worker, in_length_unit(spec, self.geometry), chosen, sensors, stream.rate_hz)
+        spec = in_length_unit(spec, self.geometry)
+        run = _Run(worker, spec, names, chosen, sensors, stream.rate_hz)
         run.begin()
         return run
 
-    def _located(self, run: _Run, ratios: CycleRatios) -> Iterator[Event]:
+    def _located(self, run: _Run, ratios: CycleRatios, noise: Noise) -> Iterator[Event]:
         columns = [
             column
-            for found in ratios.estimates.values()
+            for found in ratios.without(noise).estimates.values()
             for column in (found.log_theta, found.log_sigma)
         ]
         value = np.stack(columns, axis=-1).astype(np.float32)[None]
         yield TraceBlock(run.spec, np.array([ratios.time_ns], np.int64), value)
-        location = run.worker.locate(ratios)
+        location = run.worker.locate(ratios, noise)
         found = place_candidate(ratios.time_ns, location)
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         yield block
         if block.accepted[0]:
             yield location.fix(ratios.time_ns, f"{self.plugin} {self.parameters.method}", self.name)
-
-
-def _remember(heard: deque[int], block: CandidateBlock) -> None:
-    """Keep the cycles in which any channel hears a vehicle."""
-    for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
-        heard.append(time_ns)
-    while heard and heard[0] < heard[-1] - _KEEP_NS:
-        heard.popleft()

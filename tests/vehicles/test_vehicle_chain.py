@@ -68,7 +68,8 @@ def test_samples_become_a_place_by_ratios() -> None:
     powers = power(analytic)
     found = ratios.estimate(powers[1:], powers[:1])
     nodes = positions.lattice((-10, -10), (40, 40), 1.0)
-    location = positions.locate(nodes, ANTENNAS, found.log_theta, float(found.log_sigma.mean()))
+    own = float(found.log_sigma.mean()) / 2**0.5
+    location = positions.locate(nodes, ANTENNAS, found.log_theta, own)
     sigma = np.sqrt(np.diag(location.covariance))
     # the noise of the ground makes all powers somewhat more alike: ratios are not corrected for it
     assert np.abs([location.x - 9, location.y - 19] / sigma).max() < 5

@@ -12,7 +12,7 @@ from scipy import signal
 
 from groundtrace.detectors.filters import bandpass
 from groundtrace.vehicles.analytic import AnalyticBand, power
-from groundtrace.vehicles.cycles import CyclePower, CyclePowers, degrees_of_freedom, less_noise
+from groundtrace.vehicles.cycles import CyclePower, CyclePowers, degrees_of_freedom
 from groundtrace.vehicles.floors import NoiseFloor
 
 RATE = 200.0
@@ -105,13 +105,6 @@ def test_the_floor_does_not_depend_on_the_blocks() -> None:
     spans = [slice(0, 1), slice(1, 1), slice(1, 33), slice(33, 50)]
     found = np.concatenate([parts(powers[:, s], freedom[:, s]).power for s in spans], axis=1)
     assert np.array_equal(found, expected)
-
-
-def test_powers_less_noise_carry_both_errors() -> None:
-    cycles = CyclePowers(np.zeros(1, np.int64), np.array([[3.0]]), np.array([[18.0]]))
-    found = less_noise(cycles, np.array([[1.0]]), np.array([[0.5]]))
-    assert found.power.item() == 2
-    assert found.sigma.item() == pytest.approx(np.hypot(1.0, 0.5))
 
 
 @settings(max_examples=20, deadline=None)

@@ -18,8 +18,8 @@ def test_the_sums_of_both_kinds_are_least_squares(n: int, dt: float, seed: int) 
         design = np.stack([np.ones(n), j * dt], axis=1)
         expected = np.linalg.lstsq(design, places, rcond=None)[0]
         start, velocity = formula(places, dt)
-        assert start == pytest.approx(expected[0], abs=1e-11)
-        assert velocity * dt == pytest.approx(expected[1] * dt, abs=1e-11)
+        assert start == pytest.approx(expected[0], abs=1e-12)
+        assert velocity * dt == pytest.approx(expected[1] * dt, abs=1e-12)
 
 
 def test_nine_as_corrected_is_exact_where_the_printed_one_is_far_off() -> None:

@@ -72,14 +72,14 @@ def test_the_reference_tells_places_apart_that_the_others_do_not() -> None:
 
 
 def test_a_place_from_ratios_is_refined_below_the_table_with_its_error() -> None:
-    exact = positions.locate(NODES, ANTENNAS, log_theta(PLACE, ANTENNAS), 0.05)
+    exact = positions.locate(NODES, ANTENNAS, log_theta(PLACE, ANTENNAS), 0.05 / 2**0.5)
     assert (exact.x, exact.y) == pytest.approx(PLACE.tolist(), abs=1e-6)
     rng = np.random.default_rng(8)
     truth = -1.5 * np.log(ranges(PLACE, ANTENNAS))
     off = []
     for _ in range(120):
         logs = truth + rng.normal(0, 0.05 / 2**0.5, 6)
-        found = positions.locate(NODES, ANTENNAS, logs[0] - logs[1:], 0.05)
+        found = positions.locate(NODES, ANTENNAS, logs[0] - logs[1:], 0.05 / 2**0.5)
         off.append(np.array([found.x, found.y]) - PLACE)
     assert np.cov(np.array(off).T) == pytest.approx(exact.covariance, rel=0.35, abs=0.01)
 

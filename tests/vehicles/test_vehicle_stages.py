@@ -7,7 +7,8 @@ import pytest
 from vehicle_runs import START_NS, replayed, road, told
 
 from groundtrace.errors import PipelineError
-from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.localizers.location import Location
+from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline
 from groundtrace.score import score_events
 from groundtrace.simulate import VehicleOptions
 from groundtrace_codecs.events import (
@@ -136,9 +137,8 @@ def test_candidates_of_passes_carry_every_gate(stations: list[Event]) -> None:
 
 def test_a_stage_saved_and_restored_goes_on_as_before(stations: list[Event]) -> None:
     simulation, blocks = road(STATIONS)
-    text = b'name="p"\napplication="vehicle"\n[[stage]]\nname="presence"\nuse="vehicle-presence"\n'
-    text += b'[[stage]]\nname="passes"\nuse="vehicle-passes"\n'
-    first, second = (build_pipeline(parse_pipeline(text, "p"), simulation.geometry) for _ in "ab")
+    config = load_pipeline("vehicle-passes")
+    first, second = (build_pipeline(config, simulation.geometry) for _ in "ab")
     middle = len(blocks) // 2
     events = [e for b in blocks[:middle] for e in first.process(b)]
     for one, other in zip(first.stages, second.stages, strict=True):
@@ -149,8 +149,6 @@ def test_a_stage_saved_and_restored_goes_on_as_before(stations: list[Event]) -> 
 
 def test_without_places_a_note_says_what_is_lacking() -> None:
     _, blocks = road(CAR)
-    from groundtrace.pipeline import load_pipeline
-
     chain = build_pipeline(load_pipeline("vehicle-tracks"), Geometry())
     events = [e for b in blocks for e in chain.process(b)]
     notes = {e.source for e in events if isinstance(e, Note)}
@@ -171,3 +169,26 @@ def test_a_line_that_is_none_is_refused() -> None:
     chain = build_pipeline(parse_pipeline(text, "p"), simulation.geometry)
     with pytest.raises(PipelineError, match="line: expected two places as x,y x,y"):
         list(chain.process(blocks[0]))
+
+
+def test_a_place_by_solving_is_one_of_the_ways() -> None:
+    simulation, blocks = road(CAR)
+    text = b'name="p"\napplication="vehicle"\n[[stage]]\nuse="vehicle-presence"\n'
+    text += b'[[stage]]\nname="solved"\nuse="vehicle-ratios"\n[stage.parameters]\nmethod="solve"\n'
+    chain = build_pipeline(parse_pipeline(text, "p"), simulation.geometry)
+    events = [e for b in blocks for e in chain.process(b)] + list(chain.flush())
+    fixes = [e for e in events if isinstance(e, Fix)]
+    assert {e.method for e in fixes} == {"vehicle-ratios solve"}
+    score = score_events(simulation.labels, events, START_NS, START_NS + 30 * 10**9)
+    assert score.positions is not None
+    assert score.positions.n == score.positions.truth
+    assert score.positions.cep50_m < 3
+
+
+def test_a_long_thin_ellipse_is_as_unsure_as_its_longer_axis() -> None:
+    thin = Location(0.0, 0.0, np.array([[400.0, 0.0], [0.0, 0.01]]), 0.1, 3)
+    assert thin.larger_sigma_m == pytest.approx(20)
+    assert np.sqrt(np.trace(thin.covariance) / 2) < 15
+    turned = Location(0.0, 0.0, np.array([[200.0, 199.9], [199.9, 200.0]]), 0.1, 3)
+    assert turned.larger_sigma_m == pytest.approx(20, abs=0.01)
+    assert Location(0.0, 0.0, np.full((2, 2), np.inf), 0.1, 3).larger_sigma_m == np.inf

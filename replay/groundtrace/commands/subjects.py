@@ -13,11 +13,13 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..explain import evidence_of
+from ..explain.counted import counted_kind, noun_of
 from ..explain.measuring import in_processes, measure_evidence, resolved
 from ..explain.sweep import Subject
 from ..pipeline import load_pipeline
-from ..results import RUN, read_results
+from ..results import RUN
 from .output import existing, progress, say
+from .resuming import results_at
 from .truth import truth_of, truth_of_recording
 
 if TYPE_CHECKING:
@@ -73,10 +75,12 @@ def subjects_of(
     read = {p: _read(p, truth, recordings) for p in inputs if replayed[p]}
     subjects = [measured[path] if path in measured else read[path] for path in inputs]
     for subject in subjects:
-        if not any(label.kind == "step" for label in subject.evidence.labels):
+        counted = counted_kind(subject.evidence.config)
+        needed = "step" if counted == "step" else "pass"
+        if not any(label.kind == needed for label in subject.evidence.labels):
             raise RecordingError(
-                f"{subject.evidence.name}: expected true steps (in the recording, or --truth "
-                f"FILE), found none"
+                f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
+                f"--truth FILE), found none"
             )
     _one_pipeline(subjects, config)
     return subjects
@@ -113,7 +117,7 @@ def _measured(
 
 
 def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject:
-    result = read_results(path)
+    result = results_at(path)
     origin = result.provenance
     evidence = evidence_of(result, truth_of(result, path, truth))
     part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)

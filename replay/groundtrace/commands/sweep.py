@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter, validators
 
+from ..appearing import write_text
+from ..explain.counted import TOLERANCE_S, counted_kind
 from ..explain.grid import Grid, make_grid, parse_axis
 from ..explain.measuring import with_values
 from ..explain.ranking import rank
@@ -32,7 +34,7 @@ def sweep(
     random: Annotated[int | None, AT_LEAST_ONE] = None,
     seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
     truth: Path | None = None,
-    tolerance: Annotated[float, POSITIVE] = 0.12,
+    tolerance: Annotated[float | None, POSITIVE] = None,
     pipeline: str | None = None,
     recording: Annotated[list[Path] | None, Parameter(negative="")] = None,
     top: Annotated[int, AT_LEAST_ONE] = 10,
@@ -59,7 +61,8 @@ def sweep(
     truth
         Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
     tolerance
-        Largest distance between a step and its detection [s].
+        Largest distance between a step, or a pass, and its detection [s]; 0.12 for steps without
+        it, 1 for passes.
     pipeline
         Name or TOML file to measure recordings with.
     recording
@@ -82,6 +85,8 @@ def sweep(
             writable(path, force=force, sources=[*inputs, *(recording or [])])
     subjects = subjects_of(inputs, pipeline, truth, recording or [], all_jobs(jobs))
     config = subjects[0].evidence.config
+    if tolerance is None:
+        tolerance = TOLERANCE_S[counted_kind(config)]
     asked = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
     settings, refused = without_refused(asked, config)
     counted, ranking = _swept(located(subjects, settings), settings, tolerance, top, all_jobs(jobs))
@@ -89,11 +94,11 @@ def sweep(
         ranking = replace(ranking, notes=(*ranking.notes, refused))
     if write is not None:
         best = with_values(config, settings.axes, list(ranking.best.settings.values()))
-        write.write_text(build_pipeline(best).recipe(), encoding="utf-8")
+        write_text(write, build_pipeline(best).recipe())
     if figure is not None:
         from ..explain.sweep_figure import sweep_figure
 
-        figure.write_text(sweep_figure(counted, ranking), encoding="utf-8")
+        write_text(figure, sweep_figure(counted, ranking))
     if json:
         print_json(ranking)
     else:
@@ -124,7 +129,7 @@ def _swept(
 
 
 def _print(r: Ranking) -> None:
-    print(f"{', '.join(r.recordings)}: {r.truth} true steps, {r.rate.settings} settings")
+    print(f"{', '.join(r.recordings)}: {r.truth} true {r.counted}, {r.rate.settings} settings")
     _print_top(r)
     best = r.best
     if best.same > 1:
@@ -165,7 +170,7 @@ def _row(name: str, x: Ranked) -> tuple[str, ...]:
 
 
 def _print_front(r: Ranking) -> None:
-    print("\nmissed against false steps: what no setting beats")
+    print(f"\nmissed against false {r.counted}: what no setting beats")
     names = [p.name for p in r.parameters]
     rows = [
         (

@@ -1,4 +1,4 @@
-"""The way from stored candidates to step times, for thousands of settings in turn.
+"""The way from stored candidates to steps, or passes, for thousands of settings in turn.
 
 :func:`~groundtrace.gates.decide` decides here as everywhere. What makes it fast is that a gate is
 asked again only where its threshold, or what reaches it, has changed, and only about candidates
@@ -18,7 +18,10 @@ from ..associator_stage import AssociatorStage
 from ..errors import RecordingError
 from ..gates import Candidates, decide, gate_specs
 from ..parameters import build
+from ..pipeline import STAGE_GROUPS
+from ..plugins import find
 from ..stage import accepted_events
+from .counted import counted_kind, noun_of, times_of
 from .redecide import Redecider, associated
 
 if TYPE_CHECKING:
@@ -156,9 +159,9 @@ def _picks(
 
 
 class StepChain:
-    """Decides the steps of one recording under one setting after the other.
+    """Decides what is counted of one recording under one setting after the other.
 
-    Only the stage that gives the steps is decided, and those whose picks it takes.
+    Only the stage that gives the steps, or the passes, is decided, and those whose picks it takes.
 
     Parameters
     ----------
@@ -172,21 +175,22 @@ class StepChain:
     PipelineError
         Where a value cannot be decided from what was stored.
     RecordingError
-        Where no stage finds steps.
+        Where no stage finds what is counted.
     """
 
     def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
         self._redecider = Redecider(evidence)
+        self._stages = [(s, *find(STAGE_GROUPS, s.use)) for s in evidence.config.stage]
         self._check(axes)
         self.links: list[Link] = []
         needed = self._last_stage(evidence)
-        for index in range(len(self._redecider.stages) - 1, -1, -1):
-            stage, group, kind = self._redecider.stages[index]
+        for index in range(len(self._stages) - 1, -1, -1):
+            stage, group, kind = self._stages[index]
             if stage.key != needed:
                 continue
             link = Link(stage, kind, axes)
             self.links.insert(0, link)
-            if group == "detectors":
+            if group != "associators":
                 link.load([Sieve(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)])
                 break
             needed = self._picking_before(index)
@@ -210,19 +214,21 @@ class StepChain:
         return found
 
     def step_times(self, setting: Sequence[Any]) -> NDArray[np.int64]:
-        """Return the times of the steps under a setting [ns]."""
+        """Return the times of what is counted under a setting [ns]."""
+        return times_of(self.passed(setting))
+
+    def passed(self, setting: Sequence[Any]) -> list[Passed]:
+        """Return what passes all gates under a setting, topic by topic."""
         passed: list[Passed] = []
         for before, link in zip([None, *self.links], self.links, strict=False):
             if before is not None:
                 link.associate(before, passed, setting)
             passed = link.run(setting)
-        if len(passed) == 1:
-            return passed[0][1].time_ns
-        return np.concatenate([np.empty(0, np.int64), *(found.time_ns for _, found in passed)])
+        return passed
 
     def _check(self, axes: Sequence[Axis]) -> None:
         """Let the redecider refuse what needs a replay."""
-        stages = {stage.key: (stage, kind) for stage, _, kind in self._redecider.stages}
+        stages = {stage.key: (stage, kind) for stage, _, kind in self._stages}
         for axis in axes:
             ends = (min(axis.values), max(axis.values)) if axis.numeric else axis.values
             for value in ends:
@@ -230,11 +236,15 @@ class StepChain:
                 self._redecider.parameters(*stages[axis.stage], settings)
 
     def _last_stage(self, evidence: Evidence) -> str:
-        for stage, _, kind in reversed(self._redecider.stages):
-            if kind.emits == "step" and evidence.of(stage.key):
+        counted = counted_kind(evidence.config)
+        for stage, _, kind in reversed(self._stages):
+            if getattr(kind, "emits", "") == counted and evidence.of(stage.key):
                 return str(stage.key)
-        raise RecordingError(f"{evidence.name}: expected a stage that finds steps, found none")
+        raise RecordingError(
+            f"{evidence.name}: expected a stage that finds {noun_of(counted)}, found none"
+        )
 
     def _picking_before(self, index: int) -> str:
-        stages = self._redecider.stages[:index]
-        return next((s.key for s, _, kind in reversed(stages) if kind.emits == "pick"), "")
+        stages = self._stages[:index]
+        picking = (s.key for s, _, kind in reversed(stages) if getattr(kind, "emits", "") == "pick")
+        return str(next(picking, ""))

@@ -13,6 +13,7 @@ from ..errors import PipelineError
 from ..parameters import build, describe, parse_value
 from ..pipeline import STAGE_GROUPS
 from ..plugins import find
+from .counted import counted_kind, noun_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -101,8 +102,11 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
         )
     group, kind = find(STAGE_GROUPS, stages[key].use)
-    if group not in ("detectors", "associators"):
-        raise PipelineError(f"--grid: expected a stage that decides about steps, found {key!r}")
+    counted = counted_kind(config)
+    if group not in ("detectors", "associators") and kind.emits != counted:
+        raise PipelineError(
+            f"--grid: expected a stage that decides about {noun_of(counted)}, found {key!r}"
+        )
     info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
     span = ":" in right
     if span:
@@ -113,7 +117,10 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
         parsed = [parse_value(value.strip()) for value in right.split(",")]
         given = [_checked(stages[key], kind, parameter, value) for value in parsed]
     values = tuple(dict.fromkeys(given))
-    remeasure = group == "detectors" and info is not None and info.part == "measure"
+    # passes are found in the cycles of which a gate says that they hear a vehicle
+    through = kind.emits == "presence" and counted == "pass"
+    signal = group != "associators" and info is not None and info.part == "measure"
+    remeasure = signal or through
     return Axis(key, parameter, info.unit if info else "", values, span, remeasure)
 
 

@@ -18,10 +18,9 @@ from groundtrace_codecs.signals import SignalBlock
 
 from ..engine import replay
 from ..pipeline import build_pipeline, parse_pipeline, with_settings
-from ..score.step_matching import TrueSteps
 from ..source import Source
-from .bootstrap import Verdicts
 from .chain import StepChain
+from .counted import counted_kind, truth_for
 from .evidence import Evidence, stage_evidence
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
 
     from ..pipeline import PipelineConfig
     from ..sinks import Session
+    from .bootstrap import Verdicts
     from .grid import Axis
 
 A = TypeVar("A")
@@ -88,8 +88,9 @@ def measure_evidence(
     config = resolved(config)
     sink = EventList()
     with Recording.open(path) as recording:
-        # without the geometry: places take long, and no step depends on them
-        chain = build_pipeline(config, labels=recording.labels)
+        # places take long, and no step depends on them, as passes do
+        geometry = None if counted_kind(config) == "step" else recording.geometry
+        chain = build_pipeline(config, geometry, recording.labels)
         replay(Source(recording), chain, [sink])
         return Evidence(
             path.name,
@@ -99,6 +100,7 @@ def measure_evidence(
             recording.labels if labels is None else tuple(labels),
             recording.start_ns,
             recording.end_ns,
+            geometry,
         )
 
 
@@ -143,7 +145,7 @@ class Judged:
     key
         The task's.
     counts
-        Shape (n, 3), int64: steps right, false and missed of each setting.
+        Shape (n, 3), int64: steps or passes right, false and missed of each setting.
     verdicts
         Step by step, where asked for.
     associates
@@ -177,16 +179,15 @@ def judge(task: Task) -> Judged:
         evidence = measure_evidence(evidence, task.config, task.labels)
     measured = time.perf_counter()
     chain = StepChain(evidence, task.axes)
-    steps = TrueSteps.of(task.labels, evidence.start_ns, evidence.end_ns, task.tolerance_s)
+    truth = truth_for(evidence, task.labels, task.tolerance_s)
     counts = np.zeros((len(task.rows), 3), np.int64)
     verdicts: dict[int, Verdicts] = {}
     for row in chain.order(task.rows):
-        match = steps.match(chain.step_times(task.rows[row]))
-        right = len(match.pairs)
-        counts[row] = right, len(match.found_ns) - right, len(match.truth_ns) - right
+        found = truth.verdicts(chain.passed(task.rows[row]))
+        right = int(found.hit.sum())
+        counts[row] = right, len(found.false_ns), len(found.hit) - right
         if task.detailed:
-            hit = np.isin(np.arange(len(match.truth_ns)), match.pairs[:, 0])
-            verdicts[row] = Verdicts(hit, match.found_ns[match.false])
+            verdicts[row] = found
     return Judged(
         task.key,
         counts,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .bootstrap import Interval, bootstrap
+from .counted import counted_kind, noun_of
 from .plateau import middle, pareto_front
 from .sweep import Counted, Rate, f1_of, reproduced, verdicts
 
@@ -117,8 +118,10 @@ class Ranking:
         File names.
     parameters
         What was swept.
+    counted
+        What is counted: steps or passes.
     truth
-        True steps that are scored.
+        How many true ones are scored.
     tolerance_s
         Of the match [s].
     now
@@ -139,6 +142,7 @@ class Ranking:
 
     recordings: tuple[str, ...]
     parameters: tuple[Swept, ...]
+    counted: str
     truth: int
     tolerance_s: float
     now: Ranked
@@ -175,6 +179,7 @@ def rank(
     return Ranking(
         tuple(s.evidence.name for s in counted.subjects),
         _parameters(counted),
+        noun_of(counted_kind(counted.subjects[0].evidence.config)),
         int(counted.now[:, [0, 2]].sum()),
         counted.tolerance_s,
         _now(counted, sure, f1),

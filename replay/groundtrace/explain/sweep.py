@@ -281,7 +281,7 @@ def _rate(judged: Sequence[Judged], settings: int, recorded_s: float) -> Rate:
 def reproduced(subject: Subject) -> bool:
     """Whether deciding again without a change gives the steps that were stored."""
     evidence = subject.evidence
-    again = StepChain(evidence, ()).step_times(())
-    final = next(p.spec.stage for p in reversed(evidence.stages) if p.spec.emits == "step")
+    chain = StepChain(evidence, ())
+    again, final = chain.step_times(()), chain.links[-1].stage.key
     stored = [p.candidates.time_ns[p.accepted] for p in evidence.of(final)]
     return bool(np.array_equal(np.sort(again), np.sort(np.concatenate(stored))))

@@ -50,7 +50,7 @@ def sweep_figure(counted: Counted, ranking: Ranking) -> str:
         f'<rect class="paper" width="{width}" height="{height}"/>',
         text(14, 26, title, "title"),
         text(14, 47, said, "sub"),
-        *_panel(front_plot(counted, ranking), 0, "Missed against false steps"),
+        *_panel(front_plot(counted, ranking), 0, f"Missed against false {ranking.counted}"),
         *_parameters(counted, ranking),
         *_legend(height - 12),
     ]
@@ -110,8 +110,8 @@ def front_plot(counted: Counted, ranking: Ranking) -> Plot:
     reach_false = 1.25 * max(x for x, _ in marked) + 4
     reach_missed = 1.25 * max(y for _, y in marked) + 4
     plot = Plot(
-        PlotAxis("false steps", -0.04 * reach_false, reach_false),
-        PlotAxis("missed steps", -0.04 * reach_missed, reach_missed),
+        PlotAxis(f"false {ranking.counted}", -0.04 * reach_false, reach_false),
+        PlotAxis(f"missed {ranking.counted}", -0.04 * reach_missed, reach_missed),
         WIDTH,
         HEIGHT,
     )

@@ -46,6 +46,13 @@ class Location:
         """Whether there is a place."""
         return bool(np.isfinite(self.x))
 
+    @property
+    def larger_sigma_m(self) -> float:
+        """Standard deviation along the longer axis of its ellipse [m]; inf where that is open."""
+        if not np.isfinite(self.covariance).all():
+            return float("inf")
+        return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0.0)))
+
     def fix(self, time_ns: int, method: str, stage: str) -> Fix:
         """Return the place as the fix of a moment, found by a method in a stage."""
         (xx, xy), (_, yy) = self.covariance.tolist()

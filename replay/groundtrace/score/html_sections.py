@@ -11,6 +11,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .headings import heading_errors
 from .html_parts import confusion_table, figure, folded, section, shown, table, tiles
+from .pass_section import pass_section
 from .picks import pick_residuals
 from .place_figures import (
     distance_figure,
@@ -61,11 +62,14 @@ class Scored:
 
 def all_sections(scored: Scored) -> str:
     """Return the sections of all parts that were scored."""
-    score = scored.score
+    score, span_ns = scored.score, (scored.start_ns, scored.end_ns)
     parts = [
         _steps(scored, score.steps) if score.steps is not None else "",
         _positions(scored, score.positions) if score.positions is not None else "",
         _tracks(scored, score.track) if score.track is not None else "",
+        pass_section(scored.labels, scored.said.passes, score.passes, span_ns)
+        if score.passes is not None
+        else "",
         _picks(scored, score.picks) if score.picks is not None else "",
         _heading(scored, score.heading) if score.heading is not None else "",
         _disturbance(score.disturbance) if score.disturbance is not None else "",

@@ -101,9 +101,7 @@ def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore |
     -------
     The score, or None where the truth has no passes, or the result none.
     """
-    kept = [x for x, no in zip(labels, _ignored(labels, labels), strict=True) if not no]
-    truth = sorted((x for x in kept if x.kind == "pass"), key=lambda x: x.time_ns)
-    found = [p for p, no in zip(passes, _ignored(labels, passes), strict=True) if not no]
+    truth, found = scored_passes(labels, passes)
     if not truth or not passes:
         return None
     pairs = match_passes(truth, found)
@@ -127,6 +125,16 @@ def score_passes(labels: Sequence[Label], passes: Sequence[Pass]) -> PassScore |
         speed_median_percent=float(np.median(off)) if off else None,
         vehicles=vehicles,
     )
+
+
+def scored_passes(
+    labels: Sequence[Label], passes: Sequence[Pass]
+) -> tuple[list[Label], list[Pass]]:
+    """Return true passes in the order of time, and found ones, outside of what is ignored."""
+    kept = [x for x, no in zip(labels, _ignored(labels, labels), strict=True) if not no]
+    truth = sorted((x for x in kept if x.kind == "pass"), key=lambda x: x.time_ns)
+    found = [p for p, no in zip(passes, _ignored(labels, passes), strict=True) if not no]
+    return truth, found
 
 
 def match_passes(truth: Sequence[Label], found: Sequence[Pass]) -> list[tuple[Label, Pass]]:

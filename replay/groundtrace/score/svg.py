@@ -73,6 +73,8 @@ class Plot:
         The axes.
     width, height
         Of the whole picture [px].
+    rows
+        Names of values of y in place of its ticks; empty for ticks.
     """
 
     x: Axis
@@ -80,6 +82,12 @@ class Plot:
     width: int = 560
     height: int = 320
     parts: list[str] = field(default_factory=list)
+    rows: dict[float, str] = field(default_factory=dict)
+
+    def named_rows(self, names: dict[float, str]) -> Plot:
+        """Name values of the y axis in place of its ticks."""
+        self.rows = names
+        return self
 
     def px(self, value: float) -> float:
         """Return the horizontal place of a value [px]."""
@@ -143,9 +151,10 @@ class Plot:
         for value in self.x.ticks(max(2, self.width // 90)):
             frame.vertical(value, "grid")
             frame.text(self.px(value), floor + 17, number(value), "tick mid")
-        for value in self.y.ticks(max(2, self.height // 60)):
+        named = self.rows or {v: number(v) for v in self.y.ticks(max(2, self.height // 60))}
+        for value, name in named.items():
             frame.horizontal(value, "grid")
-            frame.text(LEFT - 7, self.py(value) + 4, number(value), "tick end")
+            frame.text(LEFT - 7, self.py(value) + 4, name, "tick end")
         frame.text((LEFT + self.width - RIGHT) / 2, self.height - 6, self.x.label, "label mid")
         frame.parts.append(
             f'<text class="label mid" transform="translate(14 {number(middle)}) rotate(-90)">'

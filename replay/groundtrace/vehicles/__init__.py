@@ -6,7 +6,7 @@
     medium_fit   the law of a ground, from a pass whose track is known
     analytic     the analytic signal of blocks
     floors       the noise floor of powers, running
-    cycles       power per channel and working cycle, less the noise            (6)
+    cycles       power per channel and working cycle                            (6)
     ratios       the ratio of powers of two sensors                             (10) to (15)
     positions    a place from ratios                                            (16), (17)
     likelihood   a place from the powers of one cycle                           (7)
@@ -14,9 +14,12 @@
     scoring      the likelihood of mean powers
     courses      a straight course from the powers of all cycles
     search       where that fit may start
+    two_courses  the courses of two vehicles in one run
     tracker      curved paths
     passes       passes by one station, also overlapping ones
     roads        vehicles by their passes at a few stations
+    traffic      vehicles by the powers of a few stations jointly: traffic_model, traffic_scatter,
+                 traffic_fit, traffic_search
     presence     vehicle or footsteps
 
 The numbers are equations of Yu. V. Morozov, M. A. Raifeld, A. A. Spektor: Processing of seismic

@@ -82,9 +82,9 @@ class Cycle:
     ----------
     time_ns, length_ns
         Middle, and how long it is.
-    powers, floors
-        Shape (n,): sums over the channels of a station, noise included, and of the noise
-        [unit^2]; NaN where nothing was recorded.
+    powers, floors, floor_sigmas
+        Shape (n,): sums over the channels of a station, noise included, of the noise, and the
+        standard deviation of that [unit^2]; NaN where nothing was recorded.
     present
         Shape (n,): whether any channel of the station hears a vehicle.
     """
@@ -93,6 +93,7 @@ class Cycle:
     length_ns: int
     powers: Array
     floors: Array
+    floor_sigmas: Array
     present: NDArray[np.bool_]
 
 

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Note, Quantity
+from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of
 from .crossings import Way, lines_of
-from .rides import about, curved_ride, cycle_ride, direct_ride
+from .rides import about, curved_ride, cycle_ride, direct_rides
 from .runs import RunCollector, RunLimits, observed_of
 
 if TYPE_CHECKING:
@@ -35,6 +36,10 @@ _Lead = Annotated[float, measured("s", "Of the run before its first cycle.", ge=
 _Quiet = Annotated[float, measured("s", "Without a vehicle until a run has ended.", gt=0)]
 _Most = Annotated[float, measured("s", "Longest run.", gt=0)]
 _Line = Annotated[str, measured("m", "A line whose crossing is told, as x,y x,y.")]
+_Scatter = Annotated[
+    float,
+    measured("1", "Of powers about one vehicle's at most; up to 1 where the ground fades.", gt=0),
+]
 _Sigma = Annotated[float, gate("m", "Largest standard deviation of the middle place.", gt=0)]
 _Fast = Annotated[float, gate("m/s", "Highest speed.", gt=0)]
 _Cycles = Annotated[float, gate("1", "Fewest cycles with a place.", ge=4)]
@@ -61,6 +66,7 @@ class CourseParameters:
         measured("", "Of the vehicle: one, or each cycle its own; auto: by what is likelier."),
     ] = "auto"
     line: _Line = ""
+    expected_scatter: _Scatter = 0.45
     evidence: Annotated[float, gate("1", "Lowest log-likelihood over that of noise.")] = 20.0
     speed: _Fast = 45.0
     sigma: _Sigma = 10.0
@@ -81,6 +87,7 @@ class CycleCourseParameters:
     quiet_s: _Quiet = 2.0
     most_s: _Most = 120.0
     line: _Line = ""
+    expected_scatter: _Scatter = 0.5  # a course through places is off by more
     cycles: _Cycles = 6.0
     speed: _Fast = 45.0
     sigma: _Sigma = 10.0
@@ -98,6 +105,7 @@ class CurveParameters:
     quiet_s: _Quiet = 2.0
     most_s: _Most = 120.0
     line: _Line = ""
+    expected_scatter: _Scatter = 0.45
     cycles: _Cycles = 6.0
     speed: _Fast = 45.0
     sigma: _Sigma = 10.0
@@ -107,7 +115,9 @@ class RunWorker(ABC):
     """What the finders share: they collect runs, and tell tracks and crossings of what they find.
 
     A run ends when no station has heard a vehicle for ``quiet_s``; what is found is told then. A
-    run of several vehicles at once is fitted as one.
+    run of several vehicles at once is fitted as one, but for the direct fit, which tells two apart.
+    Where powers scatter about the only track by more than one vehicle's do, a note says so: two
+    vehicles do that, and so does a ground that fades.
     """
 
     emits: Emits = "track"
@@ -118,7 +128,8 @@ class RunWorker(ABC):
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
         self._tracks = 0
-        self._found: tuple[int, Ride] | None = None
+        self._origin_ns = 0
+        self._found: tuple[Ride, ...] = ()
 
     def start(self, site: Site, stage: str) -> tuple[str, ...]:
         """Begin without a run."""
@@ -137,31 +148,45 @@ class RunWorker(ABC):
         return self._candidate(self._runs.finish())
 
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
-        """Yield the track of an accepted run and the lines that it crosses."""
-        if self._found is None or not accepted[0]:
-            return
-        origin_ns, ride = self._found
-        self._tracks += 1
-        way = Way(self._tracks, self._stage, origin_ns)
-        yield from ride.points(way)
-        yield from ride.crossings(self._lines, way)
+        """Yield the track of an accepted run, the lines it crosses, and whether to doubt it."""
+        for ride, good in zip(self._found, accepted, strict=False):
+            if good:
+                self._tracks += 1
+                way = Way(self._tracks, self._stage, self._origin_ns)
+                yield from ride.points(way)
+                yield from ride.crossings(self._lines, way)
+                yield from self._doubts(ride)
+
+    def _doubts(self, ride: Ride) -> Iterator[Note]:
+        expected = self.parameters.expected_scatter
+        if len(self._found) == 1 and ride.scatter > expected:
+            text = (
+                f"the scatter about this course is {ride.scatter:.2f} where {expected:g} at most "
+                f"is expected: perhaps two vehicles"
+            )
+            time_ns = self._origin_ns + round(float(ride.times_s[0]) * NS_PER_S)
+            yield Note(time_ns, text, "WARN", self._stage)
 
     @abstractmethod
-    def ride(self, observed: Observed) -> Ride | None:
-        """Return what the run was, or None where the powers do not tell."""
+    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+        """Return what the run was, nothing where the powers do not tell."""
 
     def _candidate(self, run: list[Cycle]) -> Candidates:
-        self._found = None
+        self._found = ()
         if not run:
             return candidates_of([], len(self.columns))
-        ride = self.ride(observed_of(run, self.site, self.parameters.exponent))
-        if ride is None:
+        found = self.rides(observed_of(run, self.site, self.parameters.exponent))
+        if not found:
             nothing = [0.0, *[np.nan] * (len(self.columns) - 1)]
             return candidates_of([(run[len(run) // 2].time_ns, 0, nothing)], len(self.columns))
-        self._found = run[0].time_ns, ride
-        middle_s = float(ride.times_s[len(ride.times_s) // 2])
-        middle_ns = run[0].time_ns + round(middle_s * 1e9)
-        return candidates_of([(middle_ns, 0, list(ride.values))], len(self.columns))
+        self._origin_ns = run[0].time_ns
+        middles = [float(ride.times_s[len(ride.times_s) // 2]) for ride in found]
+        order = sorted(range(len(found)), key=lambda i: middles[i])
+        self._found = tuple(found[i] for i in order)
+        rows = [
+            (self._origin_ns + round(middles[i] * 1e9), 0, list(found[i].values)) for i in order
+        ]
+        return candidates_of(rows, len(self.columns))
 
 
 class CourseFinder(RunWorker):
@@ -184,11 +209,11 @@ class CourseFinder(RunWorker):
         Level("scatter", "1", "scatter", at_least=False),
     )
 
-    def ride(self, observed: Observed) -> Ride | None:
-        """Return the course fitted to the powers."""
+    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+        """Return the course fitted to the powers, or the courses of two vehicles."""
         p = self.parameters
         search = about(observed.sensors, (p.slowest_mps, p.fastest_mps))
-        return direct_ride(observed, search, self.site.velocity_mps, p.strength)
+        return direct_rides(observed, search, self.site.velocity_mps, p.strength)
 
 
 class CycleCourseFinder(RunWorker):
@@ -198,9 +223,10 @@ class CycleCourseFinder(RunWorker):
     columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
     gates = (Level("cycles", "1", "cycles"), *_MOTION)
 
-    def ride(self, observed: Observed) -> Ride | None:
+    def rides(self, observed: Observed) -> tuple[Ride, ...]:
         """Return the course through the places."""
-        return cycle_ride(observed, self.parameters.loss)
+        ride = cycle_ride(observed, self.parameters.loss)
+        return () if ride is None else (ride,)
 
 
 class CurveFinder(RunWorker):
@@ -210,6 +236,7 @@ class CurveFinder(RunWorker):
     columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
     gates = (Level("cycles", "1", "cycles"), *_MOTION)
 
-    def ride(self, observed: Observed) -> Ride | None:
+    def rides(self, observed: Observed) -> tuple[Ride, ...]:
         """Return the smoothed path."""
-        return curved_ride(observed, self.parameters.acceleration)
+        ride = curved_ride(observed, self.parameters.acceleration)
+        return () if ride is None else (ride,)

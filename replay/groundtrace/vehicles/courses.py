@@ -16,6 +16,7 @@ from .lines import Course
 from .medium import EXPONENT, PowerLaw, ranges
 from .scoring import Fitted, deviance, fit_powers, usable
 from .search import Search, starts
+from .traffic_scatter import lasting_of, rooted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,6 +28,8 @@ _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _LAW = PowerLaw(1.0, EXPONENT)
 #: Courses nearer than this many standard deviations, and 0.1 m, are one.
 _ALIKE, _ALIKE_M = 0.5, 0.1
+#: What is known of the noise's factor: that this power of it is 1, as surely as a power is known.
+_FACTOR_WEIGHT = 0.2
 #: Log-likelihood that a rival may lack.
 _MOST_LOST = 10.0
 
@@ -49,6 +52,9 @@ class Observed:
         How power falls; its mu is not used.
     cycle_s
         Length of a cycle, within which the vehicle moves on [s]; 0: it does not.
+    floor_sigmas
+        Shape (c, n): standard deviations of the floors, which places of single cycles reckon with;
+        None: they are known.
     """
 
     times_s: Array
@@ -57,6 +63,7 @@ class Observed:
     sensors: Array
     law: PowerLaw = _LAW
     cycle_s: float = 0.0
+    floor_sigmas: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +73,7 @@ class CourseFit:
     Attributes
     ----------
     course
-        The likeliest.
+        The likeliest; its covariance allows for powers that stay off from cycle to cycle.
     log_mu, log_mu_sigma
         ln of the energy parameter, shape (1,), or (c,) with one per cycle, and standard deviations.
     log_likelihood
@@ -160,6 +167,17 @@ def fit_course(
     return replace(best, rivals=tuple(rivals))
 
 
+def vehicle_power(observed: Observed, fit: CourseFit) -> Array:
+    """Return the mean power of a vehicle of one strength, shape (c, n); 0 where there is none."""
+    model = _Model(observed, each_mu=False)
+    ahead = model.time_s - fit.course.time_s
+    place = fit.course.place + ahead * fit.course.velocity
+    power: Array = np.zeros(observed.powers.shape)
+    power[model.used] = model.unit_power(np.concatenate([place, fit.course.velocity]))
+    power *= np.exp(fit.log_mu[0])
+    return power
+
+
 def _log_volume(course: Course) -> float:
     return 0.5 * float(np.linalg.slogdet(course.covariance)[1])
 
@@ -217,9 +235,13 @@ class _Model:
     ) -> tuple[Array, Array]:
         """Add the noise's factor: a column of slopes, and a row for what is known of it."""
         alone = np.zeros((1, slopes.shape[1] + 1))
-        alone[0, -1] = 1.0
+        alone[0, -1] = _FACTOR_WEIGHT
         wider = np.concatenate([slopes, noise_share], axis=1)
-        return np.append(mean, factor), np.concatenate([wider, alone])
+        return np.append(mean, factor**_FACTOR_WEIGHT), np.concatenate([wider, alone])
+
+    def unit_power(self, course: Array) -> Array:
+        """Return powers for mu = 1 on a course (4,), shape (k,)."""
+        return self._spread(course)[0]
 
     def _spread(self, course: Array) -> tuple[Array, Array]:
         """Return powers for mu = 1 and the slopes of their logarithms, shapes (k,) and (k, 4)."""
@@ -243,11 +265,20 @@ class _Model:
             return np.zeros(1), np.full(1, 2.0)
         return _POINTS * self.observed.cycle_s / 2, _WEIGHTS
 
+    def _repeated(self, fit: Fitted) -> float:
+        """Return of how many cycles one tells as much as an independent one: a fade may last."""
+        mean, _ = self(fit.values)
+        off = np.full(self.used.shape, np.nan)
+        off[self.used] = rooted(self.powers / mean[: self.samples])
+        lasting = lasting_of(off)
+        return (1 + lasting) / (1 - lasting)
+
     def result(self, fit: Fitted) -> CourseFit:
         """Return a fit in words of a course."""
         strengths = slice(4, 4 + self.strengths)
         place, velocity, log_mu = fit.values[:2], fit.values[2:4], fit.values[strengths]
-        course = Course(self.time_s, place, velocity, fit.covariance[:4, :4])
+        spread = fit.covariance[:4, :4] * self._repeated(fit)
+        course = Course(self.time_s, place, velocity, spread)
         sigma = np.sqrt(np.diag(fit.covariance)[strengths])
         evidence = float("inf")
         if (self.floors > 0).all():

@@ -43,41 +43,6 @@ class CyclePowers:
     power: Array
     freedom: Array
 
-    @property
-    def variance(self) -> Array:
-        """Variance of each power about its mean, shape (n_channels, n) [unit^4]."""
-        return 2 * self.power**2 / self.freedom
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SignalPowers:
-    """Powers less those of the noise.
-
-    Attributes
-    ----------
-    power
-        Shape (n_channels, n) [unit^2]; below 0 where there is less than the noise.
-    sigma
-        Shape (n_channels, n): standard deviation, by the power's and by the floor's [unit^2].
-    """
-
-    power: Array
-    sigma: Array
-
-
-def less_noise(cycles: CyclePowers, floor: Array, floor_sigma: Array) -> SignalPowers:
-    """Subtract the noise.
-
-    Parameters
-    ----------
-    cycles
-        Powers, noise included.
-    floor, floor_sigma
-        Shape (n_channels, n): mean power of the noise and its standard deviation [unit^2].
-    """
-    sigma = np.sqrt(cycles.variance + floor_sigma**2)
-    return SignalPowers(cycles.power - floor, sigma)
-
 
 def degrees_of_freedom(samples: Array) -> Array:
     """Return the effective degrees of freedom of the mean square of each row.

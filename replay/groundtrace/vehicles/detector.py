@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-_COLUMNS = 7
+_COLUMNS = 8
 #: Power over the floor is told within this [dB]: a channel that is off has neither.
 _RANGE_DB = 100.0
 
@@ -75,6 +75,7 @@ class VehiclePresence:
         Quantity("over_floor", "dB"),
         Quantity("power", "unit^2"),
         Quantity("floor", "unit^2"),
+        Quantity("floor_sigma", "unit^2"),
         Quantity("impulsiveness", "1"),
         Quantity("cadence", "1"),
         Quantity("flatness", "1"),
@@ -117,16 +118,17 @@ class VehiclePresence:
         if not cycles:
             empty = np.empty((0, channels, 1), np.float32)
             return Measured(Candidates.empty(_COLUMNS), Frames(np.empty(0, np.int64), empty))
-        floor = self.state.floor(found.power, found.freedom).power
+        floors = self.state.floor(found.power, found.freedom)
+        floor = floors.power
         columns = np.full((_COLUMNS, channels, cycles), np.nan)
-        columns[:3] = over_floor_db(found.power, floor), found.power, floor
+        columns[:4] = over_floor_db(found.power, floor), found.power, floor, floors.sigma
         half_ns = self.state.cycles.cycle_ns // 2
         if shapes is not None:
             _, mine, theirs = np.intersect1d(
                 found.time_ns + half_ns, shapes.time_ns, return_indices=True
             )
             told = shapes.impulsiveness, shapes.cadence, shapes.flatness, shapes.centroid_hz
-            columns[3:, :, mine] = np.array(told)[..., theirs]
+            columns[4:, :, mine] = np.array(told)[..., theirs]
         values = columns.transpose(2, 1, 0).astype(np.float32)
         candidates = Candidates(
             np.repeat(found.time_ns, channels),

@@ -45,7 +45,7 @@ class CycleJoin:
     def add(self, block: CandidateBlock) -> Iterator[Cycle]:
         """Take the cycles of one topic; yield those that are complete."""
         names = [c.name for c in block.spec.columns]
-        columns = [names.index("power"), names.index("floor")]
+        columns = [names.index(name) for name in ("power", "floor", "floor_sigma")]
         stations = [self.site.stations.get(name) for name in block.spec.channels]
         for row in range(len(block)):
             channel = int(block.channel[row])
@@ -56,6 +56,7 @@ class CycleJoin:
             self._latest[block.spec.channels[channel]] = time_ns
             if self._past is None or time_ns > self._past:
                 values = block.value[row, columns].astype(np.float64)
+                values[2] **= 2  # errors of the floors of a station's channels are independent
                 self._put(time_ns, station, values, present=bool(block.accepted[row]))
         newest = max(self._latest.values())
         yield from self._until(max(min(self._latest.values()), newest - _PATIENCE_NS))
@@ -71,7 +72,7 @@ class CycleJoin:
     ) -> None:
         if time_ns not in self._waiting:
             n = len(self.site.names)
-            self._waiting[time_ns] = np.full((2, n), np.nan), np.zeros(n, np.bool_)
+            self._waiting[time_ns] = np.full((3, n), np.nan), np.zeros(n, np.bool_)
         sums, heard = self._waiting[time_ns]
         sums[:, station] = np.where(np.isnan(sums[:, station]), 0, sums[:, station]) + values
         heard[station] |= present
@@ -84,4 +85,4 @@ class CycleJoin:
             if time_ns <= last_ns:
                 sums, present = self._waiting.pop(time_ns)
                 self._past = time_ns
-                yield Cycle(time_ns, self._length_ns, sums[0], sums[1], present)
+                yield Cycle(time_ns, self._length_ns, sums[0], sums[1], np.sqrt(sums[2]), present)

@@ -64,26 +64,24 @@ class CyclePlace:
     mu_known
         Whether it is; else it is profiled.
     relative_sigma
-        Standard deviation of a power over its mean.
+        Standard deviation of a power over its mean: one, or of each, shape (n,).
     """
 
     powers: Array
     sensors: Array
     law: PowerLaw
     mu_known: bool = False
-    relative_sigma: float = RELATIVE_SIGMA
+    relative_sigma: float | Array = RELATIVE_SIGMA
 
     def log_likelihood(self, places: Array) -> Array:
         """Return the logarithm of (7) at places, shape (...) from (..., 2) [m]."""
-        heard = np.isfinite(self.powers) & (self.powers > 0)
+        heard = self._heard()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
         spread = unit.power(ranges(places, self.sensors[heard]))
         a = self.powers[heard] / spread
-        if self.mu_known:
-            mu = np.full(a.shape[:-1], self.law.mu)
-        else:
-            mu = profiled_mu(a, self.relative_sigma)
-        off = (a / mu[..., None] - 1) / self.relative_sigma
+        sigma = self._sigma(heard)
+        mu = np.full(a.shape[:-1], self.law.mu) if self.mu_known else profiled_mu(a, sigma)
+        off = (a / mu[..., None] - 1) / sigma
         scale = np.log(spread).sum(axis=-1) + a.shape[-1] * np.log(mu)
         return np.asarray(-scale - 0.5 * (off**2).sum(axis=-1))
 
@@ -106,7 +104,7 @@ class CyclePlace:
             offsets = step * np.stack(np.meshgrid(reach, reach), axis=-1)
             near = place + offsets
             place = near.reshape(-1, 2)[int(self.log_likelihood(near).argmax())]
-        heard = int((np.isfinite(self.powers) & (self.powers > 0)).sum())
+        heard = int(self._heard().sum())
         x, y = place.tolist()
         return Location(x, y, self._covariance(place), self._residual(place), heard)
 
@@ -123,14 +121,47 @@ class CyclePlace:
         return np.asarray(np.linalg.inv(hessian), np.float64)
 
     def _residual(self, place: Array) -> float:
-        heard = np.isfinite(self.powers) & (self.powers > 0)
+        heard = self._heard()
         unit = PowerLaw(1.0, self.law.exponent, self.law.loss_per_m)
         a = self.powers[heard] / unit.power(ranges(place, self.sensors[heard]))
-        mu = self.law.mu if self.mu_known else float(profiled_mu(a, self.relative_sigma))
+        mu = self.law.mu if self.mu_known else float(profiled_mu(a, self._sigma(heard)))
         return float(np.sqrt(np.mean((a / mu - 1) ** 2)))
 
+    def _heard(self) -> NDArray[np.bool_]:
+        return np.isfinite(self.powers) & (self.powers > 0)
 
-def profiled_mu(a: Array, relative_sigma: float) -> Array:
+    def _sigma(self, heard: NDArray[np.bool_]) -> Array:
+        return np.broadcast_to(self.relative_sigma, self.powers.shape)[heard]
+
+
+def less_noise(
+    powers: Array, floors: Array, floor_sigmas: Array | None, relative_sigma: float
+) -> tuple[Array, Array]:
+    """Return powers less the noise, and the standard deviation of each over itself.
+
+    The variance is P^2 / K of the power, noise included, K = relative_sigma^-2, and that of the
+    floor; so what hardly stands out of the noise weighs little in (7).
+
+    Parameters
+    ----------
+    powers, floors
+        Shape (n,): noise included, and of the noise.
+    floor_sigmas
+        Shape (n,): standard deviations of the floors; None: they are known.
+    relative_sigma
+        Standard deviation of a power over its mean.
+
+    Returns
+    -------
+    Shapes (n,); inf where there is no more than noise.
+    """
+    signal = powers - floors
+    spread = np.hypot(relative_sigma * powers, 0.0 if floor_sigmas is None else floor_sigmas)
+    sigma = np.divide(spread, signal, out=np.full(signal.shape, np.inf), where=signal > 0)
+    return signal, sigma
+
+
+def profiled_mu(a: Array, relative_sigma: float | Array) -> Array:
     """Return the mu at which (7) is greatest, shape (...).
 
     Parameters
@@ -138,8 +169,8 @@ def profiled_mu(a: Array, relative_sigma: float) -> Array:
     a
         Shape (..., n): powers over what the law gives for mu = 1.
     relative_sigma
-        Standard deviation of a power over its mean.
+        Standard deviation of a power over its mean: one, or of each, shape (n,).
     """
-    first, second = a.sum(axis=-1), (a**2).sum(axis=-1)
-    noise = a.shape[-1] * relative_sigma**2
-    return np.asarray(2 * second / (first + np.sqrt(first**2 + 4 * second * noise)))
+    weights = np.broadcast_to(relative_sigma, a.shape[-1:]) ** -2.0
+    first, second = a @ weights, a**2 @ weights
+    return np.asarray(2 * second / (first + np.sqrt(first**2 + 4 * second * a.shape[-1])))

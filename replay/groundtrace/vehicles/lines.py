@@ -153,12 +153,8 @@ def from_zero(places: Array, interval_s: float) -> tuple[Array, Array]:
     -------
     Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0.
     """
-    j = np.arange(len(places))
-    i = float(j[-1])
-    total, moment = places.sum(axis=0), j @ places
-    velocity = 12 * moment / (i * (i + 1) * (i + 2)) - 6 * total / ((i + 1) * (i + 2))
-    start = 2 * (2 * i + 1) * total / ((i + 1) * (i + 2)) - 6 * moment / ((i + 1) * (i + 2))
-    return start, velocity / interval_s
+    start, step = _centred(places)
+    return start, step / interval_s
 
 
 def from_one(places: Array, interval_s: float) -> tuple[Array, Array]:
@@ -175,11 +171,20 @@ def from_one(places: Array, interval_s: float) -> tuple[Array, Array]:
     -------
     Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0, one interval before the first.
     """
-    i = float(len(places))
-    total, moment = places.sum(axis=0), np.arange(1, len(places) + 1) @ places
-    velocity = 12 * moment / (i * (i * i - 1)) - 6 * total / (i * (i - 1))
-    start = 2 * (2 * i + 1) * total / (i * (i - 1)) - 6 * moment / (i * (i - 1))
-    return start, velocity / interval_s
+    first, step = _centred(places)
+    return first - step, step / interval_s
+
+
+def _centred(places: Array) -> tuple[Array, Array]:
+    """Return the line's place at the first cycle and its way from cycle to cycle, shapes (2,).
+
+    The sums of (9) cancel to many digits: with i = 60, 1e-11 of a place is left of rounding. About
+    the middle cycle and the mean place they are the same, and 1e-14 is.
+    """
+    i = float(len(places) - 1)
+    mean = places.mean(axis=0)
+    step = 12 * (np.arange(len(places)) - i / 2) @ (places - mean) / (i * (i + 1) * (i + 2))
+    return mean - i / 2 * step, step
 
 
 def through(times_s: Array, places: Array, loss: Loss = "huber") -> Course:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,9 @@ from ..parameters import gate, measured
 from .api import candidates_of
 from .passes import PassFinder
 from .road_places import along_road
-from .roads import Road, associate
+from .roads import Road
+from .traffic import driven
+from .traffic_model import RoadPowers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,13 +32,18 @@ if TYPE_CHECKING:
     from ..gates import Candidates
     from .api import Cycle, Site
     from .passes import StationPass
-    from .roads import RoadPass
+    from .traffic import Driven
 
     Array = NDArray[np.float64]
 
 #: The cycles after a pass whose window of signal holds it [s]: those tell whether it is an impact,
 #: which a vehicle that has just gone by does not.
 _ABOUT_S = (0.5, 3.5)
+#: Passes without which a vehicle is none.
+_FEWEST = 2
+#: Peak over the noise, and standard deviation of its moment [s], from which a pass of a single
+#: station may start a vehicle. They are no gates: those decide about what is found.
+_CLEAR, _CLEAR_S = 4.0, 2.0
 #: Quiet cycles kept before the first in which something passes [s].
 _LEAD_S = 15.0
 
@@ -65,7 +73,8 @@ class StationPasses:
     """When vehicles pass each station, and which passes are of one vehicle.
 
     Passes are looked for once all stations have been quiet for as long as the slowest vehicle
-    takes from the first station to the last, and told then. Places along the road come from the
+    takes from the first station to the last, and told then: at each station by itself, then, of
+    several along a road, as vehicles that all of them hear. Places along the road come from the
     geometry's road, or, without one, from the line through the stations.
     """
 
@@ -99,7 +108,7 @@ class StationPasses:
         self._cycles: list[Cycle] = []
         self._last_ns: int | None = None
         self._vehicles = 0
-        self._found: list[tuple[int, StationPass]] = []
+        self._found: list[tuple[int, StationPass, Driven | None]] = []
         self._origin_ns = 0
         return site.names
 
@@ -131,37 +140,46 @@ class StationPasses:
             np.array([getattr(c, name) for c in cycles]).T
             for name in ("powers", "floors", "present")
         )
-        for station in range(len(self._site.names)):
-            passes = self._finder.find(times, powers[station], floors[station])
-            self._found += [(station, one) for one in passes]
+        self._found = self._passes(times, powers, floors)
         self._found.sort(key=lambda found: (found[1].time_s, found[0]))
         rows = [
             (self._at_ns(one.time_s), station, _values(one, times, present[station]))
-            for station, one in self._found
+            for station, one, _ in self._found
         ]
         return candidates_of(rows, len(self.columns))
 
-    def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
-        """Yield the accepted passes, with the vehicles that they belong to."""
-        kept = [found for found, good in zip(self._found, accepted, strict=True) if good]
-        stations: list[list[StationPass]] = [[] for _ in self._site.names]
-        for station, one in kept:
-            stations[station].append(one)
+    def _passes(
+        self, times: Array, powers: Array, floors: Array
+    ) -> list[tuple[int, StationPass, Driven | None]]:
+        """Return passes with their stations and vehicles; powers and floors of shape (n, c)."""
         p = self.parameters
+        alone = [self._finder.find(times, *both) for both in zip(powers, floors, strict=True)]
+        if not np.ptp(self._along) > 0:
+            return [(i, one, None) for i, those in enumerate(alone) for one in those]
+        clear = [[one for one in those if _is_clear(one)] for those in alone]
+        cycle_s = float(np.median(np.diff(times)))
+        observed = RoadPowers(
+            times, powers.T, floors.T, self._along, self._offsets, p.exponent, cycle_s
+        )
         road = Road(tuple(self._along), speeds_mps=(p.slowest_mps, p.fastest_mps))
-        vehicles = associate(road, stations) if np.ptp(self._along) > 0 else ()
-        whose: dict[tuple[int, int], tuple[int, RoadPass]] = {}
-        for vehicle in vehicles:
-            self._vehicles += 1
-            whose |= dict.fromkeys(vehicle.passes, (self._vehicles, vehicle))
-        events = [
-            self._pass(station, one, whose.get((station, number)))
-            for station, those in enumerate(stations)
-            for number, one in enumerate(those)
-        ]
-        yield from sorted(events, key=lambda event: (event.time_ns, event.station))
+        vehicles = driven(observed, clear, road)
+        return [(station, one, vehicle) for vehicle in vehicles for station, one in vehicle.passes]
 
-    def _pass(self, station: int, one: StationPass, whose: tuple[int, RoadPass] | None) -> Pass:
+    def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
+        """Yield the accepted passes; a vehicle has two at least."""
+        kept = [found for found, good in zip(self._found, accepted, strict=True) if good]
+        passed = Counter(id(vehicle) for _, _, vehicle in kept if vehicle is not None)
+        numbers: dict[int, int] = {}
+        for station, one, vehicle in kept:
+            if vehicle is None or passed[id(vehicle)] < _FEWEST:
+                yield self._pass(station, one, None)
+                continue
+            if id(vehicle) not in numbers:
+                self._vehicles += 1
+                numbers[id(vehicle)] = self._vehicles
+            yield self._pass(station, one, (numbers[id(vehicle)], vehicle))
+
+    def _pass(self, station: int, one: StationPass, whose: tuple[int, Driven] | None) -> Pass:
         number, direction, speed = 0, "", (float("nan"), float("nan"))
         if whose is not None:
             number, vehicle = whose
@@ -183,6 +201,10 @@ class StationPasses:
 
     def _at_ns(self, time_s: float) -> int:
         return self._origin_ns + round(time_s * NS_PER_S)
+
+
+def _is_clear(one: StationPass) -> bool:
+    return one.over_floor >= _CLEAR and one.time_sigma_s <= _CLEAR_S
 
 
 def _values(one: StationPass, times_s: Array, present: NDArray[np.bool_]) -> list[float]:

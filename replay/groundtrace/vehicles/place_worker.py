@@ -13,7 +13,7 @@ from groundtrace_codecs.traffic import quantised
 from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of
-from .likelihood import CyclePlace
+from .likelihood import CyclePlace, less_noise
 from .medium import PowerLaw
 
 if TYPE_CHECKING:
@@ -49,7 +49,9 @@ class PlaceParameters:
         float, measured("1", "Power over the noise from which a station counts.", ge=1)
     ] = 1.5
     heard: Annotated[float, gate("1", "Fewest stations that count.", ge=3)] = 3.0
-    sigma: Annotated[float, gate("m", "Largest standard deviation.", gt=0)] = 15.0
+    sigma: Annotated[
+        float, gate("m", "Largest standard deviation, along the longer axis.", gt=0)
+    ] = 15.0
 
 
 class LikelihoodPlaces:
@@ -87,20 +89,22 @@ class LikelihoodPlaces:
         self._found = None
         if not cycle.present.any():
             return candidates_of([], len(self.columns))
-        signal = cycle.powers - cycle.floors
         counted = cycle.powers > p.least_over_floor * cycle.floors
         heard = int(counted.sum())
         if heard < self.least_stations:
             return candidates_of([(cycle.time_ns, 0, [heard, *[np.nan] * 4])], len(self.columns))
         law = PowerLaw(p.mu or 1.0, p.exponent)
+        signal, sigmas = less_noise(
+            cycle.powers, cycle.floors, cycle.floor_sigmas, p.relative_sigma
+        )
         powers = np.where(counted, signal, np.nan)
-        place = CyclePlace(powers, self._site.places, law, p.mu > 0, p.relative_sigma)
+        place = CyclePlace(powers, self._site.places, law, p.mu > 0, sigmas)
         surface = place.surface(self._x, self._y)
         found = place.locate(surface)
         self._found = cycle.time_ns, found, surface
         inside = self._x[0] < found.x < self._x[-1] and self._y[0] < found.y < self._y[-1]
         # at the edge of the lattice the maximum is not one: it lies beyond
-        sigma = float(np.sqrt(np.trace(found.covariance) / 2)) if inside else np.inf
+        sigma = found.larger_sigma_m if inside else np.inf
         row = [heard, found.residual, found.x, found.y, sigma]
         return candidates_of([(cycle.time_ns, 0, row)], len(self.columns))
 

@@ -70,33 +70,42 @@ def correlation(
     return np.asarray(measured @ table.T)
 
 
-def squares(nodes: Array, sensors: Array, log_theta: Array, exponent: float = EXPONENT) -> Array:
+def squares(
+    nodes: Array,
+    sensors: Array,
+    log_theta: Array,
+    exponent: float = EXPONENT,
+    sensor_sigma: float | Array = 1.0,
+) -> Array:
     """Return the mean square misfit of the logarithms of distances, common part taken off.
 
-    The logarithms of power err independently and alike at the sensors, so those of the ratios do
+    The logarithms of power err independently at the sensors, so those of the ratios do
     not, the reference being in all of them; with the common part free no sensor is special.
 
     Parameters
     ----------
     nodes, sensors, log_theta, exponent
         As of :func:`correlation`.
+    sensor_sigma
+        Standard deviation of ln of a sensor's power, one or of each, shape (n,): the misfits weigh
+        by the inverse of its square.
 
     Returns
     -------
     Shape (..., m).
     """
-    table = _centred(np.log(ranges(nodes, sensors)))
-    measured = _centred(with_reference(log_theta) / exponent)
-    n = len(sensors)
-    square = (table**2).sum(axis=1) + (measured**2).sum(axis=-1)[..., None]
-    return np.asarray((square - 2 * measured @ table.T) / n)
+    weights = _weights(sensor_sigma, len(sensors))
+    table = _centred(np.log(ranges(nodes, sensors)), weights)
+    measured = _centred(with_reference(log_theta) / exponent, weights)
+    square = table**2 @ weights + (measured**2 @ weights)[..., None]
+    return np.asarray(square - 2 * (weights * measured) @ table.T)
 
 
 def locate(
     nodes: Array,
     sensors: Array,
     log_theta: Array,
-    log_sigma: float,
+    sensor_sigma: float | Array,
     exponent: float = EXPONENT,
 ) -> Location:
     """Return the place whose logarithms of distance fit best, refined below the table.
@@ -107,47 +116,54 @@ def locate(
         As of :func:`correlation`.
     log_theta
         Shape (n - 1,).
-    log_sigma
-        Standard deviation of each [1]: sqrt(2) of it is each sensor's own.
+    sensor_sigma
+        Standard deviation of ln of a sensor's power, one or of each, shape (n,); of a ratio of two
+        alike it is sqrt(2) times that.
 
     Returns
     -------
     The place; its residual is the root of :func:`squares`. Ties counts the nodes that fit no worse
     than by one standard deviation.
     """
-    misfit = squares(nodes, sensors, log_theta, exponent)
-    sigma = log_sigma / np.sqrt(2) / exponent
-    measured = _centred(with_reference(log_theta) / exponent)
-    place, slopes, residual = _refined(nodes[misfit.argmin()], sensors, measured)
+    n = len(sensors)
+    misfit = squares(nodes, sensors, log_theta, exponent, sensor_sigma)
+    weights = _weights(sensor_sigma, n)
+    variance = 1 / np.sum(np.broadcast_to(sensor_sigma / exponent, n) ** -2.0)  # of all together
+    measured = _centred(with_reference(log_theta) / exponent, weights)
+    place, slopes, residual = _refined(nodes[misfit.argmin()], sensors, measured, weights)
     information = slopes.T @ slopes
     covariance = np.full((2, 2), np.inf)
     if np.linalg.cond(information) < 1e12:
-        covariance = np.linalg.inv(information) * sigma**2
-    n = len(sensors)
-    ties = int((n * (misfit - misfit.min()) <= sigma**2).sum())
+        covariance = np.linalg.inv(information) * variance
+    ties = int((misfit - misfit.min() <= variance).sum())
     x, y = place.tolist()
     return Location(x, y, covariance, residual, n, ties)
 
 
-def _refined(place: Array, sensors: Array, measured: Array) -> tuple[Array, Array, float]:
+def _refined(
+    place: Array, sensors: Array, measured: Array, weights: Array
+) -> tuple[Array, Array, float]:
     """Go downhill from a node; return the place, the slopes there and the residual."""
     damping = 1e-3
-    off, slopes = _misfit(place, sensors, measured)
+    off, slopes = _misfit(place, sensors, measured, weights)
     for _ in range(_STEPS):
         information = slopes.T @ slopes
         ridge = damping * np.trace(information) * np.eye(2)
         step = np.linalg.solve(information + ridge + 1e-12 * np.eye(2), -slopes.T @ off)
-        tried, tried_slopes = _misfit(place + step, sensors, measured)
+        tried, tried_slopes = _misfit(place + step, sensors, measured, weights)
         if tried @ tried <= off @ off:
             place, off, slopes, damping = place + step, tried, tried_slopes, damping / 4
         else:
             damping *= 8
-    return place, slopes, float(np.sqrt(off @ off / len(sensors)))
+    return place, slopes, float(np.sqrt(off @ off))
 
 
-def _misfit(place: Array, sensors: Array, measured: Array) -> tuple[Array, Array]:
-    r = ranges(place, sensors)
-    return _centred(np.log(r)) - measured, _centred(((place - sensors) / r[:, None] ** 2).T).T
+def _misfit(place: Array, sensors: Array, measured: Array, weights: Array) -> tuple[Array, Array]:
+    """Return misfits and their slopes, each times the root of its weight."""
+    r, root = ranges(place, sensors), np.sqrt(weights)
+    off = _centred(np.log(r), weights) - measured
+    slopes = _centred(((place - sensors) / r[:, None] ** 2).T, weights)
+    return root * off, (root * slopes).T
 
 
 def solve(sensors: Array, log_theta: Array, exponent: float = EXPONENT) -> Array:
@@ -206,5 +222,11 @@ def with_reference(log_theta: Array) -> Array:
     return np.concatenate([zero, log_theta], axis=-1)
 
 
-def _centred(values: Array) -> Array:
-    return np.asarray(values - values.mean(axis=-1, keepdims=True))
+def _weights(sensor_sigma: float | Array, n: int) -> Array:
+    """Return weights of n sensors, their sum 1."""
+    inverse = np.broadcast_to(sensor_sigma, n) ** -2.0
+    return np.asarray(inverse / inverse.sum())
+
+
+def _centred(values: Array, weights: Array) -> Array:
+    return np.asarray(values - (values @ weights)[..., None])

@@ -15,7 +15,7 @@ from ..localizers.location import Location, nowhere
 from ..parameters import gate, measured
 from .analytic import AnalyticBand, power
 from .positions import correlation, lattice, locate, solve, squares
-from .ratios import DEVIATIONS, estimate
+from .ratios import DEVIATIONS, estimate, sensor_sigmas, without_noise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..detector import Emits
-    from .ratios import Method, RatioEstimate
+    from .ratios import Method, Noise, RatioEstimate
 
     Array = NDArray[np.float64]
 
@@ -70,11 +70,17 @@ class CycleRatios:
     time_ns: int
     estimates: dict[Method, RatioEstimate]
 
+    def without(self, noise: Noise) -> CycleRatios:
+        """Return the ratios of what the vehicle alone gives."""
+        cleared = {method: without_noise(e, noise) for method, e in self.estimates.items()}
+        return CycleRatios(self.time_ns, cleared)
+
 
 class RatioPlaces:
     """Where the ratios of powers of the stations of one recorder put a vehicle.
 
-    The first station is the reference. Ratios are of all that is heard, the noise included.
+    The first station is the reference. Ratios are estimated of all that is heard; then the noise
+    is taken off, as it is known from the cycle's powers.
     """
 
     Parameters = RatioParameters
@@ -128,18 +134,18 @@ class RatioPlaces:
         done = int(edges[-1]) if len(edges) else 0
         self._times, self._powers = self._times[done:], self._powers[:, done:]
 
-    def locate(self, ratios: CycleRatios) -> Location:
-        """Return the place that suits the ratios of a cycle."""
+    def locate(self, ratios: CycleRatios, noise: Noise) -> Location:
+        """Return the place that suits the ratios of a cycle, of all that is heard."""
         p = self.parameters
         found = ratios.estimates[p.estimator]
-        log_theta, log_sigma = found.log_theta, float(found.log_sigma.mean())
-        place = locate(self._nodes, self._sensors, log_theta, log_sigma, p.exponent)
+        log_theta, sigmas = without_noise(found, noise).log_theta, sensor_sigmas(found, noise)
+        place = locate(self._nodes, self._sensors, log_theta, sigmas, p.exponent)
         if p.method != "squares":
-            place = self._otherwise(log_theta, place)
+            place = self._otherwise(log_theta, sigmas, place)
         inside = (self._low < (place.x, place.y)) & ((place.x, place.y) < self._high)
         return place if inside.all() else nowhere(len(self._sensors))
 
-    def _otherwise(self, log_theta: Array, place: Location) -> Location:
+    def _otherwise(self, log_theta: Array, sigmas: Array, place: Location) -> Location:
         """Return the place by (17) or (16), as sure as that of least squares."""
         p = self.parameters
         if p.method == "correlation":
@@ -149,7 +155,7 @@ class RatioPlaces:
             spots = solve(self._sensors[:3], log_theta[:2], p.exponent)
         if not len(spots):
             return nowhere(len(self._sensors))
-        misfit = squares(spots, self._sensors, log_theta, p.exponent)
+        misfit = squares(spots, self._sensors, log_theta, p.exponent, sigmas)
         best = int(misfit.argmin())  # of two mirrored places the one that suits the others
         (x, y), residual = spots[best].tolist(), float(np.sqrt(misfit[best]))
         return Location(x, y, place.covariance, residual, len(self._sensors))

@@ -37,6 +37,8 @@ DEVIATIONS: dict[Method, float] = {
     "geometric": float(np.pi / 3**0.5),
     "means": 2**0.5,
 }
+#: A power that is less above the noise counts as if this part of it were the vehicle's.
+_LEAST_SHARE = 0.2
 _NEWTON = 20
 _LONGEST = 2.0  # of a Newton step in ln theta
 
@@ -63,6 +65,59 @@ class RatioEstimate:
     def theta(self) -> Array:
         """(r_n / r_l)^n, shape (...)."""
         return np.exp(self.log_theta)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Noise:
+    """What is known of the noise in the powers of one cycle.
+
+    Attributes
+    ----------
+    share
+        Shape (n,): part of each sensor's power that is the vehicle's, from 0.2 to 1.
+    sigma
+        Shape (n,): standard deviation of the noise's power over the vehicle's.
+    """
+
+    share: Array
+    sigma: Array
+
+    @classmethod
+    def of(cls, powers: Array, floors: Array, floor_sigmas: Array) -> Noise:
+        """Return it for powers with the noise, that of the noise, and its standard deviation."""
+        share = np.clip(1 - floors / powers, _LEAST_SHARE, 1.0)
+        return cls(share, floor_sigmas / (share * powers))
+
+    def variance(self, count: Array) -> Array:
+        """Return by how much taking the noise off raises the variance of ln of power, shape (n,).
+
+        From P to P - F the variance P^2 / K counts (P / (P - F))^2 times, and that of F is added.
+        """
+        return np.asarray((self.share**-2 - 1) / count.mean() + self.sigma**2)
+
+
+def without_noise(found: RatioEstimate, noise: Noise) -> RatioEstimate:
+    """Return ratios of what the vehicle alone gives, from those of all that is heard.
+
+    Parameters
+    ----------
+    found
+        Of n - 1 sensors to a reference, shape (n - 1,).
+    noise
+        Of the n sensors, the reference first.
+    """
+    log_share, more = np.log(noise.share), noise.variance(found.count)
+    sigma = np.sqrt(found.log_sigma**2 + more[1:] + more[0])
+    return RatioEstimate(found.log_theta + log_share[0] - log_share[1:], sigma, found.count)
+
+
+def sensor_sigmas(found: RatioEstimate, noise: Noise) -> Array:
+    """Return the standard deviations of ln of each sensor's own power, shape (n,).
+
+    Of independent sensors those of :func:`without_noise` are made up of; parameters as there.
+    """
+    own = 0.5 * float(np.mean(found.log_sigma**2))
+    return np.sqrt(own + noise.variance(found.count))
 
 
 def log_likelihood(log_theta: Array, log_s: Array) -> Array:

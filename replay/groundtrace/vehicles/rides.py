@@ -10,14 +10,15 @@ import numpy as np
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from .courses import fit_course
+from .courses import fit_course, vehicle_power
 from .crossings import crossing_of
 from .likelihood import RELATIVE_SIGMA
 from .lines import Course, through
 from .medium import ranges
 from .runs import heard_span, near_span, part_of
 from .search import Search
-from .tracker import MotionModel, cycle_places, track, track_places
+from .tracker import MotionModel, cycle_places, scatter_about, track, track_places
+from .two_courses import fit_two, scatter_along
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,7 +41,7 @@ _LEAST_PLACES = 4
 _NODES = 60
 _MARGIN = 0.75  # of the stations' longer side
 #: Power over the noise from which a station counts in a single cycle [1], and the standard
-#: deviation from which a place does not [m].
+#: deviation along the longer axis from which a place does not [m].
 _CLEAR, _UNSURE_M = 1.5, 15.0
 
 
@@ -56,11 +57,14 @@ class Ride:
         Of each cycle: where it goes if it goes straight on.
     values
         What the gates look at, in the order of the method's columns.
+    scatter
+        Standard deviation of powers over those of one vehicle, of one strength, along it.
     """
 
     times_s: Array
     courses: tuple[Course, ...]
     values: tuple[float, ...]
+    scatter: float
 
     def points(self, way: Way) -> Iterator[TrackPoint]:
         """Yield the track."""
@@ -90,10 +94,10 @@ class Ride:
                 yield from crossing_of(line, course, span, way)
 
 
-def direct_ride(
+def direct_rides(
     observed: Observed, search: Search, velocity_mps: float, strength: Strength = "auto"
-) -> Ride | None:
-    """Return the straight course fitted to the powers of all cycles at once.
+) -> tuple[Ride, ...]:
+    """Return the straight course fitted to the powers of all cycles at once, or two.
 
     Parameters
     ----------
@@ -109,14 +113,35 @@ def direct_ride(
     """
     span = heard_span(observed)
     if span.stop - span.start < _LEAST_PLACES:
-        return None
+        return ()
     fit = _fitted(observed, search, strength)
     if fit is None:
-        return None
+        return ()
+    alone = fit if len(fit.log_mu) == 1 else fit_course(observed, search, fit_noise=True)
+    both = None if alone is None else fit_two(observed, search, alone)
+    if both is None:
+        scatter = fit.relative_sigma if alone is None else alone.relative_sigma
+        return (_direct_ride(observed, fit, span, velocity_mps, scatter),)
+    spans = (_own_span(heard, one) for one, heard in both)
+    return tuple(
+        _direct_ride(heard, one, own, velocity_mps, one.relative_sigma)
+        for (one, heard), own in zip(both, spans, strict=True)
+    )
+
+
+def _own_span(observed: Observed, fit: CourseFit) -> slice:
+    """Return the cycles in which one vehicle of two is heard."""
+    power = vehicle_power(observed, fit)
+    return heard_span(replace(observed, powers=observed.floors + power))
+
+
+def _direct_ride(
+    observed: Observed, fit: CourseFit, span: slice, velocity_mps: float, scatter: float
+) -> Ride:
     course = _undelayed(fit, observed, velocity_mps)
     times = observed.times_s[span]
     values = (fit.evidence, *_motion(course, times), fit.relative_sigma, float(len(fit.rivals)))
-    return Ride(times, (course,) * len(times), values)
+    return Ride(times, (course,) * len(times), values, scatter)
 
 
 def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
@@ -128,11 +153,15 @@ def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
         return None
     course = through(heard.times_s[known], places[known], loss)
     values = (float(known.sum()), *_motion(course, heard.times_s))
-    return Ride(heard.times_s, (course,) * len(heard.times_s), values)
+    scatter = scatter_along(heard, course.at(heard.times_s))
+    return Ride(heard.times_s, (course,) * len(heard.times_s), values, scatter)
 
 
 def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
-    """Return the path by the iterated smoother on powers, from the places of single cycles."""
+    """Return the path by the iterated smoother on powers, from the places of single cycles.
+
+    Once with the paper's scatter of powers, then with the one found about that path.
+    """
     heard = part_of(observed, near_span(observed))
     places, spreads = _places(heard)
     known = np.isfinite(places).all(axis=1)
@@ -141,10 +170,11 @@ def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
     motion = MotionModel(acceleration)
     guess = track_places(heard.times_s, places, spreads, motion)
     path = track(heard, guess, motion, RELATIVE_SIGMA)
+    path = track(heard, path, motion, scatter_about(heard, path))
     courses = tuple(path.course(cycle) for cycle in range(len(path.times_s)))
     middle = courses[len(courses) // 2]
     values = (float(known.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
-    return Ride(path.times_s, courses, values)
+    return Ride(path.times_s, courses, values, scatter_along(heard, path.places))
 
 
 def about(sensors: Array, speeds_mps: tuple[float, float]) -> Search:
@@ -164,7 +194,9 @@ def _places(observed: Observed) -> tuple[Array, Array]:
     places, spreads = cycle_places(
         replace(observed, powers=np.where(clear, observed.powers, np.nan)), x, y
     )
-    unsure = ~(np.trace(spreads, axis1=1, axis2=2) < 2 * _UNSURE_M**2)
+    known = np.isfinite(spreads).all(axis=(1, 2))
+    larger = np.linalg.eigvalsh(np.where(known[:, None, None], spreads, 0.0))[:, -1]
+    unsure = ~known | (larger > _UNSURE_M**2)
     places[unsure], spreads[unsure] = np.nan, np.inf
     return places, spreads
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,8 +90,10 @@ def observed_of(run: list[Cycle], site: Site, exponent: float) -> Observed:
     times = np.array([cycle.time_ns - run[0].time_ns for cycle in run], np.int64) / NS_PER_S
     powers = np.array([cycle.powers for cycle in run])
     floors = np.array([cycle.floors for cycle in run])
+    sigmas = np.array([cycle.floor_sigmas for cycle in run])
     length_s = run[0].length_ns / NS_PER_S
-    return Observed(times, powers, floors, site.places, PowerLaw(1.0, exponent), length_s)
+    law = PowerLaw(1.0, exponent)
+    return Observed(times, powers, floors, site.places, law, length_s, sigmas)
 
 
 def heard_span(observed: Observed) -> slice:
@@ -116,11 +118,11 @@ def _span(which: NDArray[np.bool_]) -> slice:
 
 def part_of(observed: Observed, span: slice) -> Observed:
     """Return some of the cycles."""
-    return Observed(
-        observed.times_s[span],
-        observed.powers[span],
-        observed.floors[span],
-        observed.sensors,
-        observed.law,
-        observed.cycle_s,
+    sigmas = observed.floor_sigmas
+    return replace(
+        observed,
+        times_s=observed.times_s[span],
+        powers=observed.powers[span],
+        floors=observed.floors[span],
+        floor_sigmas=None if sigmas is None else sigmas[span],
     )

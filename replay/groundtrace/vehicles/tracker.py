@@ -17,10 +17,11 @@ from scipy.special import digamma, polygamma
 
 from ..trackers.kalman import Motion as Step
 from ..trackers.rts import smoothed
-from .likelihood import RELATIVE_SIGMA, CyclePlace
+from .likelihood import RELATIVE_SIGMA, CyclePlace, less_noise
 from .lines import Course
 from .medium import ranges
 from .scoring import usable
+from .traffic_scatter import lasting_of, rooted
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
@@ -40,6 +41,8 @@ _DEAF = 1e6
 #: which their slopes are those of a rough path.
 _ROUNDS, _CAUTION = 25, (16.0, 9.0, 4.0, 2.0)
 _STAYS_M = 1e-3
+#: Greatest standard deviation of a power over its mean that is believed.
+_MOST_SIGMA = 3.0
 #: A cycle has a place if so many powers are above the noise.
 _LEAST_HEARD = 3
 
@@ -162,7 +165,9 @@ def cycle_places(
     places = np.full((len(observed.times_s), 2), np.nan)
     covariances = np.full((len(places), 2, 2), np.inf)
     for cycle, (power, floor) in enumerate(zip(observed.powers, observed.floors, strict=True)):
-        place = CyclePlace(power - floor, observed.sensors, observed.law, False, relative_sigma)
+        known = None if observed.floor_sigmas is None else observed.floor_sigmas[cycle]
+        signal, sigma = less_noise(power, floor, known, relative_sigma)
+        place = CyclePlace(signal, observed.sensors, observed.law, False, sigma)
         if np.sum(place.powers > 0) < _LEAST_HEARD:
             continue
         found = place.locate(place.surface(x, y))
@@ -206,6 +211,21 @@ def track(
         if caution == 1 and moved < _STAYS_M:
             break
     return path
+
+
+def scatter_about(observed: Observed, path: Path) -> float:
+    """Return the standard deviation of powers over their mean on a path from powers.
+
+    As of powers that are independent from cycle to cycle: where they stay off the path for longer,
+    as under fading, each tells less. At least :data:`~groundtrace.vehicles.likelihood.
+    RELATIVE_SIGMA`, since a path that follows its powers leaves little.
+    """
+    mean, _ = _linearised(observed, path.states)
+    used = usable(observed.powers)
+    off = np.where(used, rooted(np.where(used, observed.powers, 1.0) / np.exp(mean)), np.nan)
+    lasting = lasting_of(off)
+    found = float(np.nanvar(off)) * (1 + lasting) / (1 - lasting)
+    return float(np.clip(np.sqrt(found), RELATIVE_SIGMA, _MOST_SIGMA))
 
 
 def _pass(observed: Observed, about: Array, logs: Array, noise: Array, motion: MotionModel) -> Path:

@@ -1,0 +1,37 @@
+"""The section on passes of the score's page."""
+
+from __future__ import annotations
+
+from groundtrace.score.pass_section import pass_section
+from groundtrace.score.passes import score_passes
+from groundtrace_codecs.events import Pass
+from groundtrace_codecs.labels import Label
+
+S = 1_000_000_000
+LABELS = (
+    Label(10 * S, "pass", value=12.0, channel="A <1>", label="forward", target="V1"),
+    Label(12 * S, "pass", value=12.0, channel="B", label="forward", target="V1"),
+    Label(30 * S, "pass", value=9.0, channel="B", label="backward", target="V2"),
+)
+
+
+def told(time_s: float, station: str) -> Pass:
+    """Return a pass forward of vehicle 1."""
+    return Pass(round(time_s * S), 0.1, station, 1, "forward", 11.5, 0.4, 0.5, 20.0, "passes")
+
+
+def test_passes_are_dots_in_the_row_of_their_station_and_vehicles_a_table() -> None:
+    passes = [told(10.1, "A <1>"), told(12.2, "B"), told(20.0, "B")]
+    score = score_passes(LABELS, passes)
+    assert score is not None
+    page = pass_section(LABELS, passes, score, (0, 40 * S))
+    kinds = {kind: page.count(f'class="dot {kind}"') for kind in ("truth", "missed", "result")}
+    assert kinds == {"truth": 2, "missed": 1, "result": 2}
+    assert page.count('class="dot false"') == 1
+    assert "A &lt;1&gt;" in page
+    assert "A <1>" not in page
+    assert "12.00 s: true, V1, forward, 12.0 m/s" in page
+    assert "12.20 s: found, vehicle 1, forward, 11.5 m/s" in page
+    assert "<td>V2</td><td>0 of 1</td><td>0</td><td>not told</td>" in page
+    assert "2 of 3" in page
+    assert "nan" not in page

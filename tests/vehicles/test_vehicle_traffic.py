@@ -1,0 +1,103 @@
+"""Vehicles on a road by the powers of all stations at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vehicle_powers import fluctuating
+
+from groundtrace.vehicles.passes import PassFinder
+from groundtrace.vehicles.roads import Road
+from groundtrace.vehicles.traffic import Driven, driven
+from groundtrace.vehicles.traffic_fit import Stretch
+from groundtrace.vehicles.traffic_model import RoadPowers, Vehicle
+from groundtrace.vehicles.traffic_scatter import Scatter, rooted, scatter_of
+
+TIMES = np.arange(0, 40, 0.25)
+ALONG, OFFSETS = np.array([0.0, 10.0]), np.array([5.0, 5.0])
+FLOOR, FREEDOM = 0.02, 14
+#: When at 5 m along the road [s], velocity [m/s].
+MEETING = ((19.6, 11.0), (20.5, -12.0))
+
+
+def mean_of(vehicles: tuple[tuple[float, float], ...]) -> np.ndarray:
+    mean = np.full((len(TIMES), 2), FLOOR)
+    for moment, velocity in vehicles:
+        late = TIMES[:, None] - moment - (ALONG - 5) / velocity
+        mean += 50 * ((velocity * late) ** 2 + OFFSETS**2) ** -0.75
+    return mean
+
+
+def road_powers(vehicles: tuple[tuple[float, float], ...], seed: int) -> RoadPowers:
+    mean = mean_of(vehicles)
+    powers = fluctuating(mean, np.random.default_rng(seed), FREEDOM)
+    return RoadPowers(TIMES, powers, np.full(mean.shape, FLOOR), ALONG, OFFSETS, 1.5, 0.25)
+
+
+def found(observed: RoadPowers) -> tuple[Driven, ...]:
+    finder = PassFinder(least_over_floor=2.0)
+    alone = [
+        finder.find(TIMES, power, floor)
+        for power, floor in zip(observed.powers.T, observed.floors.T, strict=True)
+    ]
+    return driven(observed, alone, Road(tuple(ALONG), speeds_mps=(2.0, 45.0)))
+
+
+def test_two_within_a_second_at_stations_ten_metres_apart_are_two() -> None:
+    vehicles = found(road_powers(MEETING, 1))
+    assert sorted(v.direction for v in vehicles) == [-1, 1]
+    for v in vehicles:
+        moment, velocity = MEETING[0] if v.direction > 0 else MEETING[1]
+        for station, one in v.passes:
+            true = moment + (ALONG[station] - 5) / velocity
+            assert one.time_s == pytest.approx(true, abs=4 * one.time_sigma_s)
+        error = np.log(v.speed_mps / abs(velocity)) * v.speed_mps / v.speed_sigma_mps
+        assert abs(error) < 4
+
+
+def test_one_stays_one_with_errors_that_are_true() -> None:
+    off = []
+    for seed in range(5):
+        (v,) = found(road_powers(((20.0, 9.0),), seed))
+        assert v.direction == 1
+        off.append(np.log(v.speed_mps / 9) * v.speed_mps / v.speed_sigma_mps)
+    assert 0.4 < np.sqrt(np.mean(np.square(off))) < 1.7
+
+
+def test_slopes_are_those_of_the_power() -> None:
+    observed = road_powers((), 1)
+    values = observed.usual + np.array([20.0, 0.1, 0.2, 0.05, 0.1, -0.2])
+    vehicle, rows = Vehicle(values, -1), slice(60, 100)
+    _, slopes = observed.power(vehicle, rows)
+    for column in range(len(values)):
+        step = np.zeros(len(values))
+        step[column] = 1e-5
+        more, less = (observed.power(Vehicle(values + s, -1), rows)[0] for s in (step, -step))
+        assert slopes[..., column] == pytest.approx((more - less) / 2e-5, rel=1e-4, abs=1e-6)
+
+
+def test_scatter_is_found_shared_or_not() -> None:
+    rng = np.random.default_rng(1)
+    mean = np.ones((2000, 2))
+    own = fluctuating(mean, rng, FREEDOM)
+    for powers, shared in ((own, 0.0), (own[:, :1] * mean, 0.95)):
+        observed = RoadPowers(np.arange(2000.0), powers, 0.01 * mean, ALONG, OFFSETS, 1.5, 1.0)
+        scatter = scatter_of(observed, mean)
+        assert scatter.variance == pytest.approx(2 / FREEDOM, rel=0.15)
+        assert scatter.shared == pytest.approx(shared, abs=0.1)
+        assert scatter.lasting < 0.1
+
+
+def test_a_cube_root_of_fading_is_nearly_normal() -> None:
+    drawn = rooted(np.random.default_rng(1).exponential(size=100_000))
+    assert drawn.mean() == pytest.approx(-1 / 3, abs=0.02)
+    assert drawn.std() == pytest.approx(1, abs=0.04)
+
+
+def test_no_vehicle_explains_powers_of_nobody() -> None:
+    observed = road_powers((), 3)
+    assert driven(observed, [[], []], Road(tuple(ALONG))) == ()
+    stretch = Stretch(observed, slice(0, 80), np.full((80, 2), FLOOR), Scatter())
+    nobody = stretch.fit((), 5)
+    more = stretch.fit((Vehicle(observed.usual + np.array([10.0, 0, 0, 0, 0, 0]), 1),), 25)
+    assert nobody.evidence > more.evidence
