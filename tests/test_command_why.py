@@ -99,6 +99,13 @@ def test_a_walk_without_a_wrong_step_has_nothing_to_explain(capsys: Capture) -> 
     assert text == "waist-walk.mcap: 74 right, 0 missed, 0 false\n"
 
 
+def test_without_a_stage_every_step_is_undecided(capsys: Capture) -> None:
+    done(capsys, "replay", str(WALK), "--pipeline", "signals", "--no-viewer", "--out", "s.mcap")
+    table = done(capsys, "why", "s.mcap").out
+    assert "undecided  the pipeline has no stage: nothing decides" in table
+    assert "no step (undecided)" in done(capsys, "why", "s.mcap", "--at", "5").out
+
+
 def test_a_step_shows_every_gate_and_the_smallest_change(missing: Path, capsys: Capture) -> None:
     text = done(capsys, "why", missing, "--step", 53).out
     assert text.startswith("33.741 s: no step (threshold): height 0.8383 m/s2 < 2 m/s2")
@@ -229,7 +236,7 @@ def test_a_replay_can_show_what_lies_around_a_miss(missing: Path, capsys: Captur
     assert times.min() >= 33.741 - 5.0 - 1e-6
     assert times.max() <= 33.741 + 5.0
     assert times.max() - times.min() > 9.9
-    assert run(capsys, *replay, "--at-miss", 22).error == (
+    assert run(capsys, *replay, "--at-miss", 22, "--force").error == (
         "walk.mcap: --at-miss: expected one of the 21 missed steps, found 22"
     )
     assert run(capsys, *replay, "--at-miss", 1, "--from", 3).error == (

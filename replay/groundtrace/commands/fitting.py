@@ -23,7 +23,7 @@ def fitting_pipeline(recording: Recording) -> str | None:
         return _beside_a_road(recording.geometry)
     if recording.geometry is not None and recording.geometry.sensors and seismic >= 3:
         return "room-footsteps"
-    if any(s.columns_of({"acceleration"}) for s in recording.streams):
+    if any(s.columns_of({"acceleration", "acceleration_magnitude"}) for s in recording.streams):
         return "waist-steps"
     return None
 

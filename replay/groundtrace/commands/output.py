@@ -6,14 +6,16 @@ import math
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
+
+from groundtrace_codecs.mcap.remote import is_url
 
 from ..errors import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
 #: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
 FIRST_DATE_NS = 315_532_800_000_000_000
@@ -49,14 +51,14 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def existing(path: Path, what: str = "a recording") -> Path:
-    """Return a path that is a readable file.
+    """Return a path that is a readable file, or a URL, which is known when it is opened.
 
     Raises
     ------
     RecordingError
         Where there is no such file.
     """
-    if not path.is_file():
+    if not (path.is_file() or is_url(path)):
         raise RecordingError(f"{path}: expected {what}, found no such file")
     return path
 
@@ -81,17 +83,50 @@ def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
     return path
 
 
+class Show(Protocol):
+    """Shows how much is done."""
+
+    def __call__(self, done: float, total: float | None = None, /) -> None:
+        """Take what is done, and of how much where that was not known before."""
+
+
 @contextmanager
-def progress(total: float, what: str, unit: str = "s") -> Iterator[Callable[[float], None]]:
-    """Show how much of ``total``, seconds or another unit, is done, on a terminal only."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
+def progress(
+    total: float | None, what: str, unit: str = "s", *, quiet: bool = False
+) -> Iterator[Show]:
+    """Show how much of ``total`` is done, how fast, and the time left, on a terminal only.
+
+    Parameters
+    ----------
+    total
+        Seconds of recording, or another unit; None where it is not known yet.
+    what
+        What goes on.
+    unit
+        Of ``total``; a rate in seconds a second is that of real time.
+    quiet
+        Show nothing.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda _done, _total=None: None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    columns = (TextColumn(what), BarColumn(), TextColumn(f"{{task.completed:.0f}} {unit}"))
+    class Rate(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            rate = task.finished_speed or task.speed
+            known = "" if rate is None else f"{rate:.3g} " + ("x" if unit == "s" else f"{unit}/s")
+            return Text(known.rjust(10))
+
+    class Done(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            of = "" if task.total is None else f" of {task.total:.0f}"
+            return Text(f"{task.completed:.0f}{of} {unit}")
+
+    columns = (TextColumn(what), BarColumn(), Done(), Rate(), TimeRemainingColumn())
     console = Console(stderr=True)
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda done: bar.update(task, completed=done)
+        yield lambda done, of=None: bar.update(task, completed=done, total=of)

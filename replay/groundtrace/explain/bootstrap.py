@@ -1,4 +1,4 @@
-"""Confidence of a sweep: the same steps drawn again and again."""
+"""Confidence: the steps of a sweep, or the recordings of a fleet, drawn again and again."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DRAWS = 200
+#: Recordings are drawn more often, since that costs little; so many draws at once.
+RECORDING_DRAWS, AT_ONCE = 2000, 50
 SEED = 20_170_319
 #: Ends of the interval that holds nine of ten draws [%].
 ENDS = (5.0, 95.0)
@@ -60,6 +62,51 @@ class Confidence:
     def worse(self, row: int) -> bool:
         """Whether a setting is told apart from the first one, as the worse."""
         return self.behind[row].low > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """A figure of many recordings as the ratio of two sums: a pooled F1, or a mean.
+
+    Attributes
+    ----------
+    top, bottom
+        What each recording adds to either, shape (n,).
+    """
+
+    top: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+
+    def value(self) -> float:
+        """Return the figure; NaN where nothing is summed."""
+        bottom = float(self.bottom.sum())
+        return float(self.top.sum()) / bottom if bottom else float("nan")
+
+
+def bootstrap_recordings(
+    before: Sums, after: Sums, draws: int = RECORDING_DRAWS
+) -> Interval | None:
+    """Return the interval of a figure's change over recordings, those of both in the same order.
+
+    Recordings are drawn with replacement, each with all its steps: steps of one recording are
+    alike, and so are the two figures of one, which are always drawn together. The seed is fixed.
+
+    Returns
+    -------
+    The interval of after minus before, or None where a draw may have no figure.
+    """
+    rng = np.random.default_rng(SEED)
+    n = len(before.top)
+    if not n:
+        return None
+    changes = []
+    for size in [AT_ONCE] * (draws // AT_ONCE):
+        times = rng.multinomial(n, np.full(n, 1 / n), size=size).astype(np.float64)
+        bottoms = times @ before.bottom, times @ after.bottom
+        if not (bottoms[0].all() and bottoms[1].all()):
+            return None
+        changes.append(times @ after.top / bottoms[1] - times @ before.top / bottoms[0])
+    return _intervals(np.concatenate(changes)[:, None])[0]
 
 
 def bootstrap(settings: Sequence[Sequence[Verdicts]], draws: int = DRAWS) -> Confidence:

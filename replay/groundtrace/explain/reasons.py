@@ -28,6 +28,7 @@ CAUSES = (
     "walking",
     "gap",
     "taken",
+    "undecided",
 )
 
 
@@ -76,6 +77,8 @@ def reason_at(evidence: Evidence, time_ns: int, tolerance_s: float) -> Reason:
     tolerance_s
         Candidates up to this far away count.
     """
+    if not evidence.config.stage:
+        return Reason("undecided", "the pipeline has no stage: nothing decides", "", "")
     reach = round(tolerance_s * NS_PER_S)
     final = _last_stage(evidence, "step") or evidence.config.stage[-1].key
     found = [

@@ -1,0 +1,253 @@
+"""Fleets: what the tables hold, what goes on after an interruption, what is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any
+
+import pytest
+from command_runs import check_schema, done, run
+from fleet_runs import Here, use, walks
+from pyarrow import parquet
+
+from groundtrace.fleet.figures import FIGURES
+from groundtrace.fleet.rows import decoded
+from groundtrace.score import __path__ as score_path
+from groundtrace.simulate import RoomOptions, simulate_room, write
+
+Capture = pytest.CaptureFixture[str]
+WAIST = ("--pipeline", "waist-peaks")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two walks, one that is torn, and one file that is no recording."""
+    folder = tmp_path_factory.mktemp("fleet") / "small"
+    paths = walks(folder, 3)
+    whole = paths[2].read_bytes()
+    paths[2].write_bytes(whole[: len(whole) // 2])
+    (folder / "zjunk.mcap").write_bytes(b"this is no recording")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(small, tmp_path / "small")
+    monkeypatch.chdir(tmp_path)
+
+
+def ran(capsys: Capture, *arguments: object) -> Any:
+    document = done(capsys, "fleet", "small", "-o", "t.parquet", "--json", *arguments).document
+    check_schema("fleet", document)
+    return document
+
+
+def rows(path: str = "t.parquet") -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = parquet.read_table(path).to_pylist()
+    return found
+
+
+def test_there_is_a_row_for_each_recording_and_pipeline_and_one_for_each_step(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    said = ran(capsys, *WAIST, "--pipeline", "signals")
+    table = rows()
+    assert [(r["recording"], r["pipeline"]) for r in table] == [
+        (name, pipeline)
+        for name in ("walk-1.mcap", "walk-2.mcap", "walk-3.mcap", "zjunk.mcap")
+        for pipeline in ("waist-peaks", "signals")
+    ]
+    assert (said["recordings"], said["rows"], said["errors"]) == (4, 8, 2)
+    first = table[0]
+    assert first["location"] == "small/walk-1.mcap"
+    assert first["duration_s"] == pytest.approx(8, abs=0.1)
+    assert "/imu/waist" in first["topics"]
+    assert "height" in first["parameters"]
+    assert "groundtrace" in first["versions"]
+    steps = [s for s in rows("t.steps.parquet") if s["pipeline"] == "waist-peaks"]
+    for row in table[:6:2]:
+        mine = [s["verdict"] for s in steps if s["recording"] == row["recording"]]
+        missed = row["steps_truth"] - row["steps_matched"]
+        assert mine.count("matched") == row["steps_matched"]
+        assert mine.count("missed") == missed
+        assert mine.count("false") == row["steps_detected"] - row["steps_matched"]
+        assert sum(n or 0 for name, n in row.items() if name.startswith("missed_")) == missed
+
+
+def test_the_figures_are_those_of_replay_and_score(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    room = RoomOptions(duration_s=5.0, channels=4, rate_hz=4000.0)
+    write(simulate_room(room), Path("small/room.mcap"))
+    ran(capsys)
+    for row in rows():
+        if row["recording"] not in ("room.mcap", "walk-1.mcap"):
+            continue
+        replayed = done(capsys, "replay", row["location"], "--no-viewer", "--json").document
+        assert row["pipeline"] in ("room-footsteps", "waist-steps")
+        scored = done(capsys, "score", replayed["results"], "--json").document
+        assert json.loads(row["score_json"]) == scored
+        assert row["steps_f1"] == scored["steps"]["f1"]
+        assert row["steps_latency_ms_median"] == scored["steps"]["latency_ms"]["median"]
+        assert row["samples"] == replayed["samples"]
+
+
+def test_every_number_of_a_score_is_a_column() -> None:
+    modules = [import_module(f"groundtrace.score.{m.name}") for m in iter_modules(score_path)]
+    classes = {c.__name__: c for m in modules for c in vars(m).values() if is_dataclass(c)}
+
+    def leaves(kind: Any, prefix: tuple[str, ...]) -> set[tuple[str, ...]]:
+        found: set[tuple[str, ...]] = set()
+        for field in fields(kind):
+            inner = str(field.type).removesuffix(" | None")
+            if inner in classes:
+                found |= leaves(classes[inner], (*prefix, field.name))
+            elif inner in ("int", "float", "str", "bool"):
+                found.add((*prefix, field.name))
+        return found
+
+    # the tolerance is the row's own, and all picks have no label
+    told = {("steps", "tolerance_s"), ("picks", "all", "label")}
+    assert leaves(classes["Score"], ()) - told == {figure.path for figure in FIGURES}
+
+
+def test_what_cannot_be_read_is_a_row_with_its_error_and_what_is_torn_gives_the_rest(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    ran(capsys, *WAIST)
+    whole, _, torn, junk = rows()
+    assert whole["error"] == torn["error"] == ""
+    assert whole["damaged_places"] == 0 < torn["damaged_places"]
+    assert 0 < torn["samples"] < whole["samples"]
+    assert "expected the MCAP magic" in junk["error"]
+    assert "small" not in junk["error"]
+    assert junk["steps_f1"] is None
+    assert junk["missed_threshold"] is None
+
+
+def test_a_bug_costs_only_its_recording(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    use(monkeypatch, Here())
+
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("nobody expected this")
+
+    monkeypatch.setattr("groundtrace.fleet.evaluate.score_events", fail)
+    assert ran(capsys, *WAIST)["errors"] == 4
+    assert rows()[0]["error"].startswith("ZeroDivisionError: nobody expected this (test_fleet.py:")
+
+
+def test_a_worker_killed_twice_is_a_row_with_an_error(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here(lost=frozenset({1})))
+    assert ran(capsys, *WAIST)["errors"] == 2
+    assert rows()[1]["error"] == "walk-2.mcap: expected a worker that ends, found it killed twice"
+    assert len(rows()[1]["sha256"]) == 64
+    use(monkeypatch, Here())
+    said = ran(capsys, *WAIST, "--resume")
+    assert (said["done"], said["known"], said["errors"]) == (1, 2, 1)
+    assert rows()[1]["error"] == ""
+
+
+def test_an_interrupted_run_is_gone_on_with_and_gives_the_same_table(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = use(monkeypatch, Here())
+    digest = ran(capsys, *WAIST)["digest"]
+    shutil.rmtree("t.parts")
+    for path in Path().glob("*.parquet"):
+        path.unlink()
+    use(monkeypatch, Here(interrupted_after=2))
+    ended = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST)
+    assert ended.code == 130
+    assert "interrupted: 2 of 4 are done and kept in t.parts; go on with: groundtrace" in ended.err
+    assert "--resume" in ended.err
+    assert not Path("t.parquet").exists()
+    use(monkeypatch, whole)
+    said = ran(capsys, *WAIST, "--resume")
+    assert said["digest"] == digest
+    assert (said["known"], said["done"], said["failed"]) == (1, 2, 1)
+
+
+def test_resuming_does_again_what_is_not_the_same(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    ran(capsys, *WAIST)
+    Path("small/walk-1.mcap").touch()
+    assert ran(capsys, *WAIST, "--resume")["known"] == 3
+    assert ran(capsys, *WAIST, "--resume", "--set", "steps.height=0.5")["known"] == 0
+    assert ran(capsys, *WAIST, "--resume", "--tolerance", "0.2")["known"] == 0
+    shutil.copy("small/walk-2.mcap", "small/walk-1.mcap")
+    assert ran(capsys, *WAIST, "--resume")["known"] == 2
+    assert rows()[0]["sha256"] == rows()[1]["sha256"]
+
+
+def test_shards_give_the_table_of_one_run(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = use(monkeypatch, Here())
+    digest = ran(capsys, *WAIST)["digest"]
+    shutil.rmtree("t.parts")
+    first = ran(capsys, *WAIST, "--shard", "1/2")
+    assert first["table"] is None
+    engine.given.clear()
+    refused = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST, "--join").error
+    assert refused.startswith("t.parts: expected 4 parts, found 2; the first that is missing is of")
+    ran(capsys, *WAIST, "--shard", "2/2")
+    assert [task.location for task in engine.given] == ["small/zjunk.mcap", "small/walk-2.mcap"]
+    engine.given.clear()
+    assert ran(capsys, *WAIST, "--join")["digest"] == digest
+    assert engine.given == []
+
+
+def test_truth_comes_from_a_folder_or_from_beside(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    Path("truths").mkdir()
+    Path("truths/walk-1.truth.csv").write_text("time_s,kind\n1.0,step\n2.0,step\n", "utf-8")
+    ran(capsys, *WAIST, "--truth", "truths")
+    one, two, *_ = rows()
+    assert (one["truth"], one["labels"], one["steps_truth"]) == ("walk-1.truth.csv", 2, 2)
+    assert two["truth"] == "recording"
+
+
+def test_a_part_that_is_not_whole_is_none() -> None:
+    assert decoded(b"") is None
+    assert decoded(b"\x28\xb5\x2f\xfd nothing") is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (("small", "-o", "t.csv"), "t.csv: expected a name that ends in .parquet, found t.csv"),
+        (("none/*.mcap", "-o", "t.parquet"), "none/*.mcap: expected a recording, a folder of"),
+        (("small", "-o", "t.parquet", "--shard", "0/2"), "--shard: expected I/N with I from 1"),
+        (("small", "-o", "t.parquet", "--engine", "slurm"), "--engine: expected local, dask,"),
+        (("small", "-o", "t.parquet", "--truth", "t.csv"), "t.csv: expected a truth file or"),
+        (("-o", "t.parquet"), "fleet: expected recordings, found none"),
+        (("small", "-o", "t.parquet", "--pipeline", "none"), "none: expected a file or one of"),
+        (("small", "-o", "t.parquet", "--set", "a.b=1"), "--set: expected --pipeline NAME"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_line(
+    capsys: Capture, arguments: tuple[str, ...], error: str
+) -> None:
+    assert run(capsys, "fleet", *arguments).error.startswith(error)
+    assert not Path("t.parquet").exists()
+
+
+def test_a_table_that_is_there_stays_without_force(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    ran(capsys, *WAIST)
+    assert "see --force" in run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
+    ran(capsys, *WAIST, "--force")

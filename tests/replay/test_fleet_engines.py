@@ -1,0 +1,90 @@
+"""Engines: every task once, a killed worker costs only its task, one table whatever computes it."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+import pytest
+from command_runs import done, run
+from fleet_runs import Here, twice, use, walks
+
+from groundtrace.fleet.local import LocalEngine
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_a_killed_worker_is_replaced_and_its_task_tried_once_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marker = tmp_path / "killed"
+    monkeypatch.setenv("FLEET_TEST_MARKER", str(marker))
+    tasks = [1, 7, 13, 4, 5]
+    answers = dict(LocalEngine(2).run(twice, tasks))
+    assert answers == {0: 2, 1: 14, 2: None, 3: 8, 4: 10}
+    kills = {p.name: len(p.read_text("utf-8").split()) for p in tmp_path.iterdir()}
+    assert kills == {"killed-7": 1, "killed-13": 2}
+
+
+def test_closing_the_answers_ends_the_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from multiprocessing import active_children
+
+    monkeypatch.setenv("FLEET_TEST_MARKER", str(tmp_path / "killed"))
+    answers = LocalEngine(1).run(twice, [1, 2, 3])
+    assert next(answers) == (0, 2)
+    assert active_children()
+    answers.close()  # type: ignore[attr-defined]
+    assert not active_children()
+
+
+def test_processes_and_a_dask_cluster_give_one_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    if find_spec("distributed") is None:
+        pytest.skip("dask is not installed: groundtrace[fleet]")
+    monkeypatch.chdir(tmp_path)
+    walks(tmp_path / "small", 2)
+    (tmp_path / "small" / "zjunk.mcap").write_bytes(b"this is no recording")
+    command = (
+        "fleet",
+        "small",
+        "--pipeline",
+        "waist-peaks",
+        "--json",
+        "--force",
+        "-o",
+        "t.parquet",
+    )
+    digests = [
+        done(capsys, *command, "--engine", engine, "--workers", 1).document["digest"]
+        for engine in ("local", "dask")
+    ]
+    use(monkeypatch, Here())
+    digests.append(done(capsys, *command).document["digest"])
+    assert len(set(digests)) == 1
+
+
+@pytest.mark.parametrize(
+    ("package", "engine", "extra"), [("distributed", "dask", "fleet"), ("ray", "ray", "ray")]
+)
+def test_a_missing_package_is_said_with_what_installs_it(
+    package: str,
+    engine: str,
+    extra: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.mcap").write_bytes(b"")
+    said = run(capsys, "fleet", "a.mcap", "-o", "t.parquet", "--engine", engine).error
+    assert said == (
+        f"--engine {package}: expected the package {package}, found none; "
+        f"install it with: pip install 'groundtrace[{extra}]'"
+    )

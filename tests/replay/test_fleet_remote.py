@@ -1,0 +1,163 @@
+"""Recordings behind URLs: read in ranges, without a copy, as if they were here."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from command_runs import check_schema, done, run
+from fleet_runs import Here, use
+from pyarrow import parquet
+
+from groundtrace.fleet.places import name_of, recordings_of
+from groundtrace_codecs import CodecError, Recording
+from groundtrace_codecs.mcap.remote import BLOCK_BYTES, RemoteBytes, as_url, is_url, public_url
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: groundtrace[fleet]")
+pytest.importorskip("aiohttp", reason="aiohttp is not installed: groundtrace[fleet]")
+Capture = pytest.CaptureFixture[str]
+ROOM = path_of("room-walk.mcap").read_bytes()
+
+
+class Ranges(BaseHTTPRequestHandler):
+    """Gives ranges of one recording, and counts the bytes."""
+
+    sent = 0
+    deaf = False  # answers with the whole file, as some servers do
+
+    def do_GET(self) -> None:
+        asked = self.headers.get("Range", "").removeprefix("bytes=")
+        first, _, last = asked.partition("-")
+        whole = not asked or type(self).deaf
+        data = ROOM if whole else ROOM[int(first) : int(last) + 1]
+        type(self).sent += len(data)
+        self.do_HEAD(200 if whole else 206, len(data))
+        self.wfile.write(data)
+
+    def do_HEAD(self, code: int = 200, size: int = len(ROOM)) -> None:
+        self.send_response(code)
+        self.send_header("Content-Length", str(size))
+        self.send_header("Accept-Ranges", "bytes")
+        self.end_headers()
+
+    def log_message(self, *_: Any) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Serve the bundled room; yield its URL."""
+    monkeypatch.setattr(Ranges, "sent", 0)
+    with ThreadingHTTPServer(("127.0.0.1", 0), Ranges) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/data/room-walk.mcap"
+        server.shutdown()
+
+
+@pytest.fixture
+def memory() -> Iterator[Any]:
+    """An empty file system of fsspec in memory."""
+    system = fsspec.filesystem("memory")
+    yield system
+    system.store.clear()
+
+
+def test_every_read_gives_the_bytes_of_the_file_and_its_hash(memory: Any) -> None:
+    data = hashlib.shake_256(b"some bytes").digest(5 * BLOCK_BYTES + 123)
+    memory.pipe("/a.bin", data)
+    source = RemoteBytes("memory://a.bin", hashed=True)
+    size = len(data)
+    spans = [(size - 10, 100), (0, 8), (BLOCK_BYTES - 3, 7), (0, size), (size, 5), (3, 0)]
+    for offset, length in [*spans, (4 * BLOCK_BYTES + 1, BLOCK_BYTES)]:
+        assert source.read_at(offset, length) == data[offset : offset + length]
+    assert source.sha256() == hashlib.sha256(data).hexdigest()
+
+
+def test_the_hash_costs_no_second_reading(memory: Any) -> None:
+    memory.pipe("/room.mcap", ROOM)
+    source = RemoteBytes("memory://room.mcap", hashed=True)
+    with Recording.open(source) as recording:
+        blocks = sum(1 for _ in recording.blocks())
+        assert source.sha256() == hashlib.sha256(ROOM).hexdigest()
+    assert blocks > 0
+    assert len(ROOM) <= source.fetched_bytes < len(ROOM) + 2 * BLOCK_BYTES
+    assert source.requests < len(ROOM) / BLOCK_BYTES
+
+
+def test_info_of_a_url_fetches_a_part_of_it(served: str, capsys: Capture) -> None:
+    said = done(capsys, "info", served, "--json").document
+    check_schema("info", said)
+    assert said["bytes"] == len(ROOM)
+    assert said["streams"]
+    assert said["truth"]["label"] > 0
+    assert 0 < Ranges.sent < 0.6 * len(ROOM)
+
+
+def test_replay_of_a_url_is_the_replay_of_its_file(
+    served: str, capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ("--no-viewer", "--to", 3, "--json", "--force")
+    remote = done(capsys, "replay", served, *options).document
+    local = done(capsys, "replay", path_of("room-walk.mcap"), *options).document
+    assert remote["samples"] == local["samples"]
+    assert remote["recording"] == local["recording"] == "room-walk.mcap"
+
+
+def test_a_fleet_over_http_decides_what_it_decides_here(
+    served: str, capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, memory: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    use(monkeypatch, Here())
+    memory.pipe("/fleet/room-walk.mcap", ROOM)
+    memory.pipe("/fleet/room-walk.results.mcap", b"")
+    places = (path_of("room-walk.mcap"), served, "memory://fleet", "memory://fleet/*.mcap")
+    command = ("-o", "t.parquet", "--json", "--force", "--pipeline", "room-footsteps")
+    reports = [done(capsys, "fleet", place, *command).document for place in places]
+    assert {report["rows"] for report in reports} == {1}
+    assert len({report["digest"] for report in reports}) == 1
+    (row,) = parquet.read_table("t.parquet").to_pylist()
+    assert row["location"] == "memory:///fleet/room-walk.mcap"
+    assert row["sha256"] == hashlib.sha256(ROOM).hexdigest()
+    again = done(capsys, "fleet", "memory://fleet", *command, "--resume").document
+    assert again["known"] == 1
+
+
+def test_what_cannot_be_reached_is_one_line(
+    served: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch, memory: Any
+) -> None:
+    monkeypatch.setattr(Ranges, "deaf", True)
+    assert "expected a server that gives ranges, found" in run(capsys, "info", served).error
+    gone = run(capsys, "info", "memory://nowhere/walk.mcap").error
+    assert gone == "memory://nowhere/walk.mcap: size: expected bytes to read, found: no such file"
+    assert "expected a URL to read, found:" in run(capsys, "info", "nothing://a.mcap").error
+    monkeypatch.setitem(__import__("sys").modules, "fsspec.core", None)
+    said = run(capsys, "info", served).error
+    assert said.endswith("install it with: pip install 'groundtrace[fleet]'")
+
+
+def test_urls_are_told_from_paths_and_their_secrets_are_not_told() -> None:
+    assert is_url("s3://bucket/walk.mcap")
+    assert is_url("https:/host/walk.mcap")
+    assert not is_url("C:/walk.mcap")
+    assert not is_url("folder/walk.mcap")
+    assert as_url("https:/host/a.mcap") == as_url("https://host/a.mcap") == "https://host/a.mcap"
+    assert as_url("file:/tmp/a.mcap") == "file:///tmp/a.mcap"
+    assert public_url("https://me:word@host/a.mcap?key=1") == "https://host/a.mcap"
+    assert name_of("https://host/b/a.mcap?key=1") == "a.mcap"
+    assert recordings_of(["https://host/a.mcap?key=*"]) == ["https://host/a.mcap?key=*"]
+
+
+def test_a_folder_behind_a_url_that_holds_none_is_refused(memory: Any) -> None:
+    memory.pipe("/empty/readme.txt", b"")
+    with pytest.raises(Exception, match=r"memory://empty: expected a recording, a folder") as told:
+        recordings_of(["memory://empty"])
+    assert not isinstance(told.value, CodecError)

@@ -1,0 +1,177 @@
+"""The page of a fleet, and the judgement of one fleet against another."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command_runs import check_schema, done, run
+from fleet_runs import Here, use, walks
+
+from groundtrace.explain.bootstrap import Interval, Sums, bootstrap_recordings
+from groundtrace.fleet.measures import MEASURES, changes, verdict_of
+from groundtrace.fleet.reading import FleetTable
+from groundtrace.fleet.report import fleet_page
+from groundtrace.fleet.report_rows import ranked
+
+Capture = pytest.CaptureFixture[str]
+
+
+def table(name: str, matched: list[int], latency_ms: float = 10.0) -> FleetTable:
+    """Return a table of made-up recordings of 20 true steps each; -1 stands for an error."""
+    found = [max(m, 0) for m in matched]
+    failed = [m < 0 for m in matched]
+    columns: dict[str, list[Any]] = {
+        "location": [f"walks/{i}.mcap" for i in range(len(matched))],
+        "recording": [f"{i}.mcap" for i in range(len(matched))],
+        "sha256": [f"{i:064x}" for i in range(len(matched))],
+        "pipeline": ["<mine>"] * len(matched),
+        "pipeline_sha256": [name] * len(matched),
+        "parameters": ["name = 'mine'"] * len(matched),
+        "versions": ["groundtrace 1"] * len(matched),
+        "truth": ["recording"] * len(matched),
+        "tolerance_s": [0.12] * len(matched),
+        "duration_s": [60.0] * len(matched),
+        "wall_s": [1.0] * len(matched),
+        "error": ["broken <b>" if bad else "" for bad in failed],
+        "damaged_places": [0] * len(matched),
+        "missed_threshold": [20 - m for m in found],
+    }
+    figures = {
+        "steps_truth": [20] * len(matched),
+        "steps_detected": found,
+        "steps_matched": found,
+        "steps_f1": [2 * m / (20 + m) for m in found],
+        "steps_count_truth": [20] * len(matched),
+        "steps_count_error": [20 - m for m in found],
+        "steps_count_error_signed": [m - 20 for m in found],
+        "steps_latency_ms_median": [latency_ms] * len(matched),
+    }
+    for column, values in figures.items():
+        pairs = zip(values, failed, strict=True)
+        columns[column] = [None if bad else value for value, bad in pairs]
+    return FleetTable(name, columns)
+
+
+def judged(old: FleetTable, new: FleetTable) -> dict[str, str]:
+    return {change.measure.name: change.verdict for change in changes(old, new)}
+
+
+def test_a_change_that_all_recordings_agree_on_is_told_and_one_of_chance_is_not() -> None:
+    rng = np.random.default_rng(3)
+    before = rng.integers(8, 20, 60)
+    better = judged(table("old", before.tolist()), table("new", (before + 1).tolist()))
+    assert better["F1, all steps together"] == better["Recall"] == "better"
+    assert better["Count error"] == "better"
+    assert better["Precision"] == better["Latency, median, without sign"] == "the same"
+    worse = judged(table("old", (before + 1).tolist()), table("new", before.tolist()))
+    assert worse["F1, all steps together"] == worse["Count error"] == "worse"
+    chance = np.clip(before + rng.choice([-1, 1], 60), 0, 20)
+    assert judged(table("o", before.tolist()), table("n", chance.tolist()))["Recall"] == "undecided"
+
+
+def test_few_recordings_decide_nothing() -> None:
+    few = judged(table("old", [5] * 5), table("new", [15] * 5))
+    assert few["Recall"] == "undecided"
+    assert judged(table("old", [5, 6] * 3), table("new", [15] * 6))["Recall"] == "better"
+
+
+def test_recordings_are_paired_by_their_bytes_and_errors_leave_pairs_out() -> None:
+    old, new = table("old", [10, 10, 10, -1]), table("new", [10, -1, 12, 12])
+    new.columns["sha256"][0] = "another"
+    (recall,) = [c for c in changes(old, new) if c.measure.name == "Recall"]
+    assert recall.recordings == 1
+    assert (recall.before, recall.after) == (0.5, 0.6)
+
+
+def test_where_only_counts_are_known_nothing_is_said_of_matching() -> None:
+    fleet = table("fleet", [10, 20])
+    for column in ("steps_truth", "steps_matched", "steps_f1"):
+        fleet.columns[column][0] = 0
+    by_name = {m.name: m.sums(fleet) for m in MEASURES}
+    assert np.isnan(by_name["F1, mean of recordings"].top[0])
+    assert np.isnan(by_name["Precision"].bottom[0])
+    assert by_name["Count error"].top[0] == 1000
+    assert [(r.column, r.rows) for r in ranked(fleet)] == [
+        ("steps_f1", (1,)),
+        ("steps_count_error", (0,)),
+    ]
+
+
+def test_nine_of_ten_intervals_hold_the_true_change() -> None:
+    rng = np.random.default_rng(11)
+    held = 0
+    for _ in range(200):
+        before = rng.normal(0.5, 0.1, 40)
+        after = before + rng.normal(0.03, 0.05, 40)
+        found = bootstrap_recordings(Sums(before, np.ones(40)), Sums(after, np.ones(40)), draws=400)
+        assert found is not None
+        held += found.low <= 0.03 <= found.high
+    assert 0.82 <= held / 200 <= 0.97
+
+
+def test_what_an_interval_says() -> None:
+    assert verdict_of(Interval(0.1, 0.2), higher=True) == "better"
+    assert verdict_of(Interval(0.1, 0.2), higher=False) == "worse"
+    assert verdict_of(Interval(-0.1, 0.2), higher=True) == "undecided"
+    assert verdict_of(None, higher=True) == "undecided"
+
+
+@pytest.mark.parametrize("count", [1, 3, 60])
+def test_a_page_needs_nothing_from_elsewhere_and_escapes_what_it_names(count: int) -> None:
+    fleet = table("fleet.parquet", [-1, *(int(m) for m in np.linspace(2, 20, count))])
+    page = fleet_page(fleet, {}, {}, table("old.parquet", [4] * count))
+    assert not re.search(r"(src|href)=|https?://|<script|url\(", page)
+    assert "&lt;mine&gt;" in page
+    assert "<mine>" not in page
+    assert "broken &lt;b&gt;" in page
+    for title in ("Overview", "What changed", "Distributions", "Worst recordings first"):
+        assert f"<h2>{title}</h2>" in page
+    assert page.index(">walks/1.mcap<") < page.index(f">walks/{min(count, 25)}.mcap<") + 1
+
+
+def test_every_measure_is_of_columns_that_a_table_has() -> None:
+    from groundtrace.fleet.figures import FIGURES
+
+    names = {figure.name for figure in FIGURES}
+    assert {n for m in MEASURES for n in f"{m.top}+{m.bottom}".split("+") if n} <= names
+
+
+def test_the_command_on_the_page_opens_the_miss(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    use(monkeypatch, Here())
+    walks(tmp_path / "my walks", 1)
+    fleet = ("fleet", "my walks", "--pipeline", "waist-peaks")
+    done(capsys, *fleet, "-o", "old.parquet")
+    done(capsys, *fleet, "-o", "new.parquet", "--set", "steps.height=3.0")
+    report = ("fleet-report", "new.parquet", "-o", "new.html")
+    said = done(capsys, *report, "--against", "old.parquet", "--json").document
+    check_schema("fleet-report", said)
+    assert (said["rows"], said["paired"], said["against"]) == (1, 1, "old.parquet")
+    assert "steps" in Path("new.waist-peaks.toml").read_text("utf-8")
+    page = Path("new.html").read_text("utf-8")
+    commands = [unescape(c) for c in re.findall(r"<td>(groundtrace replay .*?)</td>", page)]
+    words = shlex.split(commands[0])
+    assert words[:2] == ["groundtrace", "replay"]
+    done(capsys, *words[1:])
+    assert Path(words[-1]).is_file()
+    assert json.dumps(said["changes"])
+
+
+def test_what_is_no_table_of_a_fleet_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("t.parquet").write_bytes(b"nothing")
+    said = run(capsys, "fleet-report", "t.parquet", "-o", "t.html").error
+    assert said.startswith("t.parquet: expected a fleet's table, found: ")
+    assert "found no such file" in run(capsys, "fleet-report", "n.parquet", "-o", "t.html").error
+    assert not Path("t.html").exists()
