@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check test build wheel bench accept proto screenshot clean
+.PHONY: demo dev fmt check test build wheel bench fuzz big accept proto screenshot clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -49,7 +49,11 @@ wheel: build ## the wheel works alone: in a fresh environment, away from the sou
 
 bench: dev
 	$(BIN)/python bench/replay_speed.py
+	$(BIN)/python bench/file_speed.py
 	$(BIN)/python bench/sweep_speed.py
+	$(BIN)/python bench/localizers_speed.py
+	$(BIN)/python bench/imu_speed.py
+	$(BIN)/python bench/growth.py
 	$(BIN)/python bench/localizers.py
 	$(BIN)/python bench/pickers.py
 	$(BIN)/python bench/room_tables.py
@@ -57,6 +61,13 @@ bench: dev
 	$(BIN)/python bench/vehicle_tables.py
 	$(BIN)/python bench/damage_table.py
 	$(BIN)/python bench/timeline_size.py
+
+fuzz: dev ## 100 000 mutated inputs for every parser; findings are kept in build/fuzz
+	$(BIN)/pip install --quiet atheris
+	nice $(BIN)/python bench/fuzz.py --inputs 100000 --out build/fuzz
+
+big: dev ## memory and time of every command on an hour of recording, 2.5 GB
+	$(BIN)/python bench/big_memory.py
 
 accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py

@@ -1,17 +1,24 @@
-"""Whole replay of a 16-channel, 20 kHz recording, as a ratio to sosfilt on the same samples.
+"""Whole replay of a room recorded at 20 kHz, from a zstd file to decisions, against its peers.
 
-Both are timed in turn, in one process, several times; the medians are compared. A ratio above 1
-means that the replay, from a compressed file to decisions, is faster than one band-pass.
+Each row is timed in turn with all others, in one process, several times; medians are compared. The
+peers work on the same samples: scipy's ``sosfilt`` alone (band-pass of order 4 per edge, blocks of
+2000, float64), plain numpy and scipy in blocks, ObsPy's script (read miniSEED, demean, band-pass,
+recursive STA/LTA, onsets, and the spectrogram of 60 samples every 30), decompression alone. The
+replay's picker filters with order 2 per edge, half as many sections as the peers.
+
+Columns: CPU time of the process on one core, and how many times faster than ``sosfilt`` and than
+the two scripts of ObsPy. Wall time on one core and on all follows.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import statistics
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import signal
@@ -20,59 +27,126 @@ from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
 from groundtrace.results import Provenance, ResultsSink
 from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace.sinks import Session, Sink
+from groundtrace.sinks import Session
 from groundtrace.source import Source
+from groundtrace.window_power import RunningPower, WindowPower
+from groundtrace_codecs.mcap.chunks import ChunkReader, Definitions
 from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import SignalBlock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Sequence
 
-CHANNELS = 16
-RATE_HZ = 20_000.0
-BLOCK = 2000
+    from groundtrace.sinks import Sink
+    from groundtrace_codecs.events import Event
+
+CHANNELS, RATE_HZ, BLOCK = 16, 20_000.0, 2000
+WINDOW, HOP = 60, 30
+SOSFILT, SCRIPT = "sosfilt alone, blocks of 2000", "ObsPy, no spectrogram"
+WHOLE_SCRIPT = "ObsPy, with spectrogram"
+REPLAY, WITH_POWER = "replay to decisions", "replay, and 60/30 power"
 
 
-def blocks(path: Path) -> Iterator[np.ndarray]:
-    """Samples of the recording, (channels, BLOCK) float64, for the peer."""
+class PowerSink:
+    """Computes the power of all channels in windows of 60 samples, and keeps none of it."""
+
+    def __init__(self) -> None:
+        taper = np.hamming(WINDOW)
+        self._power = RunningPower(WindowPower(taper, WINDOW, kind=np.float32), HOP)
+        self.largest = 0.0
+
+    def open(self, session: Session) -> None:
+        """Begin."""
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take a block."""
+        if isinstance(item, SignalBlock):
+            self.largest = max(self.largest, float(self._power(item.samples.T)[:, :, 1].max()))
+
+    def close(self) -> None:
+        """End."""
+
+
+def samples_of(path: Path) -> np.ndarray:
+    """Samples of the recording, (channels, n), as stored."""
     with Recording.open(path) as recording:
-        samples = np.concatenate([item.samples.T for item in Source(recording)], axis=1)  # type: ignore[union-attr]
-    for start in range(0, samples.shape[1] - BLOCK + 1, BLOCK):
-        yield samples[:, start : start + BLOCK].astype(np.float64)
+        blocks = [item for item in Source(recording) if isinstance(item, SignalBlock)]
+    return np.concatenate([block.samples.T for block in blocks], axis=1)
 
 
-def sosfilt_only(parts: list[np.ndarray]) -> None:
-    """The peer: an order-4 band-pass in blocks of 2000 samples."""
-    sos = signal.butter(4, [20, 2000], "bandpass", fs=RATE_HZ, output="sos")
+def band_pass(order: int = 4) -> np.ndarray:
+    return np.asarray(signal.butter(order, [20, 2000], "bandpass", fs=RATE_HZ, output="sos"))
+
+
+def sosfilt_only(samples: np.ndarray, sos: np.ndarray) -> None:
     zi = np.zeros((len(sos), CHANNELS, 2))
-    for part in parts:
-        _, zi = signal.sosfilt(sos, part, axis=1, zi=zi)
+    for start in range(0, samples.shape[1], BLOCK):
+        _, zi = signal.sosfilt(sos, samples[:, start : start + BLOCK], axis=1, zi=zi)
+
+
+def numpy_blocks(samples: np.ndarray, *, power: bool) -> None:
+    """Band-pass, two averages, threshold; optionally the power of windows."""
+    sos = band_pass()
+    zi = np.zeros((len(sos), CHANNELS, 2))
+    short, long = np.zeros((CHANNELS, 1)), np.zeros((CHANNELS, 1))
+    taper, over = np.hamming(WINDOW), 0
+    for start in range(0, samples.shape[1], BLOCK):
+        part = samples[:, start : start + BLOCK].astype(np.float64)
+        band, zi = signal.sosfilt(sos, part, axis=1, zi=zi)
+        squared = band * band
+        sta, short = signal.lfilter([0.2], [1, -0.8], squared, axis=1, zi=short)
+        lta, long = signal.lfilter([1e-3], [1, -0.999], squared, axis=1, zi=long)
+        over += int((sta > 5 * lta).sum())
+        if power:
+            windows = np.lib.stride_tricks.sliding_window_view(part, WINDOW, axis=1)[:, ::HOP]
+            np.abs(np.fft.rfft(windows * taper)) ** 2
+
+
+def obspy_script(path: Path, *, spectrogram: bool) -> None:
+    from matplotlib import mlab
+    from obspy import read
+    from obspy.signal.trigger import recursive_sta_lta, trigger_onset
+
+    stream = read(path)
+    stream.detrend("demean")
+    stream.filter("bandpass", freqmin=20, freqmax=2000, corners=4)
+    for trace in stream:
+        ratio = recursive_sta_lta(trace.data, 40, 2000)
+        trigger_onset(ratio, 5, 2)
+        if spectrogram:
+            mlab.specgram(trace.data, NFFT=WINDOW, Fs=RATE_HZ, noverlap=WINDOW - HOP)
+
+
+def write_miniseed(samples: np.ndarray, path: Path) -> None:
+    from obspy import Stream, Trace
+
+    traces = []
+    for index, channel in enumerate(samples):
+        header = {"station": f"G{index}", "sampling_rate": RATE_HZ}
+        traces.append(Trace(channel.astype(np.int32), header))
+    Stream(traces).write(path, format="MSEED", encoding="STEIM2")
 
 
 def decompress_only(path: Path) -> None:
-    """Reading alone: every block of the recording, decoded."""
     with Recording.open(path) as recording:
-        for _ in recording.blocks():
+        reader = ChunkReader(recording.file._source, Definitions())
+        for chunk in recording.file._chunks:
+            reader.records(chunk)
+
+
+def read_only(path: Path) -> None:
+    with Recording.open(path) as recording:
+        for _ in Source(recording):
             pass
 
 
-def whole_replay(path: Path, results: Path | None = None) -> None:
+def whole_replay(path: Path, *sinks: Sink, pipeline: str = "room-steps") -> None:
     """From the compressed file to decisions with evidence."""
     with Recording.open(path) as recording:
-        chain = build_pipeline(load_pipeline("room-footsteps"), recording.geometry)
-        sinks: list[Sink] = []
-        if results is not None:
-            origin = Provenance(path.name, "", recording.start_ns, recording.end_ns, "")
-            sinks.append(ResultsSink(results, origin, force=True))
-        session = Session(
-            path.name,
-            "room",
-            recording.start_ns,
-            recording.end_ns,
-            recording.streams,
-            recording.geometry,
-            recording.labels,
-            "",
-        )
+        chain = build_pipeline(load_pipeline(pipeline), recording.geometry)
+        times = (recording.start_ns, recording.end_ns)
+        site = (recording.streams, recording.geometry, ())  # labels are read apart
+        session = Session(path.name, "room", *times, *site, chain.recipe())
         for sink in sinks:
             sink.open(session)
         replay(Source(recording), chain, sinks)
@@ -80,43 +154,114 @@ def whole_replay(path: Path, results: Path | None = None) -> None:
             sink.close()
 
 
-def interleaved(cases: dict[str, Callable[[], None]], runs: int) -> dict[str, list[float]]:
-    """Run the cases in turn, so that a drift of the machine's speed meets all of them."""
+def with_results(path: Path) -> None:
+    origin = Provenance(path.name, "", 0, 0, "")
+    whole_replay(path, ResultsSink(path.with_suffix(".results"), origin, force=True))
+
+
+def with_timeline(path: Path) -> None:
+    from groundtrace_viewers import RerunSink
+
+    rrd = path.with_suffix(".rrd")
+    rrd.unlink(missing_ok=True)
+    whole_replay(path, RerunSink(rrd))
+
+
+def taken(case: Callable[[], Any], clock: Callable[[], float]) -> float:
+    began = clock()
+    case()
+    return clock() - began
+
+
+def interleaved(
+    cases: dict[str, Callable[[], None]], runs: int, clock: Callable[[], float]
+) -> dict[str, float]:
+    """Run the cases in turn, so that a drift of the machine's speed meets all; return medians."""
     times: dict[str, list[float]] = {name: [] for name in cases}
     for case in cases.values():
         case()
     for _ in range(runs):
         for name, case in cases.items():
-            began = time.process_time()
+            times[name].append(taken(case, clock))
+    return {name: statistics.median(each) for name, each in times.items()}
+
+
+def print_table(medians: dict[str, float], seconds: float) -> None:
+    print(f"{'one core, CPU time':34}{'ms per s':>9}{'s per s':>9}", end="")
+    print(f"{'x sosfilt':>11}{'x ObsPy':>9}{'x ObsPy with spectrogram':>26}")
+    for name, middle in medians.items():
+        ratios = [medians[peer] / middle for peer in (SOSFILT, SCRIPT, WHOLE_SCRIPT)]
+        print(f"{name:34}{1e3 * middle / seconds:9.2f}{seconds / middle:9.0f}", end="")
+        print(f"{ratios[0]:11.2f}{ratios[1]:9.2f}{ratios[2]:26.2f}")
+
+
+def one_core_cases(path: Path, samples: np.ndarray) -> dict[str, Callable[[], None]]:
+    seed = path.with_suffix(".mseed")
+    write_miniseed(samples, seed)
+    floats = samples.astype(np.float64)
+    return {
+        SOSFILT: lambda: sosfilt_only(floats, band_pass()),
+        "the same, order 2 as the picker": lambda: sosfilt_only(floats, band_pass(2)),
+        "numpy in blocks": lambda: numpy_blocks(samples, power=False),
+        "numpy in blocks, and 60/30 power": lambda: numpy_blocks(samples, power=True),
+        SCRIPT: lambda: obspy_script(seed, spectrogram=False),
+        WHOLE_SCRIPT: lambda: obspy_script(seed, spectrogram=True),
+        "decompression alone": lambda: decompress_only(path),
+        "reading alone": lambda: read_only(path),
+        REPLAY: lambda: whole_replay(path),
+        WITH_POWER: lambda: whole_replay(path, PowerSink()),
+        "replay, and results file": lambda: with_results(path),
+    }
+
+
+def on_cores(cores: Sequence[int], case: Callable[[], None]) -> Callable[[], None]:
+    """Return a case that runs on some cores alone."""
+
+    def run() -> None:
+        before = os.sched_getaffinity(0)
+        os.sched_setaffinity(0, cores)
+        try:
             case()
-            times[name].append(time.process_time() - began)
-    return times
+        finally:
+            os.sched_setaffinity(0, before)
+
+    return run
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
+    everywhere = sorted(os.sched_getaffinity(0))
+    one = everywhere[:1]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "room.mcap"
         room = RoomOptions(duration_s=options.seconds, channels=CHANNELS, rate_hz=RATE_HZ)
         write(simulate_room(room), path)
-        parts = list(blocks(path))
-        cases = {
-            "sosfilt, blocks of 2000": lambda: sosfilt_only(parts),
-            "reading alone": lambda: decompress_only(path),
-            "replay to decisions": lambda: whole_replay(path),
-            "replay with results file": lambda: whole_replay(path, Path(folder) / "r.mcap"),
+        samples = samples_of(path)
+        print(f"{CHANNELS} channels x {RATE_HZ:g} Hz, {options.seconds:g} s, zstd, warm, medians")
+        os.sched_setaffinity(0, one)
+        cases = one_core_cases(path, samples)
+        print_table(interleaved(cases, options.runs, time.process_time), options.seconds)
+        drawn = {"replay, and .rrd": lambda: with_timeline(path)}
+        middle = interleaved(drawn, 1, time.process_time)["replay, and .rrd"]
+        size = path.with_suffix(".rrd").stat().st_size / samples.size
+        print(f"replay, and .rrd: {1e3 * middle / options.seconds:.1f} ms per s, ", end="")
+        print(f"{size:.2f} bytes per sample")
+        places = {"": lambda: whole_replay(path, pipeline="room-footsteps")}
+        middle = interleaved(places, 1, time.process_time)[""]
+        print(f"room-footsteps, with places: {1e3 * middle / options.seconds:.1f} ms per s")
+        os.sched_setaffinity(0, everywhere)
+        both = {
+            f"{name} on {len(cores)}": on_cores(cores, case)
+            for name, case in ((REPLAY, cases[REPLAY]), (WITH_POWER, cases[WITH_POWER]))
+            for cores in (one, everywhere)
         }
-        times = interleaved(cases, options.runs)
-    peer = statistics.median(times["sosfilt, blocks of 2000"])
-    print(f"{CHANNELS} channels x {RATE_HZ:g} Hz, {options.seconds:g} s, one core, CPU time")
-    print(f"{'':26}{'recorded s per s':>18}{'times sosfilt':>15}")
-    for name, taken in times.items():
-        middle = statistics.median(taken)
-        print(f"{name:26}{options.seconds / middle:18.0f}{peer / middle:15.2f}")
+        print("wall time, cores:")
+        for name, middle in interleaved(both, options.runs, time.perf_counter).items():
+            print(f"{name:34}{1e3 * middle / options.seconds:9.2f} ms per s")
 
 
 if __name__ == "__main__":

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from groundtrace.explain.evidence import Evidence
 
 WAIST = (
-    "steps.height=0.2:1.5:14",
-    "steps.swing=0.4:2:6",
-    "steps.activity=0.1:0.6:6",
-    "steps.refractory_s=0.1:0.6:5",
+    "steps.swing=0.05:1.5:14",
+    "steps.share=0.05:0.5:6",
+    "steps.dominance=0.3:0.8:6",
+    "steps.rhythm=0.2:0.6:5",
 )
 ROOM = (
     "picks.ratio=5:12:15",

@@ -6,6 +6,11 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# the first call of a compiled function takes seconds in a fresh clone
+settings.register_profile("groundtrace", deadline=None)
+settings.load_profile("groundtrace")
 
 REQUIRED = frozenset(filter(None, os.environ.get("GROUNDTRACE_REQUIRE", "").split(",")))
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Capture = pytest.CaptureFixture[str]
 ROOT = Path(__file__).parents[1]
 WALK = path_of("waist-walk.mcap")
-HEAVY = ("numpy", "scipy", "rerun", "obspy", "mcap", "google.protobuf", "msgspec")
+HEAVY = ("numpy", "scipy", "rerun", "obspy", "mcap", "numba", "google.protobuf", "msgspec")
 HELP = [(name,) for name in (*COMMANDS, "simulate")] + [("simulate", name) for name in SIMULATIONS]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from functools import cache
+from sys import intern
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -222,12 +223,15 @@ def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent
     time_ns = get_time(m.timestamp, place)
     match name:
         case "Pick":
-            return Pick(time_ns, m.channel, m.topic, m.stage, m.uncertainty_s, m.value)
+            # one text for all picks of a channel: an hour has a hundred thousand
+            channel, topic, stage = map(intern, (m.channel, m.topic, m.stage))
+            return Pick(time_ns, channel, topic, stage, m.uncertainty_s, m.value)
         case "StepEvent":
             return StepEvent(time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels, m.type)
         case "Fix":
             known = _covariance(m, place)
-            return Fix(time_ns, m.x_m, m.y_m, known, m.residual, m.method, m.picks, m.stage)
+            said = (m.residual, intern(m.method), m.picks, intern(m.stage))
+            return Fix(time_ns, m.x_m, m.y_m, known, *said)
         case "TrackPoint":
             state = (m.x_m, m.y_m, m.vx_mps, m.vy_mps)
             return TrackPoint(time_ns, m.track, *state, _covariance(m, place), m.stage, m.nis)
@@ -255,8 +259,10 @@ def _covariance(message: Any, place: str) -> tuple[float, float, float]:
     return found
 
 
-def events_of(file: McapFile) -> Iterator[Event]:
+def events_of(file: McapFile, *, blocks: bool = True) -> Iterator[Event]:
     """Yield the stages of a results file, then its events in order of log time.
+
+    Without ``blocks`` candidates and decision functions, which are most of a file, are left out.
 
     Raises
     ------
@@ -268,7 +274,8 @@ def events_of(file: McapFile) -> Iterator[Event]:
     }
     specs = (spec for spec, _ in decoders.values() if spec is not None)
     yield from dict.fromkeys(specs)
-    for message in file.messages(decoders.keys()):
+    wanted = {i for i, (spec, _) in decoders.items() if blocks or spec is None}
+    for message in file.messages(wanted):
         yield decoders[message.channel_id][1](message.data)
 
 

@@ -179,6 +179,7 @@ class Recording:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
+        log_ns: int | None = None,
     ) -> Iterator[Stamped]:
         """Yield blocks of all streams in order of log time, then of channel id.
 
@@ -192,6 +193,8 @@ class Recording:
         start_ns, stop_ns
             Sample times ``[start_ns, stop_ns)``; None = no bound. Messages are looked for where
             their channel's first messages were logged after their samples, and 2 s around.
+        log_ns
+            Messages logged before are left alone, for going on; a multiple of :data:`BATCH_NS`.
 
         Raises
         ------
@@ -208,9 +211,14 @@ class Recording:
             return
         low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - SLACK_NS
         high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + SLACK_NS
-        for log_ns, block in self._decoded(readers, low, high):
+        if log_ns is not None:
+            low = log_ns if low is None else max(low, log_ns)
+        if start_ns is None and stop_ns is None and len(wanted) == len(self.streams):
+            yield from self._decoded(readers, low, high)
+            return
+        for logged_ns, block in self._decoded(readers, low, high):
             if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
-                yield Stamped(log_ns, part)
+                yield Stamped(logged_ns, part)
 
     def _wanted(self, topics: Collection[str] | None) -> set[str]:
         known = {s.topic for s in self.streams}

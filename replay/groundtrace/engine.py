@@ -32,12 +32,25 @@ class Tally:
         Samples replayed, all channels together.
     recorded_s, wall_s
         Recorded time covered and wall time taken [s].
+    first_ns, last_ns
+        Of all blocks [ns]; None before the first.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
     samples: int = 0
     recorded_s: float = 0.0
     wall_s: float = 0.0
+    first_ns: int | None = None
+    last_ns: int | None = None
+
+    def hear(self, block: SignalBlock) -> int:
+        """Count a block; return the time reached [ns]."""
+        start_ns, end_ns = block.start_ns, block.end_ns
+        self.first_ns = start_ns if self.first_ns is None else min(self.first_ns, start_ns)
+        self.last_ns = end_ns if self.last_ns is None else max(self.last_ns, end_ns)
+        self.recorded_s = (self.last_ns - self.first_ns) / NS_PER_S
+        self.samples += block.samples.size
+        return self.last_ns
 
     def add(self, event: Event) -> None:
         """Count an event."""
@@ -52,6 +65,7 @@ def replay(
     *,
     clock: Clock | None = None,
     progress: Callable[[int], None] | None = None,
+    tally: Tally | None = None,
 ) -> Tally:
     """Stream a source through a pipeline into open sinks.
 
@@ -67,16 +81,16 @@ def replay(
         Paces the replay; None means as fast as possible.
     progress
         Told the time reached [ns] after each block.
+    tally
+        Of what was replayed before, to be added to; None begins a new one.
     """
-    tally = Tally()
-    began = time.perf_counter()
-    first_ns = last_ns = None
+    tally = Tally() if tally is None else tally
+    began = time.perf_counter() - tally.wall_s
+    last_ns = tally.last_ns
     for item in source:
         if isinstance(item, SignalBlock):
             _wait(clock, item.end_ns)
-            first_ns = item.start_ns if first_ns is None else min(first_ns, item.start_ns)
-            last_ns = max(last_ns or item.end_ns, item.end_ns)
-            tally.samples += item.samples.size
+            last_ns = tally.hear(item)
         else:
             tally.add(item)
         for sink in sinks:
@@ -85,8 +99,6 @@ def replay(
         if progress is not None and last_ns is not None:
             progress(last_ns)
     _deliver(pipeline.flush(), sinks, tally)
-    if first_ns is not None and last_ns is not None:
-        tally.recorded_s = (last_ns - first_ns) / NS_PER_S
     tally.wall_s = time.perf_counter() - began
     return tally
 

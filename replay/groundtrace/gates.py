@@ -7,14 +7,12 @@ behind a gate that already failed.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, GateSpec
-from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -145,39 +143,26 @@ class Refractory:
         carry: Carry,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where there was none."""
+        from .gate_kernels import time_since_passed
+
         last = carry.last_ns.setdefault(self.name, {})
-        out = np.full(len(candidates), np.inf)
-        for channel in set(candidates.channel.tolist()):
-            rows = np.flatnonzero(candidates.channel == channel)
-            times = candidates.time_ns[rows]
-            came = np.flatnonzero(alive[rows])
-            passed = came[_spaced(times[came], threshold, last.get(channel))]
-            # by row, not by time: of two candidates at one time the first is before the second
-            before = np.searchsorted(passed, np.arange(len(rows)), side="left") - 1
-            seen = before >= 0
-            out[rows[seen]] = (times[seen] - times[passed[before[seen]]]) / NS_PER_S
-            if channel in last:
-                out[rows[~seen]] = (times[~seen] - last[channel]) / NS_PER_S
-            if len(passed):
-                last[channel] = int(times[passed[-1]])
-        return out
-
-
-def _spaced(times: NDArray[np.int64], spacing_s: float, last: int | None) -> list[int]:
-    """Return which times a first-come refractory rule lets pass after ``last``, by index."""
-    passed: list[int] = []
-    spacing_ns = int(min(spacing_s, 1e9) * NS_PER_S)  # a time that int64 can hold
-    came = times.tolist()  # short lists are searched far faster than short arrays
-    index, count = 0, len(came)
-    while index < count:
-        time_ns = came[index]
-        if last is None or (time_ns - last) / NS_PER_S >= spacing_s:
-            passed.append(index)
-            last = time_ns
-            index += 1
-        else:  # rounding is settled by the test above
-            index = bisect_left(came, last + spacing_ns - 1, index + 1)
-    return passed
+        if not len(candidates):
+            return np.empty(0)
+        width = 1 + max(int(candidates.channel.max()), max(last, default=0))
+        times, known = np.zeros(width, np.int64), np.zeros(width, np.bool_)
+        if last:
+            times[list(last)] = list(last.values())
+            known[list(last)] = True
+        since_s = time_since_passed(
+            np.ascontiguousarray(candidates.time_ns),
+            np.ascontiguousarray(candidates.channel),
+            alive,
+            threshold,
+            times,
+            known,
+        )
+        last.update((i, int(times[i])) for i in np.flatnonzero(known).tolist())
+        return since_s
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -207,6 +207,15 @@ class Pipeline:
                 yield event
                 yield from self._through(self.stages[index + 1 :], event)
 
+    def save(self) -> tuple[Any, ...]:
+        """Return a copy of everything that crosses items, stage by stage."""
+        return tuple(stage.save() for stage in self.stages)
+
+    def restore(self, saved: Sequence[Any]) -> None:
+        """Go on from what :meth:`save` returned."""
+        for stage, state in zip(self.stages, saved, strict=True):
+            stage.restore(state)
+
     def _through(self, stages: Sequence[Stage], item: SignalBlock | Event) -> Iterator[Event]:
         for index, stage in enumerate(stages):
             for event in stage.process(item):

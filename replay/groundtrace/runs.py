@@ -61,6 +61,11 @@ class UniformRuns:
         run = self._run
         if not len(block):
             return
+        if run is not None and self._follows(block, run):
+            run.next += len(block)
+            run.last = block.samples[-1]
+            yield self._of_run(block, run)
+            return
         if run is not None and (gap := self._ending(block, run)) is not None:
             yield gap
             run = None
@@ -74,9 +79,23 @@ class UniformRuns:
             if not len(block):
                 return
         yield from self._bridge(block, run)
-        yield replace(block, anchor_ns=run.anchor_ns, first=block.first - run.base)
+        yield self._of_run(block, run)
         run.next = block.first + len(block)
         run.last = block.samples[-1]
+
+    def _follows(self, block: SignalBlock, run: _Counter) -> bool:
+        """Return whether a block goes on where the run stands, as nearly all do."""
+        if block.first != run.next:
+            return False
+        if run.base == 0 and block.anchor_ns == run.anchor_ns:
+            return True
+        step_ns = block.start_ns - self._expected_ns(run, block.first)
+        return abs(step_ns) <= self.tolerance_ns
+
+    def _of_run(self, block: SignalBlock, run: _Counter) -> SignalBlock:
+        if run.base == 0 and block.anchor_ns == run.anchor_ns:
+            return block
+        return SignalBlock(block.stream, run.anchor_ns, block.first - run.base, block.samples)
 
     def _expected_ns(self, run: _Counter, index: int) -> int:
         return run.anchor_ns + round((index - run.base) * self.stream.period_ns)

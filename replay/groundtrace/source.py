@@ -8,20 +8,33 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from groundtrace_codecs.events import Gap
+from groundtrace_codecs.recording import BATCH_NS
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .runs import IrregularRuns, UniformRuns, run_tracker
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     from groundtrace_codecs.recording import Stamped
     from groundtrace_codecs.signals import Stream
 
+    #: What makes runs of each topic's blocks.
+    Trackers = dict[str, UniformRuns | IrregularRuns]
+
 #: Length to which unpaced blocks are joined [s].
 BLOCK_S = 0.5
+#: The same where there is one stream alone, whose blocks wait for no other's [s].
+ALONE_BLOCK_S = 1.0
+#: Shortest time between two places where a replay may be broken off [ns of log time].
+REST_NS = BATCH_NS
 #: Longest gap that is filled instead of ending the run [s].
 BRIDGE_S = 0.1
+
+
+def block_length_s(streams: Sequence[Stream]) -> float:
+    """Return the length to which unpaced blocks of these streams are joined [s]."""
+    return ALONE_BLOCK_S if len(streams) == 1 else BLOCK_S
 
 
 class Readable(Protocol):
@@ -36,8 +49,9 @@ class Readable(Protocol):
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
+        log_ns: int | None = None,
     ) -> Iterator[Stamped]:
-        """Yield recorded blocks in the order of the file."""
+        """Yield recorded blocks in the order of the file, logged from ``log_ns`` on."""
 
 
 class Source:
@@ -52,9 +66,18 @@ class Source:
     start_ns, stop_ns
         Half-open span of sample times [ns]; None means from the beginning, to the end.
     block_s
-        Contiguous blocks are joined to about this length [s]; 0 leaves them as recorded.
+        Contiguous blocks are joined to about this length [s]; 0 leaves them as recorded, None is
+        :func:`block_length_s`.
     bridge_s
         Longest gap that is filled [s].
+    rest
+        Called between windows of :data:`REST_NS` or more, when everything given so far has been
+        taken and nothing is held back but what :meth:`save` returns; False ends the source there.
+
+    Attributes
+    ----------
+    reached_ns
+        Up to where all streams of the last window were given [ns].
 
     Notes
     -----
@@ -69,15 +92,22 @@ class Source:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
-        block_s: float = BLOCK_S,
+        block_s: float | None = None,
         bridge_s: float = BRIDGE_S,
+        rest: Callable[[], bool] | None = None,
     ) -> None:
         self.recording = recording
         self.topics = topics
         self.start_ns = start_ns
         self.stop_ns = stop_ns
-        self.block_ns = round(block_s * NS_PER_S)
+        length_s = block_length_s(self.streams) if block_s is None else block_s
+        self.block_ns = round(length_s * NS_PER_S)
         self.bridge_s = bridge_s
+        self.rest = rest
+        self.reached_ns = 0
+        self._trackers: Trackers = {}
+        self._resumed = False
+        self._from_log_ns: int | None = None
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -89,27 +119,53 @@ class Source:
 
     def __iter__(self) -> Iterator[SignalBlock | Gap]:
         """Yield blocks and gaps."""
+        if not self._resumed:
+            self._trackers, self._from_log_ns = {}, None
+        self._resumed = False
         waiting: dict[str, list[SignalBlock | Gap]] = {}
+        ends: dict[str, int] = {}
+        width_ns = self.block_ns or REST_NS
         window = None
-        for log_ns, item in self._runs():
-            if self.block_ns == 0:
-                yield item
-                continue
-            if window is None:
-                window = log_ns // self.block_ns
-            elif log_ns // self.block_ns > window:
-                window = log_ns // self.block_ns
+        wanted = (self.topics, self.start_ns, self.stop_ns, self._from_log_ns)
+        for log_ns, block in self.recording.blocks(*wanted):
+            if window is not None and log_ns // width_ns > window:
                 yield from self._drain(waiting)
-            waiting.setdefault(item.topic, []).append(item)
+                if not self._rested(log_ns // width_ns * width_ns, ends):
+                    return
+            window = max(window or 0, log_ns // width_ns)
+            if self.rest is not None:
+                ends[block.topic] = max(block.end_ns, ends.get(block.topic, 0))
+            for item in self._followed(block):
+                if self.block_ns == 0:
+                    yield item
+                else:
+                    waiting.setdefault(item.topic, []).append(item)
         yield from self._drain(waiting)
 
-    def _runs(self) -> Iterator[tuple[int, SignalBlock | Gap]]:
-        trackers: dict[str, UniformRuns | IrregularRuns] = {}
-        for log_ns, block in self.recording.blocks(self.topics, self.start_ns, self.stop_ns):
-            if block.topic not in trackers:
-                trackers[block.topic] = run_tracker(block.stream, self.bridge_s)
-            for item in trackers[block.topic].add(block):
-                yield log_ns, item
+    def save(self) -> tuple[int | None, Trackers]:
+        """Return where the source rests and everything that crosses blocks; called at rest."""
+        return self._from_log_ns, self._trackers
+
+    def restore(self, saved: tuple[int | None, Trackers]) -> None:
+        """Let the next iteration go on from what :meth:`save` returned."""
+        self._from_log_ns, self._trackers = saved
+        self._resumed = True
+
+    def _rested(self, log_ns: int, ends: dict[str, int]) -> bool:
+        """Rest before what is logged from ``log_ns`` on; return whether to go on."""
+        # messages of one sample are decoded together up to multiples of REST_NS
+        if self.rest is None or log_ns % REST_NS:
+            return True
+        self._from_log_ns = log_ns
+        self.reached_ns = min(ends.values(), default=self.reached_ns)
+        ends.clear()
+        return self.rest()
+
+    def _followed(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
+        """Yield what a recorded block adds to the run of its stream."""
+        if block.topic not in self._trackers:
+            self._trackers[block.topic] = run_tracker(block.stream, self.bridge_s)
+        yield from self._trackers[block.topic].add(block)
 
     def _drain(self, waiting: dict[str, list[SignalBlock | Gap]]) -> Iterator[SignalBlock | Gap]:
         for stream in self.recording.streams:
@@ -140,4 +196,5 @@ def _one(blocks: list[SignalBlock]) -> SignalBlock:
         return blocks[0]
     # the planar layout of the parts is kept: filters run along each channel
     planar = np.concatenate([b.samples.T for b in blocks], axis=1)
-    return replace(blocks[0], samples=planar.T)
+    first = blocks[0]
+    return SignalBlock(first.stream, first.anchor_ns, first.first, planar.T)

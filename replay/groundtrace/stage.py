@@ -234,17 +234,17 @@ def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | Step
     names = [c.name for c in block.spec.columns]
     sigma = names.index("uncertainty") if "uncertainty" in names else None
     count = names.index("channels") if "channels" in names else None
-    for row in np.flatnonzero(block.accepted):
-        value = block.value[row]
-        time_ns = int(block.time_ns[row])
+    rows = np.flatnonzero(block.accepted)
+    times, channels = block.time_ns[rows].tolist(), block.channel[rows].tolist()
+    for time_ns, channel, value in zip(times, channels, block.value[rows].tolist(), strict=True):
         if emits == "pick":
             yield Pick(
                 time_ns=time_ns,
-                channel=block.spec.channels[int(block.channel[row])],
+                channel=block.spec.channels[channel],
                 topic=block.spec.topic,
                 stage=block.spec.stage,
-                uncertainty_s=float("nan") if sigma is None else float(value[sigma]),
-                value=float(value[0]),
+                uncertainty_s=float("nan") if sigma is None else value[sigma],
+                value=value[0],
             )
         else:
             yield StepEvent(
@@ -253,6 +253,6 @@ def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | Step
                 foot="",
                 topic=block.spec.topic,
                 stage=block.spec.stage,
-                value=float(value[0]),
+                value=value[0],
                 channels=1 if count is None else int(value[count]),
             )

@@ -8,22 +8,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import cuts_of, parts_of
 
-from groundtrace.detectors.cells import CellReducer, LocalMaxima, NoiseRatio, Rise, sliding_maximum
+from groundtrace.detectors.cell_kernels import window_maxima
+from groundtrace.detectors.cells import CellReducer, LocalMaxima, NoiseRatio, RunningMaximum
 from groundtrace.detectors.filters import UnbiasedMean
-from groundtrace.detectors.toa_cv import RunningMaximum
 
 N = 203
 RNG = np.random.default_rng(10)
 RECORDED, FILTERED, LEVEL = RNG.normal(size=(3, 2, N))
-TIMES = np.arange(N, dtype=np.int64) * 200_000
 
 
 def reduced(cuts=(), rate_hz=5000.0):
     reducer = CellReducer(rate_hz, 2)
-    rows = (TIMES, RECORDED, FILTERED, LEVEL)
+    rows = (RECORDED, FILTERED, LEVEL)
     pieces = zip(*(parts_of(r, cuts) for r in rows), strict=True)
     cells = [reducer.add(*piece) for piece in pieces]
-    names = ("time_ns", "level", "peak", "power", "high", "low")
+    assert [c.first for c in cells] == np.cumsum([0, *map(len, cells)]).tolist()[:-1]
+    names = ("level", "peak", "power", "high", "low")
     return {n: np.concatenate([getattr(c, n) for c in cells], axis=-1) for n in names}
 
 
@@ -37,7 +37,6 @@ def test_parts_give_exactly_the_cells_of_the_whole(cuts):
 def test_cells_of_a_millisecond_hold_what_was_reached_in_them():
     cells, whole = reduced(), slice(0, 200)
     folded = [x[:, whole].reshape(2, 40, 5) for x in (RECORDED, FILTERED, LEVEL)]
-    assert np.array_equal(cells["time_ns"], TIMES[:200:5])
     assert np.array_equal(cells["level"], folded[2].max(axis=2))
     assert np.array_equal(cells["peak"], np.abs(folded[1]).max(axis=2))
     assert np.allclose(cells["power"], (folded[1] ** 2).mean(axis=2), rtol=1e-12)
@@ -85,12 +84,12 @@ def test_a_running_maximum_is_that_of_the_last_cells():
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 8, 9])
-def test_a_sliding_maximum_is_that_of_every_window(width):
+def test_maxima_of_windows_are_those_of_every_window(width):
     windows = np.lib.stride_tricks.sliding_window_view(LEVEL, width, axis=1)
-    assert np.array_equal(sliding_maximum(LEVEL, width), windows.max(axis=2))
+    assert np.array_equal(window_maxima(LEVEL, width), windows.max(axis=2))
 
 
-def slow_maxima(values: np.ndarray, reach: int, floor: float, back: int) -> list[Rise]:
+def slow_maxima(values: np.ndarray, reach: int, floor: float, back: int) -> list[tuple]:
     """Look at every cell: first of equals within reach, over the floor; walk back its rise."""
     rises = []
     for cell in range(values.shape[1]):
@@ -102,7 +101,7 @@ def slow_maxima(values: np.ndarray, reach: int, floor: float, back: int) -> list
             begin = cell
             while begin > max(0, cell - back) and line[begin - 1] > floor:
                 begin -= 1
-            rises.append(Rise(begin, cell, channel, line[cell]))
+            rises.append((begin, cell, channel, line[cell]))
     return rises
 
 
@@ -124,14 +123,17 @@ def test_maxima_are_those_of_a_look_at_every_cell_whatever_the_blocks(
     values, reach, back, cuts, floor
 ):
     maxima = LocalMaxima(len(values), reach, floor, back)
-    found = [rise for part in parts_of(values, cuts) for rise in maxima.add(part)]
+    found = [
+        rise for part in parts_of(values, cuts) for rise in zip(*maxima.add(part), strict=True)
+    ]
     settled = maxima.settled
-    assert all(rise.peak < settled for rise in found)
-    found += maxima.add(values[:, :0], final=True)
+    assert all(peak < settled for _, peak, _, _ in found)
+    found += zip(*maxima.add(values[:, :0], final=True), strict=True)
     assert found == slow_maxima(values, reach, floor, back)
     assert settled == max(0, values.shape[1] - reach)
 
 
 def test_a_plateau_has_one_maximum_at_its_begin():
     values = np.array([[0.0, 1, 5, 5, 5, 1, 0]])
-    assert LocalMaxima(1, 2, 0.5, 3).add(values, final=True) == [Rise(1, 2, 0, 5.0)]
+    found = LocalMaxima(1, 2, 0.5, 3).add(values, final=True)
+    assert list(zip(*found, strict=True)) == [(1, 2, 0, 5.0)]

@@ -54,6 +54,7 @@ class FineSpectrogram:
         last = min(window + 1, 2 + round(TOP_HZ * transform / stream.rate_hz))
         edges = np.unique(np.linspace(1, last, min(BANDS, last - 1) + 1).astype(np.intp))
         self._cut = Resolution(window, window // 2, transform, edges, 1)
+        self._power = self._cut.power(np.hamming(window))
         self._frequencies = self._cut.frequencies_hz(stream.rate_hz)
         self._path = f"/spectrum/{stream.topic.strip('/')}/{channel}"
         self._title = f"Spectrogram of {channel} at steps, Hamming 3 ms, 50 % overlap [Hz]"
@@ -66,7 +67,7 @@ class FineSpectrogram:
         starts = np.arange(0, len(samples) - cut.window + 1, cut.hop)
         if not len(starts):
             return
-        levels = band_levels(samples.astype(np.float64), starts, cut, np.hamming(cut.window))
+        levels = band_levels(samples.astype(np.float64), 0, len(starts), cut, self._power)
         self._declare(bands)
         shade = np.clip(1.0 + (levels - levels.max()) / RANGE_DB, 0.0, 1.0)
         colours = heat(np.round(shade * SHADES) / SHADES)

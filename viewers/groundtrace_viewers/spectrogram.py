@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace.window_power import WindowPower
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from .palette import heat
@@ -63,6 +64,10 @@ class Resolution:
     edges: NDArray[np.intp]
     pool: int
 
+    def power(self, taper: NDArray[np.float64]) -> WindowPower:
+        """Return what transforms windows with such weights, as far up as there are bands."""
+        return WindowPower(taper, self.transform, int(self.edges[-1]), mean_removed=True)
+
     def frequencies_hz(self, rate_hz: float) -> NDArray[np.float64]:
         """Return the bands' centres [Hz]."""
         return (self.edges[:-1] + self.edges[1:] - 1) / 2.0 * rate_hz / self.transform
@@ -105,7 +110,7 @@ class BandLevels:
 
     def __init__(self, cut: Resolution) -> None:
         self._cut = cut
-        self._taper = np.hanning(cut.window)
+        self._power = cut.power(np.hanning(cut.window))
         self._anchor_ns: int | None = None
         self._tail: NDArray[np.float64] = np.empty(0)
         self._first = 0
@@ -129,7 +134,8 @@ class BandLevels:
         end = (self._first + len(run) - cut.window) // cut.hop + 1
         keep = max(begin, end) * cut.hop
         frames = np.arange(begin, max(begin, end)) * cut.hop
-        levels = band_levels(run, frames - self._first, cut, self._taper)
+        start = begin * cut.hop - self._first
+        levels = band_levels(run, start, len(frames), cut, self._power)
         drop = min(max(0, keep - self._first), len(run))
         self._tail, self._first = run[drop:], self._first + drop
         middle = (frames + cut.window / 2) * block.stream.period_ns
@@ -137,31 +143,25 @@ class BandLevels:
 
 
 def band_levels(
-    run: NDArray[np.float64],
-    starts: NDArray[np.intp],
-    cut: Resolution,
-    taper: NDArray[np.float64],
+    run: NDArray[np.float64], start: int, count: int, cut: Resolution, power: WindowPower
 ) -> NDArray[np.float32]:
-    """Return the levels of bands [dB], shape (n, n_bands).
+    """Return the levels of bands [dB], shape (count, n_bands).
 
     Parameters
     ----------
     run
         Shape (m,): samples.
-    starts
-        Shape (n,): where transforms begin in it.
+    start, count
+        Where the first transform begins in it, and how many there are, a hop apart.
     cut
         How it is cut.
-    taper
-        Shape (cut.window,): weights of a transform's samples.
+    power
+        Of each transform: :meth:`Resolution.power`.
     """
-    if not len(starts):
+    if count <= 0:
         return np.empty((0, len(cut.edges) - 1), np.float32)
-    pieces = np.lib.stride_tricks.sliding_window_view(run, cut.window)[starts]
-    pieces = (pieces - pieces.mean(axis=1, keepdims=True)) * taper
-    power = np.abs(np.fft.rfft(pieces, cut.transform)) ** 2
-    bands = np.add.reduceat(power[:, : cut.edges[-1]], cut.edges[:-1], axis=1)
-    bands /= np.diff(cut.edges)
+    found = power(run, start, cut.hop, count)
+    bands = np.add.reduceat(found, cut.edges[:-1], axis=1) / np.diff(cut.edges)
     return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
 
 

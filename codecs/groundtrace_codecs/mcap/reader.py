@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes
+from groundtrace_codecs.mcap.ahead import Ahead
 from groundtrace_codecs.mcap.chunks import (
     ChunkEntry,
     ChunkReader,
@@ -35,6 +35,7 @@ from groundtrace_codecs.mcap.records import (
     parse_attachment,
     read_record,
 )
+from groundtrace_codecs.mcap.remote import open_bytes
 from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan
 from groundtrace_codecs.mcap.scanned import stray_reason
 
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterator
     from types import TracebackType
 
+    from groundtrace_codecs.mcap.bytesource import ByteSource
     from groundtrace_codecs.mcap.segments import Segment
 
 _log_time = itemgetter(2)
@@ -127,7 +129,7 @@ class McapFile:
         Parameters
         ----------
         source
-            Path, or bytes from elsewhere; closed with the file.
+            Path, URL, or bytes from elsewhere; closed with the file.
         strict
             Raise at the first damage instead of listing it.
 
@@ -138,12 +140,17 @@ class McapFile:
         OSError
             If it cannot be read.
         """
-        opened = FileBytes(source) if isinstance(source, str | Path) else source
+        opened = open_bytes(source) if isinstance(source, str | Path) else source
         try:
             return cls(opened, load_index(opened), strict=strict)
         except BaseException:
             opened.close()
             raise
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+        return self._source.size
 
     @property
     def damage(self) -> tuple[Damage, ...]:
@@ -179,8 +186,10 @@ class McapFile:
             chunks = [c for c in chunks if c.channel_ids is None or c.channel_ids & chosen]
         parts = [_Part(self._source, segment, wanted) for segment in self._segments]
 
+        ahead = Ahead(self._source, chunks)
+
         def load(entry: ChunkEntry, floor_ns: int) -> list[Message]:
-            found = self._load(parts[entry.segment], entry, low, high)
+            found = self._load(parts[entry.segment], entry, low, high, ahead)
             return self._in_time(entry, found, floor_ns)
 
         return merge(chunks, load)
@@ -223,10 +232,14 @@ class McapFile:
     ) -> None:
         self.close()
 
-    def _load(self, part: _Part, entry: ChunkEntry, low: int, high: int) -> list[Message]:
+    def _load(
+        self, part: _Part, entry: ChunkEntry, low: int, high: int, ahead: Ahead
+    ) -> list[Message]:
         """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
         try:
-            records = self._records(part.reader, entry)
+            records = ahead.records(entry)
+            if records is None:
+                records = self._records(part.reader, entry)
             found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
             lost = indexed_messages(self._source, entry.offset + entry.length).messages

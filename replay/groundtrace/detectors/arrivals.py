@@ -1,9 +1,8 @@
 """What arrival pickers share: from a decision function to candidates with refined onsets.
 
-A picker gives, sample by sample, the level of its decision function. It is reduced to cells of
-about 1 ms; the ratio of a cell to the noise level some time before it is the candidates' first
-column. Candidates are the local maxima of that ratio; their onset is refined by AIC on the signal
-as recorded.
+A picker gives the level of its decision function, reduced to cells of about 1 ms; the ratio of a
+cell to the noise level some time before it is the candidates' first column. Candidates are the
+local maxima of that ratio; their onset is refined by AIC on the signal as recorded.
 """
 
 from __future__ import annotations
@@ -18,9 +17,11 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..detector import Curve, Measured
 from ..gates import Candidates
-from .cells import CellReducer, LocalMaxima, NoiseLevel, NoiseRatio, Rise
+from ..lanes import LANES
+from .cells import CELL_S, LocalMaxima, NoiseLevel, NoiseRatio, Rises
 from .frames import FrameTrace
-from .onset import aic_onset
+from .lane_history import LaneHistory, SampleClock
+from .onset import lane_onsets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from .cells import Cells
 
 COLUMNS = (Quantity("ratio", "1"), Quantity("uncertainty", "s"))
+NOTHING = Candidates.empty(len(COLUMNS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,32 +101,8 @@ class ArrivalParameters(Protocol):
         """Least time between candidates [s]."""
 
 
-class _History:
-    """The last samples of a run, by their index in the run."""
-
-    def __init__(self, channels: int) -> None:
-        self.first = 0
-        self.times = np.empty(0, np.int64)
-        self.rows = np.empty((2, channels, 0))  # signal as recorded, drive
-
-    @property
-    def end(self) -> int:
-        return self.first + len(self.times)
-
-    def append(
-        self, times: NDArray[np.int64], signal: NDArray[np.float64], drive: NDArray[np.float64]
-    ) -> None:
-        self.times = np.concatenate([self.times, times])
-        self.rows = np.concatenate([self.rows, np.stack([signal, drive])], axis=2)
-
-    def drop_before(self, index: int) -> None:
-        cut = max(0, index - self.first)
-        self.times, self.rows = self.times[cut:], self.rows[:, :, cut:]
-        self.first += cut
-
-
 class ArrivalTracker:
-    """Turns decision functions into candidates, block by block.
+    """Turns cells of decision functions into candidates, block by block.
 
     Parameters
     ----------
@@ -135,6 +113,14 @@ class ArrivalTracker:
     noise
         Makes, for cells of a given length [s], the noise level that
         :class:`~groundtrace.detectors.cells.NoiseRatio` takes.
+    signals
+        How many signals the history has: first that in which onsets are refined, last what the
+        decision function averages, where that is another.
+
+    Attributes
+    ----------
+    clock, history
+        Times and signals of the run; the picker adds to them before it tells the cells.
     """
 
     def __init__(
@@ -143,116 +129,124 @@ class ArrivalTracker:
         channels: int,
         settings: ArrivalSettings,
         noise: Callable[[float], NoiseLevel],
+        signals: int = 1,
     ) -> None:
         self.settings = settings
         self.rate_hz = rate_hz
-        self._cells = CellReducer(rate_hz, channels)
-        cell_s = self._cells.length / rate_hz
+        self.clock = SampleClock()
+        self.history = LaneHistory(signals, channels)
+        self._channels = channels
+        self._length = max(1, round(CELL_S * rate_hz))
+        cell_s = self._length / rate_hz
         gap = max(1, round(settings.gap_s / cell_s))
         self._ratio = NoiseRatio(noise(cell_s), gap, settings.warm_up_s / cell_s)
         reach = max(1, round(settings.separation_s / cell_s))
         back = round(settings.back_s / cell_s)
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
-        self._history = _History(channels)
         self._reached: tuple[Cells, NDArray[np.float64]] | None = None
-        self._waiting: list[Rise] = []  # maxima whose AIC windows are open
-        self._held = Candidates.empty(len(COLUMNS))
+        self._waiting = Rises.none()  # maxima whose AIC windows are open
+        self._held = NOTHING
         self._back = round(settings.back_s * rate_hz)
         self._windows = [(round(a * rate_hz), round(b * rate_hz)) for a, b in settings.windows_s]
         self._before = self._back + max(a for a, _ in self._windows)
         self._after = max(b for _, b in self._windows)
 
-    def add(
-        self,
-        times: NDArray[np.int64],
-        recorded: NDArray[np.float64],
-        signal: NDArray[np.float64],
-        drive: NDArray[np.float64],
-        level: NDArray[np.float64],
-    ) -> Measured:
-        """Take samples: times (n,), the others (n_channels, n).
-
-        ``recorded`` is the signal as recorded, ``signal`` that in which onsets are refined,
-        ``drive`` what the decision function averages, ``level`` the decision function.
-        """
-        self._history.append(times, signal, drive)
-        cells = self._cells.add(times, recorded, drive, level)
+    def take(self, cells: Cells) -> Measured:
+        """Take the cells that are complete by now, after the samples were added to the history."""
+        if not len(cells):
+            self._reached = (cells, cells.level)
+            return Measured(NOTHING, self._trace.nothing())
         ratio = self._ratio(cells.level)
         self._reached = (cells, ratio)
+        begins = (cells.first + np.arange(len(cells))) * self._length
         frames = self._trace.add(
-            cells.time_ns, ratio, cells.peak, cells.power, cells.high, cells.low
+            self.clock.at(begins), ratio, cells.peak, cells.power, cells.high, cells.low
         )
         return Measured(self._candidates(ratio, final=False), frames)
 
-    def curve(self) -> Curve | None:
+    def curve(self, level: Callable[[int, int], NDArray[np.float64]]) -> Curve | None:
         """Return the decision function over the samples of the last complete cells.
 
         Its largest value within a cell is the cell's ratio, which candidates have.
+
+        Parameters
+        ----------
+        level
+            Gives the level of samples ``[start, stop)`` of the run, shape (n_channels, n).
         """
         if self._reached is None:
             return None
         cells, ratio = self._reached
+        start = cells.first * self._length
+        stop = start + len(cells) * self._length
         scale = np.divide(ratio, cells.level, out=np.zeros_like(ratio), where=cells.level > 0)
-        value = cells.samples * scale[:, :, None]
-        return Curve(cells.sample_ns, value.reshape(len(value), -1).T)
+        value = level(start, stop) * np.repeat(scale, self._length, axis=1)
+        return Curve(self.clock.at(np.arange(start, stop)), value.T)
 
     def finish(self) -> Measured:
         """End the run: the last cells count although nothing follows them."""
-        nothing = np.empty((self._history.rows.shape[1], 0))
-        candidates = self._candidates(nothing, final=True)
+        candidates = self._candidates(np.empty((self._channels, 0)), final=True)
         return Measured(candidates, self._trace.finish())
 
     def _candidates(self, ratio: NDArray[np.float64], *, final: bool) -> Candidates:
-        self._waiting += self._maxima.add(ratio, final=final)
-        closed = self._history.end - self._after
-        length = self._cells.length
-        ready = [row for row in self._waiting if final or (row.peak + 1) * length <= closed]
-        self._waiting = self._waiting[len(ready) :]
-        self._held = Candidates.concatenate([self._held, self._refined(ready)])
-        order = np.lexsort((self._held.channel, self._held.time_ns))
-        self._held = self._held.rows(order)
+        waiting = self._waiting.and_then(self._maxima.add(ratio, final=final))
+        closed = self.history.end - self._after
+        # in the order of their cells: those whose windows are open are the last
+        ready = int(np.searchsorted((waiting.peak + 1) * self._length, closed, side="right"))
+        ready = len(waiting.peak) if final else ready
+        self._waiting = waiting.part(slice(ready, None))
+        if ready:
+            held = Candidates.concatenate([self._held, self._refined(waiting.part(slice(ready)))])
+            self._held = held.rows(np.lexsort((held.channel, held.time_ns)))
         return self._held if final else self._release()
 
     def _release(self) -> Candidates:
         """Give out what no later candidate can precede, and forget the samples before that."""
-        next_cell = self._waiting[0].peak if self._waiting else self._maxima.settled
-        earliest = next_cell * self._cells.length - self._before - 1
-        if earliest <= self._history.first or not len(self._history.times):
-            return Candidates.empty(len(COLUMNS))
-        horizon_ns = self._history.times[earliest - self._history.first]
+        peaks = self._waiting.peak
+        next_cell = int(peaks[0]) if len(peaks) else self._maxima.settled
+        earliest = next_cell * self._length - self._before - 1
+        if earliest <= self.history.first:
+            return NOTHING
+        horizon_ns = self.clock.at(np.array([earliest]))[0]
+        self.history.drop_before(earliest)
+        self.clock.forget_before(min(earliest, self._reached_from()))
         count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
+        if not count:
+            return NOTHING
         released, self._held = self._held.rows(slice(count)), self._held.rows(slice(count, None))
-        self._history.drop_before(earliest)
         return released
 
-    def _refined(self, rows: list[Rise]) -> Candidates:
+    def _reached_from(self) -> int:
+        """Return the sample from which the curve can be asked for."""
+        return 0 if self._reached is None else self._reached[0].first * self._length
+
+    def _refined(self, rises: Rises) -> Candidates:
         """Return candidates at the onsets of rises."""
-        if not rows:
-            return Candidates.empty(len(COLUMNS))
-        channel = np.array([row.channel for row in rows])
-        anchor = self._anchors(rows, channel)
+        channel = rises.channel
+        anchor = self._anchors(rises)
         parts = [self._onsets(anchor, channel, before, after) for before, after in self._windows]
-        onset = np.mean([p[0] for p in parts], axis=0)
-        deviation = np.sqrt(np.mean([p[1] ** 2 for p in parts], axis=0)) / self.rate_hz
+        onset = sum(p[0] for p in parts) / len(parts)
+        deviation = np.sqrt(sum(p[1] ** 2 for p in parts) / len(parts)) / self.rate_hz
         whole = np.floor(onset).astype(np.intp)
         fraction_ns = np.rint((onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
         return Candidates(
-            self._history.times[whole - self._history.first] + fraction_ns,
+            self.clock.at(whole) + fraction_ns,
             channel.astype(np.int32),
-            np.column_stack([[row.value for row in rows], deviation]).astype(np.float32),
+            np.stack([rises.value, deviation], axis=1).astype(np.float32),
         )
 
-    def _anchors(self, rows: list[Rise], channel: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _anchors(self, rises: Rises) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""
-        length = self._cells.length
+        length, channel = self._length, rises.channel
         if self.settings.anchor == "rise":
-            return np.array([row.begin * length for row in rows])
+            return rises.begin * length
         width = self._back + length
-        stop = np.array([(row.peak + 1) * length for row in rows])
+        stop = (rises.peak + 1) * length
         index = stop[:, None] - width + np.arange(width)
-        index = np.maximum(index, self._history.first)
-        drive = np.abs(self._history.rows[1][channel[:, None], index - self._history.first])
+        index = np.maximum(index, self.history.first)
+        places = (channel[:, None] // LANES, index - self.history.first, channel[:, None] % LANES)
+        drive = np.abs(self.history.rows(-1)[places])
         return np.asarray(index[np.arange(len(stop)), drive.argmax(axis=1)])
 
     def _onsets(
@@ -262,14 +256,9 @@ class ArrivalTracker:
 
         A window that reaches over the start or end of the run is shorter, not padded.
         """
-        start = np.maximum(anchor - before, self._history.first)
-        length = np.minimum(anchor + 1 + after, self._history.end) - start
-        onset, deviation = np.empty(len(anchor)), np.empty(len(anchor))
+        history = self.history
+        start = np.maximum(anchor - before, history.first)
+        length = np.minimum(anchor + 1 + after, history.end) - start
         correlation = self.settings.correlation_s * self.rate_hz
-        for n in np.unique(length):
-            rows = length == n
-            index = start[rows][:, None] + np.arange(n) - self._history.first
-            windows = self._history.rows[0][channel[rows][:, None], index]
-            found, spread = aic_onset(windows, correlation)
-            onset[rows], deviation[rows] = start[rows] + found, spread
-        return onset, deviation
+        found = lane_onsets(history.rows(), start - history.first, length, channel, correlation)
+        return start + found[0], found[1]

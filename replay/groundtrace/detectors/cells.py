@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+
+from ..lanes import LANES
+from .arrival_kernels import OPEN, empty_cell, load, reduce_cells
+from .cell_kernels import local_maxima, ratio_to_noise, window_maxima
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,11 +20,27 @@ CELL_S = 0.001
 NoiseLevel = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
 
 
-def sliding_maximum(x: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return the maximum of every ``width`` neighbours, shape (n_channels, n - width + 1)."""
-    half = width // 2
-    centred = maximum_filter1d(x, width, axis=1, mode="nearest")
-    return np.asarray(centred[:, half : half + x.shape[1] - width + 1])
+class RunningMaximum:
+    """Maximum over the last cells.
+
+    Parameters
+    ----------
+    cells
+        How many, the present one included.
+    """
+
+    def __init__(self, cells: int) -> None:
+        self.cells = cells
+        self._tail: NDArray[np.float64] | None = None
+
+    def __call__(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the maximum up to and including each cell, shape (n_channels, n)."""
+        if self._tail is None:
+            self._tail = np.zeros((level.shape[0], self.cells - 1))
+        line = np.concatenate([self._tail, level], axis=1)
+        self._tail = line[:, level.shape[1] :]
+        found: NDArray[np.float64] = window_maxima(line, self.cells)
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,56 +49,94 @@ class Cells:
 
     Attributes
     ----------
-    time_ns
-        Shape (n,), int64: first sample of each.
+    first
+        Index in the run of the first of them.
     level, peak, power, high, low
         Shape (n_channels, n): largest level of the decision function, largest absolute value and
         mean square of the filtered signal, maximum and minimum of the recorded signal.
-    sample_ns, samples
-        Shape (n * length,) and (n_channels, n, length): the level sample by sample.
     """
 
-    time_ns: NDArray[np.int64]
+    first: int
     level: NDArray[np.float64]
     peak: NDArray[np.float64]
     power: NDArray[np.float64]
     high: NDArray[np.float64]
     low: NDArray[np.float64]
-    sample_ns: NDArray[np.int64]
-    samples: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return int(self.level.shape[1])
 
 
-class CellReducer:
-    """Cuts samples into cells at fixed places of the run, whatever the blocks."""
+class OpenCells:
+    """The cells under way of all channels, at fixed places of the run, whatever the blocks.
+
+    Attributes
+    ----------
+    length
+        Samples of a cell.
+    groups
+        Channels are taken in groups of :data:`~groundtrace.lanes.LANES`.
+    cell
+        Shape (groups, OPEN, LANES): what the cells under way hold.
+    filled
+        How many samples they have.
+    """
 
     def __init__(self, rate_hz: float, channels: int) -> None:
         self.length = max(1, round(CELL_S * rate_hz))
-        self._times = np.empty(0, np.int64)
-        self._rows = np.empty((3, channels, 0))
+        self.channels = channels
+        self.groups = -(-channels // LANES)
+        self.cell = np.empty((self.groups, OPEN, LANES))
+        for cell in self.cell:
+            empty_cell(cell)
+        self.filled = 0
+        self._first = 0
 
-    def add(
-        self,
-        times: NDArray[np.int64],
-        recorded: NDArray[np.float64],
-        filtered: NDArray[np.float64],
-        level: NDArray[np.float64],
-    ) -> Cells:
-        """Take times (n,), signals and level (n_channels, n); return the complete cells."""
-        times = np.concatenate([self._times, times])
-        rows = np.concatenate([self._rows, np.stack([filtered, level, recorded])], axis=2)
-        whole = len(times) // self.length * self.length
-        self._times, self._rows = times[whole:], rows[:, :, whole:]
-        folded = rows[:, :, :whole].reshape(3, rows.shape[1], -1, self.length)
-        return Cells(
-            times[: whole : self.length],
-            folded[1].max(axis=2),
-            np.maximum(folded[0].max(axis=2), -folded[0].min(axis=2)),
-            np.einsum("ckl,ckl->ck", folded[0], folded[0]) / self.length,
-            folded[2].max(axis=2),
-            folded[2].min(axis=2),
-            times[:whole],
-            folded[1],
-        )
+    def room(self, samples: int) -> NDArray[np.float64]:
+        """Return an array for the cells that some more samples complete, (OPEN, channels, n)."""
+        return np.empty((OPEN, self.channels, (self.filled + samples) // self.length))
+
+    def lanes(self, cells: NDArray[np.float64], group: int) -> NDArray[np.float64]:
+        """Return the part of such an array that belongs to a group."""
+        return cells[:, group * LANES : (group + 1) * LANES]
+
+    def done(self, cells: NDArray[np.float64], samples: int) -> Cells:
+        """Return the cells, now that the samples were taken."""
+        first, count = self._first, cells.shape[2]
+        self._first += count
+        self.filled = (self.filled + samples) % self.length
+        return Cells(first, *cells)
+
+
+class CellReducer:
+    """Reduces signals to cells, where all of them are there sample by sample."""
+
+    def __init__(self, rate_hz: float, channels: int) -> None:
+        self._open = OpenCells(rate_hz, channels)
+        self._scales = np.ones(channels)
+        self._levels = np.empty((channels, 0))  # from the last block's first cell on
+        self._first = 0  # sample of the run that they begin with
+
+    def add(self, *signals: NDArray[np.float64]) -> Cells:
+        """Take the recorded signal, the filtered one and the level, each (n_channels, n)."""
+        cells, n = self._open, signals[0].shape[1]
+        tail = self._levels.shape[1] - cells.filled
+        self._levels = np.concatenate([self._levels[:, tail:], signals[-1]], axis=1)
+        self._first += tail
+        found = cells.room(n)
+        for group in range(cells.groups):
+            rows = np.zeros((len(signals), n, LANES))
+            for signal, lanes in zip(signals, rows, strict=True):
+                load(np.ascontiguousarray(signal), self._scales, group * LANES, 0, lanes)
+            part = cells.lanes(found, group)
+            recorded, filtered, level = rows
+            state = (cells.cell[group], cells.filled, cells.length)
+            reduce_cells(recorded, filtered, level, *state, part)
+        return cells.done(found, n)
+
+    def samples(self, start: int, stop: int) -> NDArray[np.float64]:
+        """Return the level of samples of the run that the last block completed the cells of."""
+        return self._levels[:, start - self._first : stop - self._first]
 
 
 class NoiseRatio:
@@ -118,22 +175,39 @@ class NoiseRatio:
             self._tail = np.repeat(noise[:, :1], self.gap, axis=1)
         line = np.concatenate([self._tail, noise], axis=1)
         self._tail = line[:, n:]
-        known = np.maximum(np.arange(self._count, self._count + n) - self.gap + 1.0, 0.0)
-        self._count += n
-        with np.errstate(divide="ignore", invalid="ignore"):
-            trust = known / (known + self.warm_up)
-            ratio = level / line[:, :n] * trust
-        # over digital silence nothing has a ratio: a sensor coming alive is not an arrival
-        return np.asarray(np.nan_to_num(ratio, nan=0.0, posinf=0.0))
+        known, self._count = self._count - self.gap + 1, self._count + n
+        before = np.ascontiguousarray(line[:, :n])
+        now = np.ascontiguousarray(level)
+        ratio: NDArray[np.float64] = ratio_to_noise(now, before, known, self.warm_up)
+        return ratio
 
 
-class Rise(NamedTuple):
-    """A maximum and the rise that leads to it: cells, channel, value."""
+class Rises(NamedTuple):
+    """Maxima and the rises that lead to them, by cell and channel; each of shape (n,)."""
 
-    begin: int
-    peak: int
-    channel: int
-    value: float
+    begin: NDArray[np.intp]
+    peak: NDArray[np.intp]
+    channel: NDArray[np.intp]
+    value: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> Rises:
+        """Return no maxima."""
+        nothing = np.empty(0, np.intp)
+        return cls(nothing, nothing, nothing, np.empty(0))
+
+    def and_then(self, later: Rises) -> Rises:
+        """Return these maxima and later ones."""
+        return Rises(
+            np.concatenate([self.begin, later.begin]),
+            np.concatenate([self.peak, later.peak]),
+            np.concatenate([self.channel, later.channel]),
+            np.concatenate([self.value, later.value]),
+        )
+
+    def part(self, which: slice) -> Rises:
+        """Return some of the maxima."""
+        return Rises(self.begin[which], self.peak[which], self.channel[which], self.value[which])
 
 
 class LocalMaxima:
@@ -159,7 +233,7 @@ class LocalMaxima:
         self._tail = np.full((channels, self._keep), -np.inf)  # cells before ``settled``
         self.settled = 0
 
-    def add(self, values: NDArray[np.float64], *, final: bool = False) -> list[Rise]:
+    def add(self, values: NDArray[np.float64], *, final: bool = False) -> Rises:
         """Take the values of new cells; return the settled maxima, by cell and channel."""
         r, keep = self.reach, self._keep
         line = np.concatenate([self._tail, values], axis=1)
@@ -168,25 +242,10 @@ class LocalMaxima:
         count = line.shape[1] - keep - r
         if count <= 0:
             self._tail = line
-            return []
-        windows = sliding_maximum(line[:, keep - r :], r)
-        middle = line[:, keep : keep + count]
-        before, after = windows[:, :count], windows[:, r + 1 : r + 1 + count]
-        found = np.nonzero(((middle > before) & (middle >= after) & (middle > self.floor)).T)
-        rises = [
-            Rise(
-                self.settled + int(cell) - self._length_of_rise(line[channel, : keep + cell]),
-                self.settled + int(cell),
-                int(channel),
-                float(middle[channel, cell]),
-            )
-            for cell, channel in zip(*found, strict=True)
-        ]
+            return Rises.none()
+        place, value = local_maxima(line, keep, keep + count, r, self.floor, self.back)
+        place[:, :2] += self.settled - keep
         self.settled += count
         self._tail = line[:, count:]
-        return rises
-
-    def _length_of_rise(self, before: NDArray[np.float64]) -> int:
-        """Return how many of the last cells are above the floor without a break."""
-        below = np.flatnonzero(before[len(before) - self.back :] <= self.floor)
-        return self.back if not len(below) else self.back - 1 - int(below[-1])
+        begin, peak, channel = np.ascontiguousarray(place.T)
+        return Rises(begin, peak, channel, value)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..gates import Carry
 
 
+NOTHING = Candidates.empty(3)
 #: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.
 MOST = 0.8
 
@@ -160,6 +161,8 @@ class Coincidence:
         return front.first_ns - group.first_ns <= self.parameters.window_s * NS_PER_S
 
     def _candidates(self, groups: Sequence[_Group]) -> Candidates:
+        if not groups:
+            return NOTHING
         return Candidates(
             np.array([group.first_ns for group in groups], np.int64),
             np.zeros(len(groups), np.int32),

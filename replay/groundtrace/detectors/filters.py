@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import signal
@@ -20,6 +20,12 @@ def planar(block: SignalBlock) -> NDArray[np.float64]:
     """Return a block's values channel by channel, shape (n_channels, n_samples), contiguous."""
     scales = block.stream.scales
     return np.ascontiguousarray(block.samples.T, dtype=np.float64) * scales[:, None]
+
+
+def planar_as_stored(block: SignalBlock) -> NDArray[Any]:
+    """Return a block's samples channel by channel, as compiled functions take them: not scaled."""
+    native = block.samples.dtype.newbyteorder("=")
+    return np.require(block.samples.T, native, ["C", "A", "W"])
 
 
 def corner(hz: float, rate_hz: float) -> float:
@@ -160,22 +166,19 @@ class SmoothedSlope:
         self.delay = len(self.kernel) // 2
         self._zi: NDArray[np.float64] | None = None
         self._offset: NDArray[np.float64] = np.empty(0)
-        self._times: NDArray[np.int64] = np.empty(0, np.int64)
         self._signal: NDArray[np.float64] = np.empty((0, 0))
         self._skip = self.delay
 
-    def __call__(
-        self, times: NDArray[np.int64], x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Take times (n,) and signal (n_channels, n).
+    def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Take a signal, shape (n_channels, n).
 
         Returns
         -------
-        Times, signal and slope of the samples whose slope is complete, aligned; before the run
-        the signal is taken to have been constant.
+        Signal and slope of the samples whose slope is complete, aligned; before the run the signal
+        is taken to have been constant.
         """
         if x.shape[1] == 0:  # lfilter would lose its state
-            return times, x, x
+            return x, x
         if self._zi is None:
             self._offset = x[:, :1]
             self._zi = np.zeros((x.shape[0], len(self.kernel) - 1))
@@ -187,19 +190,15 @@ class SmoothedSlope:
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
         slope = slope[:, skipped:]
-        times = np.concatenate([self._times, times])
         x = np.concatenate([self._signal, x], axis=1)
         done = slope.shape[1]
-        self._times, self._signal = times[done:], x[:, done:]
-        return times[:done], x[:, :done], slope
+        self._signal = x[:, done:]
+        return x[:, :done], slope
 
-    def finish(
-        self,
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what the last samples lack; after the run the signal is taken to be constant."""
-        waiting = len(self._times)
+        waiting = self._signal.shape[1]
         if not waiting:
-            return self._times, self._signal, self._signal
-        padding = np.repeat(self._signal[:, -1:], self.delay, axis=1)
-        times, x, slope = self(np.repeat(self._times[-1:], self.delay), padding)
-        return times[:waiting], x[:, :waiting], slope[:, :waiting]
+            return self._signal, self._signal
+        x, slope = self(np.repeat(self._signal[:, -1:], self.delay, axis=1))
+        return x[:, :waiting], slope[:, :waiting]

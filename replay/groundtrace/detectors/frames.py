@@ -13,6 +13,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 
 from ..detector import Frames
+from .cell_kernels import FRAME, close_frame, fold_frames, open_frame, window_maxima
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -53,9 +54,11 @@ class FrameTrace:
         self.rate_hz = rate_hz
         self.length = max(1, round(FRAME_S * rate_hz))
         self.history = max(1, round(NOISE_S * rate_hz / self.length))
-        self._columns = np.empty((5, channels, 0))
-        self._times = np.empty(0, np.int64)
-        self._past = np.full((2, channels, self.history - 1), np.inf)
+        self._state = np.empty((channels, FRAME))
+        open_frame(self._state)
+        self._filled = 0
+        self._begin_ns = 0
+        self._past = np.full((2 * channels, self.history - 1), -np.inf)
 
     def add(self, times: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
         """Take columns.
@@ -72,51 +75,48 @@ class FrameTrace:
         -------
         The frames that are complete by now.
         """
-        times = np.concatenate([self._times, times])
-        columns = np.concatenate([self._columns, np.stack(rows)], axis=2)
-        whole = len(times) // self.length * self.length
-        self._times, self._columns = times[whole:], columns[:, :, whole:]
-        return self._reduce(times[:whole], columns[:, :, :whole], self.length)
+        if not len(times):
+            return self.nothing()
+        decision, peak, power, high, low = (np.ascontiguousarray(r, np.float64) for r in rows)
+        state = (self._state, self._filled, self.length)
+        folded = fold_frames(decision, peak, power, high, low, *state)
+        begins = times[-self._filled % self.length :: self.length]
+        if self._filled:
+            begins = np.concatenate([[self._begin_ns], begins])
+        self._filled = (self._filled + len(times)) % self.length
+        self._begin_ns = int(begins[-1])
+        return self._frames(begins[: len(folded)], folded)
 
     def finish(self) -> Frames:
         """Return the last, shorter frame."""
-        return self._reduce(self._times, self._columns, max(len(self._times), 1))
+        if not self._filled:
+            return self.nothing()
+        folded = np.empty((1, len(self._state), 5))
+        for state, found in zip(self._state, folded[0], strict=True):
+            close_frame(state, self._filled, found)
+        open_frame(self._state)
+        self._filled = 0
+        return self._frames(np.array([self._begin_ns]), folded)
 
-    def _reduce(
-        self, times: NDArray[np.int64], columns: NDArray[np.float64], length: int
-    ) -> Frames:
-        channels, count = columns.shape[1], len(times) // length
-        if count == 0:
-            return Frames(np.empty(0, np.int64), np.empty((0, channels, 6), np.float32))
-        folded = columns.reshape(5, channels, count, length)
-        high, low = folded[3].max(axis=2), folded[4].min(axis=2)
-        levels = np.stack([np.sqrt(folded[2].mean(axis=2)), (high - low) / 2])
+    def nothing(self) -> Frames:
+        """Return no frames."""
+        return Frames(np.empty(0, np.int64), np.empty((0, len(self._state), 6), np.float32))
+
+    def _frames(self, times: NDArray[np.int64], folded: NDArray[np.float64]) -> Frames:
+        """Return frames with the quietest of the last 5 s beside each."""
+        count, channels, _ = folded.shape
+        if not count:
+            return self.nothing()
+        levels = folded[:, :, 2:4].T.reshape(2 * channels, count)
         # a dead stretch says nothing about the noise
-        past = np.concatenate([self._past, np.where(levels > 0, levels, np.inf)], axis=2)
-        quiet = np.lib.stride_tricks.sliding_window_view(past, self.history, axis=2).min(axis=3)
-        self._past = past[:, :, count:]
-        quiet = np.where(np.isfinite(quiet), quiet, 0.0)
-        value = np.stack(
-            [
-                folded[0].max(axis=2),
-                folded[1].max(axis=2),
-                quiet[0],
-                levels[1],
-                quiet[1],
-                _still(folded[3], folded[4], high, low) / self.rate_hz,
-            ]
-        )
-        return Frames(times[::length][:count], value.transpose(2, 1, 0).astype(np.float32))
-
-
-def _still(
-    high: NDArray[np.float64],
-    low: NDArray[np.float64],
-    highest: NDArray[np.float64],
-    lowest: NDArray[np.float64],
-) -> NDArray[np.intp]:
-    """Return how many columns of each frame go on at the extreme that the one before stood at."""
-    extreme = (high == highest[:, :, None]) | (low == lowest[:, :, None])
-    still = (high == low) & extreme
-    same = high[:, :, 1:] == high[:, :, :-1]
-    return np.asarray((still[:, :, 1:] & still[:, :, :-1] & same).sum(axis=2))
+        past = np.concatenate([self._past, np.where(levels > 0, -levels, -np.inf)], axis=1)
+        quiet = -window_maxima(past, self.history)
+        self._past = past[:, count:]
+        quiet = np.where(np.isfinite(quiet), quiet, 0.0).reshape(2, channels, count).T
+        value = np.empty((count, channels, 6), np.float32)
+        value[:, :, :2] = folded[:, :, :2]
+        value[:, :, 2] = quiet[:, :, 0]
+        value[:, :, 3] = folded[:, :, 3]
+        value[:, :, 4] = quiet[:, :, 1]
+        value[:, :, 5] = folded[:, :, 4] / self.rate_hz
+        return Frames(times, value)

@@ -10,7 +10,7 @@ without end) the pairs contradict each other, and the onset picks go out as they
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -23,10 +23,10 @@ from ..localizer_stage import clock_offsets, placed_channels
 from ..parameters import gate, measured
 from ..recall import whole_samples
 from .filters import corner
-from .pair_delays import REFERENCE_HZ, Band, consistent, correlated
+from .pair_delays import REFERENCE_HZ, Band, by_channel, consistent, correlated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from ..array_method import Window
     from ..detector import Emits
-    from .pair_delays import Delays
 
     Array = NDArray[np.float64]
 
@@ -136,23 +135,29 @@ class Apart:
         carry: Carry,  # noqa: ARG002
     ) -> Array:
         """Return the time to the nearest [s]; inf where there is none, and for those themselves."""
-        found = np.full(len(candidates), np.inf)
         onset = candidates.value[:, ONSET] > 0
-        for channel in set(candidates.channel.tolist()):
-            own = candidates.channel == channel
-            standing = candidates.time_ns[own & ~onset & alive]
-            rows = np.flatnonzero(own & onset)
-            if len(standing) and len(rows):
-                found[rows] = _nearest_s(candidates.time_ns[rows], standing)
-        return found
+        apart_s = _nearest_s(candidates.time_ns, candidates.channel, alive & ~onset)
+        return np.where(onset, apart_s, np.inf)
 
 
-def _nearest_s(times: NDArray[np.int64], others: NDArray[np.int64]) -> Array:
-    """Return the time from each of ``times`` to the nearest of the sorted ``others`` [s]."""
-    after = np.clip(np.searchsorted(others, times), 0, len(others) - 1)
-    before = np.clip(after - 1, 0, None)
-    nearer = np.minimum(np.abs(others[after] - times), np.abs(others[before] - times))
-    return np.asarray(nearer / NS_PER_S)
+def _nearest_s(
+    times: NDArray[np.int64], channel: NDArray[np.int32], standing: NDArray[np.bool_]
+) -> Array:
+    """Return the time from each candidate to the nearest of its channel that stands [s], or inf."""
+    order = np.lexsort((times, channel))
+    sorted_times, sorted_channel, stands = times[order], channel[order], standing[order]
+    place, none = np.arange(len(order)), len(order)
+    before = np.maximum.accumulate(np.where(stands, place, -1))
+    after = np.minimum.accumulate(np.where(stands, place, none)[::-1])[::-1]
+    nearest = np.full(len(order), np.inf)
+    for other in (before, after):
+        held = np.clip(other, 0, none - 1)
+        there = (other == held) & (sorted_channel[held] == sorted_channel)
+        apart_s = np.abs(sorted_times[held] - sorted_times) / NS_PER_S
+        nearest = np.where(there, np.minimum(nearest, apart_s), nearest)
+    found = np.empty(len(order))
+    found[order] = nearest
+    return found
 
 
 class GccPhat:
@@ -236,8 +241,9 @@ class GccPhat:
         # a localizer takes what comes from the step's time on
         arrivals = max(origin, first_s - float((pace * relative + ahead_s).min())) + pace * relative
         value = np.zeros((len(heard), len(COLUMNS)))
-        value[:, HEIGHT] = _by_channel(delays, delays.height, len(heard), np.mean)
-        value[:, CLOSURE] = pace * _by_channel(delays, np.abs(misfit), len(heard), np.median)
+        value[:, HEIGHT] = by_channel(delays, delays.height, len(heard)).mean(axis=1)
+        off_s = by_channel(delays, np.abs(misfit), len(heard))
+        value[:, CLOSURE] = pace * np.median(off_s, axis=1)
         value[:, LOUDNESS], value[:, SHIFT] = loud[heard], arrivals - onsets
         finest_s = pace * 2 * np.pi / self._band.turn[-1] / 20
         value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
@@ -258,11 +264,3 @@ def _loudness(values: Array, noise: Array) -> Array:
     over_silence = np.where(strength > 0, np.float64(1e6), 0.0)
     loud = np.divide(strength, still, out=over_silence, where=still > 0)
     return np.asarray(np.minimum(loud, 1e6))
-
-
-def _by_channel(
-    delays: Delays, of_pair: Array, channels: int, summary: Callable[[Array], np.floating[Any]]
-) -> Array:
-    """Return a summary over the pairs of each channel, shape (n_channels,)."""
-    rows = [of_pair[(delays.first == c) | (delays.second == c)] for c in range(channels)]
-    return np.array([float(summary(row)) for row in rows])

@@ -8,62 +8,131 @@ weights is the uncertainty of the onset.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from ..compiled import compiled
+from ..lanes import LANES, every, greater, logarithm, put_row, row
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+    Indices = NDArray[np.intp]
+
 #: Samples at both ends of the window where a variance means nothing.
 EDGE = 3
+#: Least variance, so that there is a logarithm.
+LEAST = 1e-300
+#: A weight below exp(-WEIGHTLESS) changes no sum of weights, of which the largest is 1.
+WEIGHTLESS = 60.0
 
 
-def aic(windows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return AIC(k) for k = 1 ... n-1 of windows of shape (m, n); shape (m, n-1)."""
-    n = windows.shape[1]
-    k = np.arange(1, n, dtype=np.float64)
-    total = np.cumsum(windows, axis=1)
-    square = np.cumsum(windows * windows, axis=1)
-    before = square[:, :-1] / k - (total[:, :-1] / k) ** 2
-    after_sum = total[:, -1:] - total[:, :-1]
-    after = (square[:, -1:] - square[:, :-1]) / (n - k) - (after_sum / (n - k)) ** 2
-    least = 1e-8 * np.maximum(after.max(axis=1, keepdims=True), 1e-300)
-    return np.asarray(
-        k * np.log(np.maximum(before, 0) + least) + (n - k) * np.log(np.maximum(after, 0) + least)
-    )
+@compiled
+def _cut(line: Array, index: int, value: Any, end: int) -> Any:
+    """Return a row of no less than zero, zero from element ``end`` of the line on."""
+    put_row(line, index, greater(value, every(0.0)))
+    for lane in range(LANES):
+        if index * LANES + lane >= end:
+            line[index, lane] = 0.0
+    return row(line, index)
 
 
-def aic_onset(
-    windows: NDArray[np.float64], correlation: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the onset in each window and its standard deviation, both in samples.
+@compiled
+def criterion_of(window: Array, sums: Array, found: Array) -> None:
+    """Write AIC(k) for k = 1 ... n-1 of a window of n samples into ``found``.
+
+    ``found`` and the rows of ``sums``, shape (5, at least n / LANES, LANES), are used as lines.
+    """
+    n = len(window)
+    total, square = sums[0].reshape(-1), sums[1].reshape(-1)
+    first = window[0]
+    total[0] = square[0] = 0.0
+    for i in range(1, n):
+        x = window[i] - first  # an offset would take the digits of the variance
+        total[i] = total[i - 1] + x
+        square[i] = square[i - 1] + x * x
+    rows = (n - 2) // LANES + 1
+    most, nothing = every(0.0), every(0.0)
+    count, all_total, all_square = every(n * 1.0), every(total[n - 1]), every(square[n - 1])
+    for i in range(rows):
+        k = row(sums[4], i)
+        mean = row(sums[0], i) / k
+        put_row(sums[2], i, greater(row(sums[1], i) / k - mean * mean, nothing))
+        rest = (all_total - row(sums[0], i)) / (count - k)
+        spread = (all_square - row(sums[1], i)) / (count - k) - rest * rest
+        spread = greater(spread, nothing) if i + 1 < rows else _cut(sums[3], i, spread, n - 1)
+        put_row(sums[3], i, spread)
+        most = greater(spread, most)
+    put_row(found, 0, most)
+    least = every(max(1e-8 * found[0].max(), LEAST))
+    for i in range(rows):
+        k = row(sums[4], i)
+        before, after = logarithm(row(sums[2], i) + least), logarithm(row(sums[3], i) + least)
+        put_row(found, i, k * before + (count - k) * after)
+
+
+@compiled
+def memory_of(n: int) -> Array:
+    """Return memory for sums of windows of up to n samples; row 4 holds k = 1, 2, ..."""
+    sums = np.ones((5, n // LANES + 1, LANES))
+    k = sums[4].reshape(-1)
+    for i in range(len(k)):
+        k[i] = i + 1.0
+    return sums
+
+
+@compiled
+def _weighted(criterion: Array, correlation: float) -> tuple[float, float]:
+    """Return mean and standard deviation of k under the weights of AIC(k), k = 1 ... n-1."""
+    last = len(criterion) - EDGE
+    scale = 1.0 / (2.0 * max(correlation, 1.0))
+    least = criterion[EDGE]
+    for i in range(EDGE, last):
+        least = criterion[i] if criterion[i] < least else least
+    mass = place = 0.0
+    for i in range(EDGE, last):
+        distance = (criterion[i] - least) * scale
+        weight = np.exp(-distance) if distance < WEIGHTLESS else 0.0
+        criterion[i] = weight
+        mass += weight
+        place += weight * (i + 1)
+    onset, spread = place / mass, 0.0
+    for i in range(EDGE, last):
+        spread += criterion[i] * (i + 1 - onset) ** 2
+    return onset, np.sqrt(spread / mass)
+
+
+@compiled
+def lane_onsets(
+    rows: Array, start: Indices, length: Indices, channel: Indices, correlation: float
+) -> Array:
+    """Return onset in each window, from its first sample on, and deviation: shape (2, m), samples.
 
     Parameters
     ----------
-    windows
-        Shape (m, n): each holds noise, then signal. Windows that are too short for a variance on
-        both sides (n < 9) give their middle.
+    rows
+        Shape (n_groups, n, LANES): each window holds noise, then signal.
+    start, length, channel
+        Shape (m,): of each window. Windows that are too short for a variance on both sides (under
+        9 samples) give their middle.
     correlation
         Correlation length of the signal [samples].
-
-    Returns
-    -------
-    onset
-        Shape (m,): index of the first sample of the signal, with fraction.
-    deviation
-        Shape (m,).
     """
-    m, n = windows.shape
-    if n < 2 * EDGE + 3:
-        return np.full(m, n / 2), np.full(m, n / np.sqrt(12))
-    centred = windows - windows[:, :1]
-    criterion = aic(centred)[:, EDGE:-EDGE]
-    k = np.arange(1 + EDGE, n - EDGE, dtype=np.float64)
-    least = criterion.min(axis=1, keepdims=True)
-    weight = np.exp(-(criterion - least) / (2 * max(correlation, 1.0)))
-    weight /= weight.sum(axis=1, keepdims=True)
-    # row by row: a matrix product would round each window according to those beside it
-    onset = (weight * k).sum(axis=1)
-    variance = (weight * (k[None, :] - onset[:, None]) ** 2).sum(axis=1)
-    return onset, np.sqrt(variance)
+    result = np.empty((2, len(start)))
+    most = 0
+    for i in range(len(length)):
+        most = max(most, length[i])
+    window, sums = np.empty(most), memory_of(most)
+    criterion = np.empty(sums[0].shape)
+    for i in range(len(start)):
+        n, group, lane = length[i], channel[i] // LANES, channel[i] % LANES
+        if n < 2 * EDGE + 3:
+            result[0, i], result[1, i] = n / 2, n / np.sqrt(12.0)
+            continue
+        for k in range(n):
+            window[k] = rows[group, start[i] + k, lane]
+        criterion_of(window[:n], sums, criterion)
+        result[0, i], result[1, i] = _weighted(criterion.reshape(-1)[: n - 1], correlation)
+    return result

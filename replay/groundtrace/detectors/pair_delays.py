@@ -15,6 +15,7 @@ reference frequency w_0, and grows in proportion to the difference of distances.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -95,9 +96,10 @@ class Band:
 
     def spectra(self, values: Array, rate_hz: float) -> Spectra:
         """Return the spectra of signals of shape (n, n_channels), shape (n_channels, n_f)."""
-        faded = (values - values.mean(axis=0)) * _fade(len(values), rate_hz)[:, None]
-        full = np.fft.rfft(faded, self.samples, axis=0)
-        return np.ascontiguousarray(full[self.rows].T)
+        planar = np.ascontiguousarray(values.T)
+        faded = (planar - planar.mean(axis=1, keepdims=True)) * _fade(len(values), rate_hz)
+        low, high = int(self.rows[0]), int(self.rows[-1]) + 1
+        return np.ascontiguousarray(np.fft.rfft(faded, self.samples, axis=1)[:, low:high])
 
     def advance(self, late_s: Array, rate_hz: float) -> Spectra:
         """Return what spectra of channels times this are earlier by times, shape (n, n_f)."""
@@ -160,14 +162,28 @@ def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
     grid = np.arange(-reach, reach + 1) * step
     mass = (np.abs(white) ** 2).sum(axis=1)
     scale = np.sqrt(mass[first] * mass[second])
-    cross = white[first] * np.conj(white[second])
-    steering = np.exp(1j * np.multiply.outer(band.turn, grid))
-    rows = (cross @ steering).real
+    rows = _steered(white[first] * np.conj(white[second]), band.turn, step, reach)
     allowed = np.abs(grid) <= limit[:, None] + step
     best = np.where(allowed, rows, -np.inf).argmax(axis=1)
     place, top = _refined(rows, best)
     height = np.divide(top, scale, out=np.zeros_like(top), where=scale > 0)
     return Delays(first, second, (place - reach) * step, height, np.maximum(top, 0) * height)
+
+
+def _steered(cross: Spectra, turn: Array, step_s: float, reach: int) -> Array:
+    """Return the correlations at ``2 reach + 1`` delays, ``step_s`` apart, shape (n_pairs, n)."""
+    # of delays d and -d the cosines are the same and the sines opposite: half the products do
+    cosine, sine = _waves(turn.tobytes(), step_s, 1 << reach.bit_length())
+    even = np.ascontiguousarray(cross.real) @ cosine[:, : reach + 1]
+    odd = np.ascontiguousarray(cross.imag) @ sine[:, : reach + 1]
+    return np.concatenate([(even + odd)[:, :0:-1], even - odd], axis=1)
+
+
+@lru_cache(maxsize=8)
+def _waves(turn: bytes, step_s: float, reach: int) -> tuple[Array, Array]:
+    """Return cosine and sine of every frequency's phase at delays from 0 on: those used last."""
+    phase = np.multiply.outer(np.frombuffer(turn), np.arange(reach + 1) * step_s)
+    return np.cos(phase), np.sin(phase)
 
 
 def _refined(rows: Array, best: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -191,16 +207,33 @@ def consistent(delays: Delays, channels: int) -> tuple[Array, Array]:
     -------
     Shape (n_channels,), of mean 0, and shape (n_pairs,) [s].
     """
-    design = np.zeros((len(delays.first), channels))
-    rows = np.arange(len(delays.first))
-    design[rows, delays.first], design[rows, delays.second] = 1, -1
-    weight = delays.weight + 1e-9 * max(float(delays.weight.max(initial=0.0)), 1e-300)
-    arrivals, misfit = np.zeros(channels), np.zeros(len(rows))
-    trust = np.ones(len(rows))
+    best = max(float(delays.weight.max(initial=0.0)), 1e-300)
+    weight = _square(delays, (delays.weight + 1e-9 * best) / (best + 1e-9 * best), channels, 1)
+    late = _square(delays, delays.delay_s, channels, -1)
+    arrivals, trust = np.zeros(channels), np.ones_like(late)
+    diagonal, pairs = np.arange(channels), 2 * len(delays.first)
     for _ in range(PASSES):
-        share = weight * trust / weight.max()
-        normal = design.T @ (design * share[:, None]) + np.ones((channels, channels)) * share.mean()
-        arrivals = np.linalg.solve(normal, design.T @ (share * delays.delay_s))
-        misfit = design @ arrivals - delays.delay_s
-        trust = 1 / (1 + (misfit / MISFIT_S) ** 2)
-    return arrivals, misfit
+        share = weight * trust
+        # the normal equations of all pairs; their one freedom is taken by a mean of 0
+        normal = share.sum() / pairs - share
+        normal[diagonal, diagonal] += share.sum(axis=1)
+        arrivals = np.linalg.solve(normal, (share * late).sum(axis=1))
+        trust = 1 / (1 + ((arrivals[:, None] - arrivals - late) / MISFIT_S) ** 2)
+    return arrivals, arrivals[delays.first] - arrivals[delays.second] - delays.delay_s
+
+
+def _square(delays: Delays, of_pair: Array, channels: int, sign: int) -> Array:
+    """Return a value of each pair as a matrix of all channels: ``sign`` times it the other way."""
+    out = np.zeros((channels, channels))
+    out[delays.first, delays.second] = of_pair
+    out[delays.second, delays.first] = sign * of_pair
+    return out
+
+
+def by_channel(delays: Delays, of_pair: Array, channels: int) -> Array:
+    """Return the values of all pairs that each channel is in, shape (n_channels, n_channels - 1).
+
+    They must not depend on which channel of a pair is the first.
+    """
+    others = ~np.eye(channels, dtype=np.bool_)
+    return _square(delays, of_pair, channels, 1)[others].reshape(channels, channels - 1)

@@ -63,20 +63,21 @@ class Scale:
         return round(self.window_s * GRID_HZ)
 
 
-def autocorrelation(window: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
-    """Return the correlation of a window with itself shifted by 0 to ``lags`` points.
+def autocorrelations(windows: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
+    """Return the correlations of windows, shape (m, n), with themselves shifted by 0 to ``lags``.
 
     Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
-    at all multiples of its period.
+    at all multiples of its period. Shape (m, lags + 1).
     """
-    limit = _CLIP * np.median(np.abs(window))
-    x = np.clip(window, -limit, limit)
-    x = x - x.mean()
-    spectrum = np.fft.rfft(x, 2 * len(x))
-    products = np.fft.irfft(spectrum.real**2 + spectrum.imag**2)[: lags + 1]
-    energy = np.concatenate([[0.0], np.cumsum(x * x)])
-    head = energy[len(x) - np.arange(lags + 1)]
-    tail = energy[-1] - energy[: lags + 1]
+    count, length = windows.shape
+    limit = _CLIP * np.median(np.abs(windows), axis=1, keepdims=True)
+    x = np.clip(windows, -limit, limit)
+    x = x - x.mean(axis=1, keepdims=True)
+    spectrum = np.fft.rfft(x, 2 * length, axis=1)
+    products = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, axis=1)[:, : lags + 1]
+    energy = np.concatenate([np.zeros((count, 1)), np.cumsum(x * x, axis=1)], axis=1)
+    head = energy[:, length - np.arange(lags + 1)]
+    tail = energy[:, -1:] - energy[:, : lags + 1]
     return np.asarray(products / np.sqrt(head * tail + 1e-9))
 
 
@@ -85,17 +86,32 @@ def repetition(window: NDArray[np.float64], repeats: int) -> tuple[float, float]
 
     -1 and the usual step time where no period stands out.
     """
-    longest_s = min(PERIODS_S[1], _FITS * len(window) / GRID_HZ / repeats)
+    (found,) = repetitions(window[None, :], repeats)
+    return found
+
+
+def repetitions(windows: NDArray[np.float64], repeats: int) -> list[tuple[float, float]]:
+    """Return what :func:`repetition` says of each of some windows, shape (m, n)."""
+    longest_s = min(PERIODS_S[1], _FITS * windows.shape[1] / GRID_HZ / repeats)
     periods = np.arange(int(PERIODS_S[0] * GRID_HZ), int(longest_s * GRID_HZ) + 1)
-    if len(periods) < 3:
-        return -1.0, USUAL_STEP_S
-    correlation = autocorrelation(window, repeats * int(periods[-1]))
-    comb = np.mean([correlation[k * periods] for k in range(1, repeats + 1)], axis=0)
-    peaks = np.flatnonzero((comb[1:-1] > comb[:-2]) & (comb[1:-1] >= comb[2:])) + 1
-    if not len(peaks):
-        return -1.0, USUAL_STEP_S
-    best = peaks[np.argmax(comb[peaks])]
-    return float(comb[best]), _step_s(correlation, int(periods[best]), float(comb[best]))
+    if len(periods) < 3 or not len(windows):
+        return [(-1.0, USUAL_STEP_S)] * len(windows)
+    correlation = autocorrelations(windows, repeats * int(periods[-1]))
+    comb = np.mean([correlation[:, k * periods] for k in range(1, repeats + 1)], axis=0)
+    inner = comb[:, 1:-1]
+    peak = (inner > comb[:, :-2]) & (inner >= comb[:, 2:])
+    best = np.where(peak, inner, -np.inf).argmax(axis=1) + 1
+    some = peak.any(axis=1).tolist()
+    return [
+        (strength, _step_s(row, period, strength)) if stands else (-1.0, USUAL_STEP_S)
+        for row, period, strength, stands in zip(
+            correlation,
+            periods[best].tolist(),
+            comb[np.arange(len(comb)), best].tolist(),
+            some,
+            strict=True,
+        )
+    ]
 
 
 def _step_s(correlation: NDArray[np.float64], period: int, strength: float) -> float:
@@ -106,14 +122,20 @@ def _step_s(correlation: NDArray[np.float64], period: int, strength: float) -> f
     negative. Of a stride, two steps, the even ones are strong; a step of one who walks slowly has
     little but its first. Three steps of a fast walker fit in a long period, too.
     """
-    at = np.arange(len(correlation))
-    half, third = np.interp([period / 2, period / 3], at, correlation)
+    half, third = _between(correlation, period / 2), _between(correlation, period / 3)
     steps = 1
     if period >= 3 * PERIODS_S[0] * GRID_HZ and third > _PART * strength:
         steps = 3
     elif period >= 2 * PERIODS_S[0] * GRID_HZ and half > -_PART * strength:
         steps = 2
     return period / steps / GRID_HZ
+
+
+def _between(values: NDArray[np.float64], place: float) -> float:
+    """Return the value at a place, on the straight line between its neighbours."""
+    before = int(place)
+    low, high = values[before : before + 2].tolist()
+    return float((high - low) * (place - before) + low)
 
 
 class Rhythm:
@@ -143,8 +165,8 @@ class Rhythm:
         self._signal.add(signal)
         for scale, found in zip(self.scales, self._found, strict=True):
             count = (self._signal.end - scale.points) // HOP + 1
-            for window in range(found.end, count):
-                found.add(self._window(window * HOP, scale))
+            if count > found.end:
+                found.add(self._windows(found.end, count, scale))
         self._signal.forget_before(HOP * min(found.end for found in self._found))
         known = min(map(self._known, self.scales, self._found))
         return self._until(known)
@@ -154,15 +176,18 @@ class Rhythm:
         shortest = round(_SHORTEST_S * GRID_HZ)
         for scale, found in zip(self.scales, self._found, strict=True):
             if not found.end and self._signal.end >= shortest:
-                found.add(self._window(0, scale))
+                found.add(self._windows(0, 1, scale))
         return self._until(-(-self._signal.end // HOP) + 1)
 
-    def _window(self, start: int, scale: Scale) -> NDArray[np.float64]:
-        window = self._signal.between(start, start + scale.points)[0]
-        strength, step_s = repetition(window, scale.repeats)
-        longer = len(window) / GRID_HZ / self.scales[0].window_s
-        swing = _SWING * np.median(np.abs(window))
-        return np.array([[strength * np.sqrt(longer)], [step_s], [swing]])
+    def _windows(self, start: int, end: int, scale: Scale) -> NDArray[np.float64]:
+        """Return strength, step time and swing of windows ``[start, end)``, shape (3, n)."""
+        signal = self._signal.between(start * HOP, (end - 1) * HOP + scale.points)[0]
+        length = min(scale.points, len(signal))
+        windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::HOP]
+        found = np.array(repetitions(windows, scale.repeats)).reshape(-1, 2)
+        longer = length / GRID_HZ / self.scales[0].window_s
+        swing = _SWING * np.median(np.abs(windows), axis=1)
+        return np.stack([found[:, 0] * np.sqrt(longer), found[:, 1], swing])
 
     def _last(self, hop: int, scale: Scale) -> int:
         """Return the last window that counts at a hop."""

@@ -11,6 +11,7 @@ weights so far, so that the ratio means something from the first samples of a re
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
 from groundtrace_codecs.events import Quantity
@@ -20,6 +21,7 @@ from ..detector import Curve, Emits, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .cells import CellReducer
 from .filters import SmoothedSlope, UnbiasedMean, planar
 from .frames import trace_of
 
@@ -50,6 +52,7 @@ class StaLtaParameters:
 class _State:
     slope: SmoothedSlope
     short: UnbiasedMean
+    cells: CellReducer
     tracker: ArrivalTracker
 
 
@@ -74,24 +77,30 @@ class StaLtaPicker:
         self.state = _State(
             SmoothedSlope(rate, p.smooth_s, p.slope_s),
             UnbiasedMean(p.sta_s * rate),
-            ArrivalTracker(rate, n, settings, lambda cell_s: UnbiasedMean(p.lta_s / cell_s)),
+            CellReducer(rate, n),
+            ArrivalTracker(rate, n, settings, partial(_noise, p.lta_s), signals=2),
         )
         return tuple(c.name for c in stream.channels)
 
     def measure(self, block: SignalBlock) -> Measured:
         """Average the squared slope and look for arrivals."""
-        return self._measure(*self.state.slope(block.sample_times(), planar(block)))
+        self.state.tracker.clock.add(block)
+        return self._measure(*self.state.slope(planar(block)))
 
     def curve(self) -> Curve | None:
         """Return the ratio over the samples that the last ``measure`` completed."""
-        return self.state.tracker.curve()
+        return self.state.tracker.curve(self.state.cells.samples)
 
     def finish(self) -> Measured:
         """End the run; the smoothing sees the last sample repeated."""
         last = self._measure(*self.state.slope.finish())
         return joined(last, self.state.tracker.finish())
 
-    def _measure(
-        self, times: NDArray[np.int64], signal: NDArray[np.float64], slope: NDArray[np.float64]
-    ) -> Measured:
-        return self.state.tracker.add(times, signal, signal, slope, self.state.short(slope * slope))
+    def _measure(self, signal: NDArray[np.float64], slope: NDArray[np.float64]) -> Measured:
+        state = self.state
+        state.tracker.history.append(signal, slope)
+        return state.tracker.take(state.cells.add(signal, slope, state.short(slope * slope)))
+
+
+def _noise(lta_s: float, cell_s: float) -> UnbiasedMean:
+    return UnbiasedMean(lta_s / cell_s)

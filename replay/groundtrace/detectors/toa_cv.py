@@ -13,18 +13,23 @@ refinement takes that out.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from scipy.signal import sosfilt_zi
 
+from groundtrace_codecs.cores import side_by_side
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..gates import Level, Refractory
+from ..lanes import LANES
 from ..parameters import gate, measured
+from .arrival_kernels import SECTIONS, variance_cells
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
-from .cells import sliding_maximum
-from .filters import ExponentialMean, StreamingFilter, bandpass, planar
+from .cells import OpenCells, RunningMaximum
+from .filters import ExponentialMean, bandpass, planar_as_stored
 from .frames import trace_of
 
 if TYPE_CHECKING:
@@ -33,6 +38,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..detector import Curve, Emits, Measured
+    from .cells import Cells
+    from .lane_history import LaneHistory
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,32 +60,88 @@ class VarianceChangeParameters:
     refractory_s: Annotated[float, gate("s", "Least time between two arrivals.", ge=0)] = 0.25
 
 
-class RunningMaximum:
-    """Maximum over the last cells.
+class _Variance:
+    """Band-pass and moving average of the square, in lanes: what the decision function is.
 
     Parameters
     ----------
-    cells
-        How many, the present one included.
+    stream
+        What is filtered.
+    sos
+        Of the band-pass, at most two sections.
+    alpha
+        Coefficient of the moving average.
     """
 
-    def __init__(self, cells: int) -> None:
-        self.cells = cells
-        self._tail: NDArray[np.float64] | None = None
+    def __init__(self, stream: Stream, sos: NDArray[np.float64], alpha: float) -> None:
+        unit = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * (SECTIONS - len(sos))
+        self._sos = np.concatenate([sos, np.array(unit).reshape(-1, 6)])
+        self._alpha = alpha
+        self._cells = OpenCells(stream.rate_hz, len(stream.channels))
+        groups = self._cells.groups
+        self._scales = np.zeros((groups, 1, LANES))
+        self._scales.ravel()[: len(stream.channels)] = stream.scales
+        self._memory: NDArray[np.float64] | None = None
+        self._mean = np.zeros((groups, 1, LANES))
+        self._at_cell = np.zeros((groups, 1, LANES))  # the mean at the end of the last cell
+        self._before = self._at_cell  # and at the end of the one before the last block's
 
-    def __call__(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the maximum up to and including each cell, shape (n_channels, n)."""
-        if self._tail is None:
-            self._tail = np.zeros((level.shape[0], self.cells - 1))
-        line = np.concatenate([self._tail, level], axis=1)
-        self._tail = line[:, level.shape[1] :]
-        return sliding_maximum(line, self.cells)
+    def __call__(self, block: SignalBlock, history: LaneHistory) -> Cells:
+        """Take a block; add it, filtered, to the history and return the cells it completes."""
+        cells, n = self._cells, len(block)
+        history.extend(n)
+        samples = planar_as_stored(block)
+        if self._memory is None:
+            self._memory = self._steady(samples[:, 0] * block.stream.scales)
+        self._before = self._at_cell.copy()
+        found = cells.room(n)
+        groups = range(cells.groups)
+        side_by_side([partial(self._take, g, samples, history, found) for g in groups])
+        return cells.done(found, n)
+
+    def level(self, band: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the moving average over the filtered samples of the last block's cells."""
+        mean = ExponentialMean(self._alpha)
+        mean.zi = (1 - self._alpha) * self._before.reshape(-1, 1)[: len(band)]
+        return mean(band * band)
+
+    def _take(
+        self,
+        group: int,
+        samples: NDArray[Any],
+        history: LaneHistory,
+        found: NDArray[np.float64],
+    ) -> None:
+        """Take the samples of one group of channels."""
+        cells, memory = self._cells, self._memory
+        assert memory is not None
+        variance_cells(
+            samples,
+            self._scales[group],
+            group * LANES,
+            history.recent(samples.shape[1], group),
+            self._sos,
+            memory[group],
+            self._alpha,
+            self._mean[group],
+            self._at_cell[group],
+            cells.cell[group],
+            cells.filled,
+            cells.length,
+            cells.lanes(found, group),
+        )
+
+    def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the filter's memory in the steady state of the first samples."""
+        steady = sosfilt_zi(self._sos).reshape(-1, 1)
+        lanes = np.zeros((self._cells.groups, LANES))
+        lanes.ravel()[: len(first)] = first
+        return np.ascontiguousarray(steady * lanes[:, None, :])
 
 
 @dataclass(slots=True)
 class _State:
-    band: StreamingFilter
-    average: ExponentialMean
+    variance: _Variance
     tracker: ArrivalTracker
 
 
@@ -101,27 +164,29 @@ class VarianceChangePicker:
         windows = ((0.010, 0.005),)
         settings = ArrivalSettings.of(p, "rise", p.gap_s, windows, correlation_s=0.0)
         alpha = -np.expm1(-np.log(10) / (p.memory_s * rate))
-        self.state = _State(
-            StreamingFilter(bandpass(p.low_hz, p.high_hz, rate)),
-            ExponentialMean(alpha),
-            ArrivalTracker(
-                rate, n, settings, lambda cell_s: RunningMaximum(max(1, round(p.noise_s / cell_s)))
-            ),
-        )
+        variance = _Variance(stream, bandpass(p.low_hz, p.high_hz, rate), alpha)
+        noise = partial(_noise, p.noise_s)
+        self.state = _State(variance, ArrivalTracker(rate, n, settings, noise))
         return tuple(c.name for c in stream.channels)
 
     def measure(self, block: SignalBlock) -> Measured:
         """Average the squared signal and look for arrivals."""
-        state = self.state
-        recorded = planar(block)
-        band = state.band(recorded)
-        level = state.average(band * band)
-        return state.tracker.add(block.sample_times(), recorded, band, band, level)
+        tracker = self.state.tracker
+        if len(block):
+            tracker.clock.add(block)
+        return tracker.take(self.state.variance(block, tracker.history))
 
     def curve(self) -> Curve | None:
         """Return the ratio over the samples that the last ``measure`` completed."""
-        return self.state.tracker.curve()
+        variance, tracker = self.state.variance, self.state.tracker
+        return tracker.curve(
+            lambda start, stop: variance.level(tracker.history.between(start, stop))
+        )
 
     def finish(self) -> Measured:
         """End the run."""
         return self.state.tracker.finish()
+
+
+def _noise(noise_s: float, cell_s: float) -> RunningMaximum:
+    return RunningMaximum(max(1, round(noise_s / cell_s)))

@@ -24,6 +24,7 @@ from ..detector import Curve, Emits, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .cells import CellReducer
 from .filters import StreamingFilter, UnbiasedMean, bandpass, planar
 from .frames import trace_of
 
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from .cells import NoiseLevel
 
 #: Lengths of the stretches after an arrival [s], and the parts of them beyond the threshold.
 STRETCHES = ((0.01, 0.5), (0.001, 0.75), (0.0005, 0.5))
@@ -63,32 +66,28 @@ class _Stretches:
         #: Length of each stretch, and which of its samples in ascending order is the quantile.
         self.ranks = [(n, n - int(np.ceil(part * n))) for n, part in lengths]
         self.ahead = max(n for n, _ in lengths)
-        self._times = np.empty(0, np.int64)
         self._rows = np.empty((2, channels, 0))
 
     def add(
-        self, times: NDArray[np.int64], recorded: NDArray[np.float64], band: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        self, recorded: NDArray[np.float64], band: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Take samples.
 
         Returns
         -------
-        Times (n,), signals as recorded and filtered (2, n_channels, n) and level (n_channels, n)
-        of the samples that all of what follows is known of.
+        Signals as recorded and filtered (2, n_channels, n) and level (n_channels, n) of the samples
+        that all of what follows is known of.
         """
-        self._times = np.concatenate([self._times, times])
         self._rows = np.concatenate([self._rows, np.stack([recorded, band])], axis=2)
         # in steps of that length: the quantiles of a few samples cost as much as those of many
-        count = max(0, len(self._times) // self.ahead - 1) * self.ahead
-        found = self._times[:count], self._rows[:, :, :count], self._levels(count)
-        self._times, self._rows = self._times[count:], self._rows[:, :, count:]
+        count = max(0, self._rows.shape[2] // self.ahead - 1) * self.ahead
+        found = self._rows[:, :, :count], self._levels(count)
+        self._rows = self._rows[:, :, count:]
         return found
 
-    def finish(
-        self,
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the last samples: nothing follows them, so that no arrival is among them."""
-        return self._times, self._rows, np.zeros(self._rows.shape[1:])
+        return self._rows, np.zeros(self._rows.shape[1:])
 
     def _levels(self, count: int) -> NDArray[np.float64]:
         from scipy.ndimage import rank_filter
@@ -112,7 +111,12 @@ class _State:
     power: UnbiasedMean
     delayed: NDArray[np.float64]
     unknown: int  # samples to come whose noise is not known yet
+    cells: CellReducer
     tracker: ArrivalTracker
+
+
+def _noise(cell_s: float) -> NoiseLevel:  # noqa: ARG001
+    return _steady
 
 
 def _steady(level: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -144,7 +148,8 @@ class NoiseStatisticsPicker:
             UnbiasedMean(p.noise_s * rate),
             np.zeros((n, gap)),
             gap + round(p.warm_up_s * rate),
-            ArrivalTracker(rate, n, settings, lambda _: _steady),
+            CellReducer(rate, n),
+            ArrivalTracker(rate, n, settings, _noise),
         )
         return tuple(c.name for c in stream.channels)
 
@@ -152,27 +157,28 @@ class NoiseStatisticsPicker:
         """Compare what follows each sample with the noise before it, and look for arrivals."""
         recorded = planar(block)
         band = self.state.band(recorded)
-        return self._measure(*self.state.stretches.add(block.sample_times(), recorded, band))
+        self.state.tracker.clock.add(block)
+        return self._measure(*self.state.stretches.add(recorded, band))
 
     def curve(self) -> Curve | None:
         """Return the level over the samples that the last ``measure`` or ``finish`` completed."""
-        return self.state.tracker.curve()
+        return self.state.tracker.curve(self.state.cells.samples)
 
     def finish(self) -> Measured:
         """End the run."""
         last = self._measure(*self.state.stretches.finish())
         return joined(last, self.state.tracker.finish())
 
-    def _measure(
-        self, times: NDArray[np.int64], rows: NDArray[np.float64], level: NDArray[np.float64]
-    ) -> Measured:
+    def _measure(self, rows: NDArray[np.float64], level: NDArray[np.float64]) -> Measured:
         state = self.state
         recorded, band = rows
+        count = level.shape[1]
         line = np.concatenate([state.delayed, state.power(band * band)], axis=1)
-        state.delayed = line[:, len(times) :]
-        power = line[:, : len(times)].copy()
+        state.delayed = line[:, count:]
+        power = line[:, :count].copy()
         power[:, : state.unknown] = 0.0
-        state.unknown = max(0, state.unknown - len(times))
+        state.unknown = max(0, state.unknown - count)
         # before any noise is known, and over digital silence, nothing is beyond it
         sigmas = np.divide(level, np.sqrt(power), out=np.zeros_like(level), where=power > 0)
-        return state.tracker.add(times, recorded, band, band, sigmas)
+        state.tracker.history.append(band)
+        return state.tracker.take(state.cells.add(recorded, band, sigmas))

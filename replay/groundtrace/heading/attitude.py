@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .rotations import about_vertical, levelled, matrix, normalised, of_vectors, product, skew
+from .rotations import about_vertical, levelled, matrix, normalised, product, skew
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +35,7 @@ TURN, SPEED, BIAS, IRON, EARTH = (
 SIZE = 14
 _ONE = np.eye(SIZE)
 _PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
+_NONE = np.zeros(SIZE, np.bool_)
 #: Rows that a field must not change, ever and while it is a disturbed one.
 _NO_TILT: NDArray[np.bool_] = np.array([row in (0, 1, 3, 4, 5) for row in range(SIZE)])
 _NO_EARTH: NDArray[np.bool_] = _NO_TILT | np.array([row >= 12 for row in range(SIZE)])
@@ -125,6 +126,9 @@ class Attitude:
 
     def predict(self, frame: InertialFrame) -> None:
         """Go on to the end of a frame."""
+        # compiled functions are not imported where pipelines are only listed
+        from .rotation_kernels import carry
+
         dt, p = frame.length_s, self.noise
         axes = matrix(self.orientation)
         force = axes @ frame.force
@@ -139,7 +143,8 @@ class Attitude:
         growth[EARTH] = p.earth_walk**2 * dt
         self.velocity = self.velocity + dt * (force - np.array([0, 0, GRAVITY_MPS2]))
         self.orientation = normalised(product(self.orientation, frame.turns[-1]))
-        self.covariance = step @ self.covariance @ step.T + np.diag(growth)
+        self.covariance = carry(step, self.covariance)
+        np.einsum("ii->i", self.covariance)[:] += growth
 
     def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
         """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
@@ -243,15 +248,14 @@ class Attitude:
         frozen
             Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
         """
-        spread = self.covariance @ pick.T
+        from .rotation_kernels import joseph, turned_by
+
         noise = np.diag(np.full(3, variance))
-        gain = np.linalg.solve(pick @ spread + noise, spread.T).T
-        if frozen is not None:
-            gain[frozen] = 0.0
-        left = _ONE - gain @ pick
-        self.covariance = left @ self.covariance @ left.T + variance * (gain @ gain.T)
+        spread = pick @ self.covariance @ pick.T + noise
+        kept = _NONE if frozen is None else frozen
+        gain, self.covariance = joseph(self.covariance, pick, spread, noise, kept)
         change = gain @ innovation
-        self.orientation = normalised(product(of_vectors(change[TURN]), self.orientation))
+        self.orientation = turned_by(change[TURN], self.orientation)
         self.velocity = self.velocity + change[SPEED]
         self.bias = self.bias + change[BIAS]
         self.iron = self.iron + change[IRON]

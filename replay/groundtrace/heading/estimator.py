@@ -23,7 +23,7 @@ from .calibration import TOO_LITTLE, Calibration
 from .compass import COLUMNS, GATES, TESLA, TESTS, Compass
 from .inertial_frames import Samples, frame_of
 from .parameters import HeadingParameters
-from .rotations import headings_of, matrix, product, wrapped
+from .rotations import matrix, wrapped
 from .scalar_filters import AzimuthKalman, Exponential
 
 if TYPE_CHECKING:
@@ -92,6 +92,8 @@ class HeadingEstimator:
         return [self._frame(part) for part in left if len(part)]
 
     def _frame(self, samples: Samples) -> HeadingFrame:
+        from .frame_kernels import headings
+
         attitude, raw = self.attitude, samples.field[len(samples) // 2]
         samples = replace(samples, field=self.calibration.corrected(samples.field))
         frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
@@ -100,8 +102,7 @@ class HeadingEstimator:
         if np.isnan(attitude.earth[0]) and np.isfinite(frame.field).all():
             self._meet(matrix(attitude.orientation) @ frame.field)
         axes, bias, offset = matrix(attitude.orientation), attitude.bias, self.gyroscope.offset_rad
-        orientation = product(attitude.orientation, frame.turns)
-        heading = headings_of(orientation, self.axis)
+        orientation, heading = headings(attitude.orientation, frame.turns, self.axis)
         sigma = attitude.heading_sigma_rad
         resting = self._move(frame)
         self.gyroscope.go_on(frame, axes, bias, resting=resting)

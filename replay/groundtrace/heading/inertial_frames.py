@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .rotations import crossed, mean_matrix, of_vectors, product, running_products, turned
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -100,44 +98,27 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
     delay_s
         How much later than the gyroscope the magnetometer answers [s].
     """
+    # compiled functions are not imported where pipelines are only listed
+    from .frame_kernels import field_of, mean_and_spread, mean_turned, turns_of
+
     rate = samples.rate - bias
-    turns = running_products(of_vectors(rate * step_s))
     # the middle of each sample's interval stands for it
-    middles = product(turns, of_vectors(-0.5 * step_s * rate))
-    force = turned(middles, samples.force)
-    field, sums = _field(samples.field, rate, middles, delay_s)
+    turns, middles, mean_turn = turns_of(rate, step_s)
+    measured, _, rate_spread = mean_and_spread(samples.rate)
+    field, across, along = field_of(samples.field, rate, middles, delay_s)
+    if not np.isfinite(field).all():
+        across = along = 0.0
     return InertialFrame(
         turns=turns,
-        mean_turn=mean_matrix(middles),
+        mean_turn=mean_turn,
         length_s=len(rate) * step_s,
-        force=force.mean(axis=0),
+        force=mean_turned(middles, samples.force),
         field=field,
-        rate=samples.rate.mean(axis=0),
-        speed=_rms(rate),
-        rate_spread=_rms(samples.rate - samples.rate.mean(axis=0)),
-        force_spread=_rms(samples.force - samples.force.mean(axis=0)),
-        delay_sums=sums,
+        rate=measured,
+        speed=mean_and_spread(rate)[1],
+        rate_spread=rate_spread,
+        force_spread=mean_and_spread(samples.force)[2],
+        # a field that comes late by d is too far on by d (rate x field): in the axes of the
+        # frame's start, where a constant field stands still, its samples move along that
+        delay_sums=(across, along),
     )
-
-
-def _field(
-    field: Array, rate: Array, middles: Array, delay_s: float
-) -> tuple[Array, tuple[float, float]]:
-    """Return the frame's mean field, and what its samples say of the delay.
-
-    A field that comes late by ``d`` is too far on by ``d (rate x field)``: in the axes of the
-    frame's start, where a constant field stands still, its samples move along that.
-    """
-    prompt = turned(of_vectors(-delay_s * rate), field)
-    still = turned(middles, prompt)
-    mean = still.mean(axis=0)
-    if not np.isfinite(mean).all():
-        return mean, (0.0, 0.0)
-    moved = turned(middles, crossed(rate, prompt))
-    moved = moved - moved.mean(axis=0)
-    xy = float(np.einsum("ij,ij", moved, still - mean))
-    return mean, (xy, float(np.einsum("ij,ij", moved, moved)))
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.einsum("ij,ij", x, x) / len(x)))

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Rows of the state that a measurement leaves alone: none.
+_NONE = np.zeros(STATES, np.bool_)
 #: Velocity of a foot of which nothing is known [m/s].
 LOST_MPS = 2.0
 
@@ -101,6 +103,8 @@ class ErrorStateFilter:
 
     def predict(self, segment: Segment) -> Array:
         """Go on to the end of a segment; return its transition, shape (15, 15)."""
+        from ..heading.rotation_kernels import carry
+
         step, noise, length_s = integrate(self.pose, segment), self.noise, segment.length_s
         growth = np.zeros(STATES)
         growth[TURN] = noise.gyro_walk**2 * length_s + noise.gyro_scale**2 * step.turned_rad
@@ -109,7 +113,8 @@ class ErrorStateFilter:
         growth[GYRO] = noise.gyro_bias_walk**2 * length_s
         growth[FORCE] = noise.force_bias_walk**2 * length_s
         self.pose = step.pose
-        self.covariance = step.transition @ self.covariance @ step.transition.T + np.diag(growth)
+        self.covariance = carry(step.transition, self.covariance)
+        np.einsum("ii->i", self.covariance)[:] += growth
         return step.transition
 
     def still(self, sigma_mps: float) -> Innovation:
@@ -130,9 +135,9 @@ class ErrorStateFilter:
 
     def update(self, seen: Innovation) -> None:
         """Correct the pose by a measurement."""
-        gain = np.linalg.solve(seen.spread, seen.pick @ self.covariance).T
-        left = np.eye(STATES) - gain @ seen.pick
-        self.covariance = left @ self.covariance @ left.T + gain @ seen.noise @ gain.T
+        from ..heading.rotation_kernels import joseph
+
+        gain, self.covariance = joseph(self.covariance, seen.pick, seen.spread, seen.noise, _NONE)
         self.pose = self.pose.moved(gain @ seen.value)
 
     def lose_velocity(self) -> None:

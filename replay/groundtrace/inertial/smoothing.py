@@ -80,8 +80,12 @@ def smoothed(knots: Sequence[Knot[P]]) -> list[tuple[P, Array]]:
 
 def _gain(cross: Array, predicted: Array) -> Array:
     """Return ``cross`` times the inverse of ``predicted``, whose rows differ much in size."""
+    # compiled functions are not imported where pipelines are only listed
+    from ..heading.rotation_kernels import solve
+
     scale = np.sqrt(np.maximum(np.diag(predicted), 1e-30))
     even = predicted / np.outer(scale, scale)
     even[np.diag_indices_from(even)] += 1e-12  # the heading may be known exactly at the start
-    solved: Array = np.linalg.solve(even, (cross / scale).T).T / scale
-    return solved
+    solved = np.ascontiguousarray((cross / scale).T)
+    solve(even, solved)
+    return np.asarray(solved.T / scale)

@@ -44,6 +44,8 @@ class Segment:
         Mean magnetic field, shape (3,) [T]; NaN where the stream has none.
     statistic, peak
         Largest of the zero-velocity statistic in it, and in the stride that ends with it.
+    length_s
+        How long it lasts [s].
     """
 
     time_ns: int
@@ -53,11 +55,7 @@ class Segment:
     field: Array
     statistic: float
     peak: float
-
-    @property
-    def length_s(self) -> float:
-        """How long it lasts [s]."""
-        return float(self.interval_s.sum())
+    length_s: float
 
 
 class Segments:
@@ -107,19 +105,31 @@ class Segments:
 
     def _cut(self, length: int) -> Iterator[Segment]:
         """Yield all whole segments; the sample that ends one also begins the next."""
-        first = 0
-        while first + length < len(self._values):
-            last = first + length
-            both = slice(first, last + 1)
+        count = max(0, len(self._values) - 1) // length
+        if not count:
+            return
+        end = count * length
+        intervals = (np.diff(self._times[: end + 1]) / NS_PER_S).reshape(count, length)
+        fields = self._samples[1 : end + 1, 6:].reshape(count, length, 3).mean(axis=1)
+        statistic = self._values[:, 0]
+        # of both its ends, the first of which is the last of the segment before
+        largest = np.maximum(
+            statistic[1 : end + 1].reshape(count, length).max(axis=1), statistic[:end:length]
+        )
+        lengths = intervals.sum(axis=1).tolist()
+        # each contiguous, as compiled functions take them
+        rate, force = (np.ascontiguousarray(self._samples[: end + 1, k : k + 3]) for k in (0, 3))
+        for index, last in enumerate(range(length, end + 1, length)):
+            both = slice(last - length, last + 1)
             yield Segment(
                 int(self._times[last]),
-                np.diff(self._times[both]) / NS_PER_S,
-                self._samples[both, :3],
-                self._samples[both, 3:6],
-                self._samples[first + 1 : last + 1, 6:].mean(axis=0),
-                float(self._values[both, 0].max()),
+                intervals[index],
+                rate[both],
+                force[both],
+                fields[index],
+                float(largest[index]),
                 float(self._values[last, 1]),
+                lengths[index],
             )
-            first = last
-        self._times, self._samples = self._times[first:], self._samples[first:]
-        self._values = self._values[first:]
+        self._times, self._samples = self._times[end:], self._samples[end:]
+        self._values = self._values[end:]

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..heading.rotations import matrix, normalised, of_vectors, product, running_products, skew
-from ..heading.rotations import turned as turn
+from ..heading.rotations import normalised, product
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -51,8 +50,10 @@ class Pose:
 
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
+        from ..heading.rotation_kernels import turned_by
+
         return Pose(
-            normalised(product(of_vectors(error[TURN]), self.orientation)),
+            turned_by(error[TURN], self.orientation),
             self.velocity + error[SPEED],
             self.place + error[PLACE],
             self.gyro_bias + error[GYRO],
@@ -100,38 +101,21 @@ def integrate(pose: Pose, segment: Segment) -> Step:
 
     Rates and forces are taken as straight between samples.
     """
-    dt = segment.interval_s[:, None]
-    rate = segment.rate - pose.gyro_bias
-    angles = 0.5 * (rate[1:] + rate[:-1]) * dt
-    turns = np.empty((len(rate), 4))
-    turns[0] = pose.orientation
-    turns[1:] = product(pose.orientation, running_products(of_vectors(angles)))
-    forces = turn(turns, segment.force - pose.force_bias)
-    pushes = 0.5 * (forces[1:] + forces[:-1]) * dt
-    pushes[:, 2] -= GRAVITY_MPS2 * segment.interval_s
-    gained = pushes.cumsum(axis=0)
-    velocity = pose.velocity + gained[-1]
-    place = pose.place + ((pose.velocity + gained - 0.5 * pushes) * dt).sum(axis=0)
-    after = Pose(normalised(turns[-1]), velocity, place, pose.gyro_bias, pose.force_bias)
-    return Step(
-        after,
-        _transition(0.5 * (turns[0] + turns[-1]), gained[-1], segment.length_s),
-        float(np.sqrt(np.einsum("ij,ij->i", angles, angles)).sum()),
-        float(np.sqrt(np.einsum("ij,ij->i", pushes, pushes)).sum()),
+    # compiled functions are not imported where pipelines are only listed
+    from . import strapdown_kernels as compiled
+
+    orientation, velocity, place, gained, turned_rad, pushed_mps = compiled.integrate(
+        pose.orientation,
+        pose.velocity,
+        pose.place,
+        np.stack([pose.gyro_bias, pose.force_bias]),
+        segment.interval_s,
+        segment.rate,
+        segment.force,
+        GRAVITY_MPS2,
     )
-
-
-def _transition(middle: Array, gained: Array, length_s: float) -> Array:
-    """Return the transition of a segment that is short beside how fast a foot turns."""
-    axes = matrix(normalised(middle)) * length_s
-    force = skew(gained + np.array([0.0, 0.0, GRAVITY_MPS2 * length_s]))
-    out = np.eye(STATES)
-    out[TURN, GYRO] = -axes
-    out[SPEED, TURN] = -force
-    out[SPEED, GYRO] = 0.5 * force @ axes
-    out[SPEED, FORCE] = -axes
-    out[PLACE, SPEED] = length_s * np.eye(3)
-    for column in (TURN, FORCE):
-        out[PLACE, column] = 0.5 * length_s * out[SPEED, column]
-    out[PLACE, GYRO] = length_s / 3 * out[SPEED, GYRO]
-    return out
+    moved = compiled.transition(
+        pose.orientation, orientation, gained, segment.length_s, GRAVITY_MPS2
+    )
+    after = Pose(normalised(orientation), velocity, place, pose.gyro_bias, pose.force_bias)
+    return Step(after, moved, turned_rad, pushed_mps)

@@ -138,16 +138,13 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     threshold = model.threshold_s
     if not np.isfinite(threshold):
         return _squares(u, times_s, model.slope)
-    t = times_s[..., None]
-    left = _residuals(u, t, np.ones_like(t), model.slope)
-    for _ in range(PASSES):
-        size = np.abs(left)
-        left = _residuals(u, t, threshold / np.maximum(size, threshold), model.slope)
-    size = np.abs(left)
-    inner = np.minimum(size, threshold)
-    size *= 2
-    size -= inner
-    loss: Array = np.einsum("mnq,mnq->mq", inner, size) / t.shape[-2]
+    # compiled functions are not imported where pipelines are only listed
+    from .loss_kernels import robust_losses
+
+    slope = float("nan") if model.slope is None else model.slope
+    nodes = u if u.ndim == 3 else u[None]
+    loss = np.empty((len(times_s), nodes.shape[2]))
+    robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
     return loss
 
 
@@ -167,24 +164,6 @@ def _squares(u: Array, times_s: Array, slope: float | None) -> Array:
     loss /= times_s.shape[-1]
     # rounding may leave less than nothing
     return np.maximum(loss, 0.0, out=loss)
-
-
-def _residuals(u: Array, t: Array, weight: Array, slope: float | None) -> Array:
-    """Return t - t0 - k u with the best t0 and k under weights, shape (m, n, q)."""
-    whole = weight.sum(axis=-2)
-    weighted = weight * u
-    u_mean = weighted.sum(axis=-2) / whole
-    t_mean = (weight * t).sum(axis=-2) / whole
-    if slope is None:
-        square = np.einsum("...nq,...nq->...q", weighted, u) - whole * u_mean**2
-        along = np.einsum("mn,mnq->mq", t[..., 0], weighted) - whole * u_mean * t_mean
-        square = np.maximum(square, np.finfo(np.float64).tiny)
-        k = np.maximum(along / square, 0.0)
-    else:
-        k = np.full_like(u_mean, slope)
-    left: Array = t - k[..., None, :] * u
-    left -= (t_mean - k * u_mean)[..., None, :]
-    return left
 
 
 def heard_by(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:

@@ -9,7 +9,7 @@ in one point, so there are at most 1 + C(N, 2) + (3N - 1) C(N, 3) / 4.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +46,10 @@ class Regions:
         Shape (q,) [m^2].
     neighbours
         Shape (m, 2), intp: regions with a common edge.
+    told
+        Shape (n_pairs,), bool: pairs whose sign tells regions apart.
+    across
+        The signs as each step is compared with them, shape (n_pairs, q), float64.
     """
 
     sensors: Array
@@ -55,6 +59,12 @@ class Regions:
     centres: Array
     areas: Array
     neighbours: NDArray[np.intp]
+    told: NDArray[np.bool_] = field(init=False)
+    across: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "told", (self.signs != 0).any(axis=0))
+        object.__setattr__(self, "across", self.signs.T.astype(np.float64))
 
     def __len__(self) -> int:
         return len(self.areas)
@@ -180,13 +190,22 @@ def _arranged(hull: Array, lines: Array) -> list[Array]:
 
 def _halves(part: Array, height: Array) -> tuple[Array, Array]:
     """Cut a convex polygon where its corners' height changes its sign."""
-    after = np.roll(height, -1)
-    cut = np.flatnonzero(height * after < 0)
-    share = height[cut] / (height[cut] - after[cut])
-    between = part[cut] + share[:, None] * (np.roll(part, -1, axis=0)[cut] - part[cut])
-    corners = np.insert(part, cut + 1, between, axis=0)
-    heights = np.insert(height, cut + 1, 0.0)
-    return corners[heights >= 0], corners[heights <= 0]
+    above: list[tuple[float, float]] = []
+    below: list[tuple[float, float]] = []
+    # a few corners: as plain numbers they are cut faster than as an array
+    points, heights = part.tolist(), height.tolist()
+    following = zip(points[1:] + points[:1], heights[1:] + heights[:1], strict=True)
+    for (x, y), h, ((next_x, next_y), next_h) in zip(points, heights, following, strict=True):
+        if h >= 0:
+            above.append((x, y))
+        if h <= 0:
+            below.append((x, y))
+        if h * next_h < 0:
+            share = h / (h - next_h)
+            between = (x + share * (next_x - x), y + share * (next_y - y))
+            above.append(between)
+            below.append(between)
+    return np.array(above), np.array(below)
 
 
 def _polygons(parts: list[Array]) -> NDArray[np.object_]:

@@ -178,8 +178,7 @@ def _on_floor(
     heard = np.isfinite(times_s)
     here, times, picks = running.positions[heard], times_s[None, heard], int(heard.sum())
     sigma = sigma_s if running.found is None else running.found.sigma_s
-    area = heard_by(lattice(running.positions, running.outline), heard)
-    area = replace(area, u=area.u**floor.exponent)
+    area = heard_by(lattice(running.positions, running.outline, floor.exponent), heard)
     model = Model(floor.exponent, floor.scale, huber * sigma)
     best = search(area, here, times, model)
     excess = best.losses * picks

@@ -113,7 +113,7 @@ def measured_signs(regions: Regions, times_s: Array) -> tuple[Array, NDArray[np.
     """
     with np.errstate(invalid="ignore"):
         signs = np.sign(times_s[..., regions.first] - times_s[..., regions.second])
-    compared = np.isfinite(signs) & (regions.signs != 0).any(axis=0)
+    compared = np.isfinite(signs) & regions.told
     return np.where(compared, signs, 0.0), compared
 
 
@@ -122,7 +122,7 @@ def distances(regions: Regions, signs: Array, compared: NDArray[np.bool_]) -> Ar
 
     A sign of 0 is as far from +1 as from -1: it counts a half.
     """
-    agreement = signs @ regions.signs.T.astype(np.float64)
+    agreement = signs @ regions.across
     apart: Array = (compared.sum(axis=-1, keepdims=True) - agreement) / 2
     return apart
 

@@ -135,22 +135,32 @@ class LevelMotion:
         self._take(self._estimator.finish())
 
     def _take(self, frames: Sequence[HeadingFrame]) -> None:
-        for frame in frames:
-            waiting = self._waiting[0]
-            count = len(frame.time_ns)
-            self._parts.append(self._levelled(waiting.rows(0, count), frame))
-            self._waiting = [waiting.rows(count, len(waiting))]
-        if len(frames):
-            self._forget()
-
-    def _levelled(self, samples: Samples, frame: HeadingFrame) -> Motion:
-        """Return the samples of a frame in level axes."""
-        each_s = float(frame.resting) / self.rate_hz
-        rested: Array = self._rested_s + each_s * np.arange(1.0, len(samples) + 1)
-        self._rested_s = float(rested[-1])
-        force, field_ = (turned(frame.orientation, x) for x in (samples.force, samples.field))
+        if not len(frames):
+            return
+        count = sum(len(frame.time_ns) for frame in frames)
+        waiting = self._waiting[0]
+        self._waiting = [waiting.rows(count, len(waiting))]
+        orientation = np.concatenate([frame.orientation for frame in frames])
+        samples = waiting.rows(0, count)
+        # one turn for all frames: each of a few samples would cost as much
+        force, field_ = (turned(orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= GRAVITY_MPS2
-        return Motion(samples.time_ns, frame.orientation, force, field_, rested)
+        first = 0
+        for frame in frames:
+            rows = slice(first, first + len(frame.time_ns))
+            rested = self._rested(frame)
+            self._parts.append(
+                Motion(samples.time_ns[rows], orientation[rows], force[rows], field_[rows], rested)
+            )
+            first = rows.stop
+        self._forget()
+
+    def _rested(self, frame: HeadingFrame) -> Array:
+        """Return how long the sensor has been at rest by each sample of a frame [s]."""
+        each_s = float(frame.resting) / self.rate_hz
+        rested: Array = self._rested_s + each_s * np.arange(1.0, len(frame.time_ns) + 1)
+        self._rested_s = float(rested[-1])
+        return rested
 
     def _forget(self) -> None:
         """Forget what is older than any step to come."""

@@ -1,0 +1,123 @@
+"""The last samples of a run, in lanes, and the times of its samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..lanes import LANES
+from .arrival_kernels import load
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
+
+
+class SampleClock:
+    """Times of a run's samples by their index from its first block on.
+
+    The anchor of the times may move from block to block: the source follows small steps of a clock.
+    """
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._period_ns = 0.0
+        self._starts = [0]  # index from which an anchor holds
+        self._anchors = [(0, 0)]  # time of the anchor, and which index before ours it counts from
+
+    def add(self, block: SignalBlock) -> None:
+        """Count in a block of the run."""
+        anchor = (block.anchor_ns, block.first - self._count)
+        self._period_ns = block.stream.period_ns
+        if not self._count:
+            self._anchors = [anchor]
+        elif self._anchors[-1] != anchor:
+            self._starts.append(self._count)
+            self._anchors.append(anchor)
+        self._count += len(block)
+
+    def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Return the times of samples [ns], shape (n,), as their blocks have them."""
+        if len(self._starts) == 1:
+            return self._timed(index, np.array(self._anchors[0]))
+        anchor = np.searchsorted(self._starts, index, side="right") - 1
+        return self._timed(index, np.array(self._anchors).T[:, np.maximum(anchor, 0)])
+
+    def forget_before(self, index: int) -> None:
+        """Forget anchors of samples before one."""
+        while len(self._starts) > 1 and self._starts[1] <= index:
+            del self._starts[0], self._anchors[0]
+
+    def _timed(self, index: NDArray[np.intp], anchor: NDArray[np.int64]) -> NDArray[np.int64]:
+        place = (index + anchor[1]).astype(np.float64) * self._period_ns
+        return np.asarray(anchor[0] + np.rint(place).astype(np.int64))
+
+
+class LaneHistory:
+    """The last samples of a few signals, by their index in the run; the memory is used again.
+
+    Parameters
+    ----------
+    signals
+        How many signals each channel has.
+    channels
+        Number of channels.
+
+    Attributes
+    ----------
+    first, end
+        Index of the first sample kept, and just after the last.
+    """
+
+    def __init__(self, signals: int, channels: int) -> None:
+        self.first = 0
+        self.end = 0
+        self._begin = 0  # row of the first sample kept
+        self._rows = np.zeros((signals, -(-channels // LANES), 0, LANES))
+        self._scales = np.ones(channels)
+
+    def extend(self, samples: int) -> None:
+        """Make room for some more samples; they are written by :meth:`recent`."""
+        kept = self.end - self.first
+        if self._begin + kept + samples > self._rows.shape[2]:
+            shape = (*self._rows.shape[:2], max(self._rows.shape[2], 2 * (kept + samples)), LANES)
+            rows = self._rows if shape == self._rows.shape else np.zeros(shape)
+            rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept].copy()
+            self._rows, self._begin = rows, 0
+        self.end += samples
+
+    def append(self, *signals: NDArray[np.float64]) -> None:
+        """Take samples of every signal, each (n_channels, n)."""
+        n = signals[0].shape[1]
+        self.extend(n)
+        for index, signal in enumerate(signals):
+            for group in range(self._rows.shape[1]):
+                rows = self.recent(n, group, index)
+                load(np.ascontiguousarray(signal), self._scales, group * LANES, 0, rows)
+
+    def recent(self, samples: int, group: int, signal: int = 0) -> NDArray[np.float64]:
+        """Return the last samples of a group of channels, shape (n, LANES): a view."""
+        stop = self._begin + self.end - self.first
+        return self._rows[signal, group, stop - samples : stop]
+
+    def rows(self, signal: int = 0) -> NDArray[np.float64]:
+        """Return what is kept of a signal, shape (n_groups, n, LANES): a view."""
+        return self._rows[signal, :, self._begin : self._begin + self.end - self.first]
+
+    def between(self, start: int, stop: int, signal: int = 0) -> NDArray[np.float64]:
+        """Return samples ``[start, stop)`` of every channel, shape (n_channels, n).
+
+        What was dropped is there until more samples come.
+        """
+        begin = self._begin + start - self.first
+        rows = self._rows[signal, :, begin : begin + stop - start]
+        flat = rows.transpose(0, 2, 1).reshape(len(rows) * LANES, stop - start)
+        return np.asarray(flat[: len(self._scales)])
+
+    def drop_before(self, index: int) -> None:
+        """Drop the samples before one; they are there until more samples come."""
+        cut = max(0, index - self.first)
+        self.first += cut
+        self._begin += cut

@@ -1,0 +1,167 @@
+"""Quaternions (w, x, y, z) and small systems of equations, compiled: for loops over frames.
+
+The same as :mod:`.rotations`, of one quaternion at a time and into arrays that are given.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+@compiled
+def multiply(a: Array, b: Array, out: Array) -> None:
+    """Put the product a b in ``out``, which may be either of them."""
+    w = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
+    x = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
+    y = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
+    z = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
+    out[0], out[1], out[2], out[3] = w, x, y, z
+
+
+@compiled
+def normalise(q: Array) -> None:
+    """Make a quaternion's length 1."""
+    q /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+
+
+@compiled
+def of_vector(angle: Array, factor: float, out: Array) -> None:
+    """Put the quaternion of ``factor`` times a rotation vector [rad] in ``out``."""
+    x, y, z = factor * angle[0], factor * angle[1], factor * angle[2]
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    share = 0.5 * (math.sin(half) / half if half > 0.0 else 1.0)
+    out[0], out[1], out[2], out[3] = math.cos(half), share * x, share * y, share * z
+
+
+@compiled
+def turn(q: Array, v: Array, out: Array) -> None:
+    """Put ``v``, shape (3,), turned by a quaternion in ``out``, which may be ``v``."""
+    x = 2.0 * (q[2] * v[2] - q[3] * v[1])
+    y = 2.0 * (q[3] * v[0] - q[1] * v[2])
+    z = 2.0 * (q[1] * v[1] - q[2] * v[0])
+    a = v[0] + q[0] * x + (q[2] * z - q[3] * y)
+    b = v[1] + q[0] * y + (q[3] * x - q[1] * z)
+    c = v[2] + q[0] * z + (q[1] * y - q[2] * x)
+    out[0], out[1], out[2] = a, b, c
+
+
+@compiled
+def turned_by(error: Array, orientation: Array) -> Array:
+    """Return an orientation, shape (4,), turned by a small rotation in the earth frame, (3,)."""
+    out = np.empty(4)
+    of_vector(error, 1.0, out)
+    multiply(out, orientation, out)
+    normalise(out)
+    return out
+
+
+@compiled
+def add_matrix(q: Array, share: float, out: Array) -> None:
+    """Add ``share`` times the rotation matrix of a quaternion to ``out``, shape (3, 3)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    out[0, 0] += share * (w * w + x * x - y * y - z * z)
+    out[0, 1] += share * 2.0 * (x * y - w * z)
+    out[0, 2] += share * 2.0 * (x * z + w * y)
+    out[1, 0] += share * 2.0 * (x * y + w * z)
+    out[1, 1] += share * (w * w - x * x + y * y - z * z)
+    out[1, 2] += share * 2.0 * (y * z - w * x)
+    out[2, 0] += share * 2.0 * (x * z - w * y)
+    out[2, 1] += share * 2.0 * (y * z + w * x)
+    out[2, 2] += share * (w * w - x * x - y * y + z * z)
+
+
+@compiled
+def carry(step: Array, covariance: Array) -> Array:
+    """Return ``step @ covariance @ step.T``, shape (n, n); zeros of the step are passed over."""
+    n = len(step)
+    half, out = np.zeros((n, n)), np.zeros((n, n))
+    for i in range(n):
+        for k in range(n):
+            if step[i, k] != 0.0:
+                for j in range(n):
+                    half[i, j] += step[i, k] * covariance[k, j]
+    for i in range(n):
+        for j in range(n):
+            if step[i, j] != 0.0:
+                for k in range(n):
+                    out[k, i] += half[k, j] * step[i, j]
+    return out
+
+
+@compiled
+def solve(matrix: Array, sides: Array) -> None:
+    """Solve ``matrix @ x = sides`` in place, by elimination with the largest pivot.
+
+    Both are overwritten: ``sides``, shape (n, k), by the solution.
+    """
+    n = len(matrix)
+    for i in range(n):
+        best = i
+        for r in range(i + 1, n):
+            if abs(matrix[r, i]) > abs(matrix[best, i]):
+                best = r
+        if best != i:
+            for j in range(n):
+                matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
+            for j in range(sides.shape[1]):
+                sides[i, j], sides[best, j] = sides[best, j], sides[i, j]
+        for r in range(i + 1, n):
+            share = matrix[r, i] / matrix[i, i]
+            if share != 0.0:
+                matrix[r, i:] -= share * matrix[i, i:]
+                sides[r] -= share * sides[i]
+    for i in range(n - 1, -1, -1):
+        for r in range(i + 1, n):
+            sides[i] -= matrix[i, r] * sides[r]
+        sides[i] /= matrix[i, i]
+
+
+@compiled
+def joseph(
+    covariance: Array, pick: Array, spread: Array, noise: Array, kept: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Return gain, shape (n, m), and covariance after a measurement, in Joseph's form.
+
+    Parameters
+    ----------
+    covariance
+        Before, shape (n, n).
+    pick
+        What the measurement sees of the state, shape (m, n).
+    spread, noise
+        Covariance of the innovation, and the measurement's part of it, shape (m, m).
+    kept
+        Shape (n,): rows that keep their estimate.
+    """
+    n, m = len(covariance), len(pick)
+    across = np.zeros((m, n))
+    for i in range(m):
+        for k in range(n):
+            if pick[i, k] != 0.0:
+                across[i] += pick[i, k] * covariance[k]
+    solve(spread.copy(), across)
+    gain = across.T.copy()
+    left = np.eye(n)
+    for i in range(n):
+        if kept[i]:
+            gain[i] = 0.0
+        for k in range(m):
+            left[i] -= gain[i, k] * pick[k]
+    after = carry(left, covariance)
+    for i in range(n):
+        for a in range(m):
+            for b in range(m):
+                if noise[a, b] != 0.0:
+                    for j in range(n):
+                        after[i, j] += gain[i, a] * noise[a, b] * gain[j, b]
+    return gain, after

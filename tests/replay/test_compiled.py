@@ -1,0 +1,80 @@
+"""Compiled functions: kept where that can be, rows of numbers as numpy has them, several cores."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from groundtrace.compiled import compiled
+from groundtrace.lanes import LANES, column, every, greater, lesser, logarithm, put_row, row
+from groundtrace_codecs.cores import cores, meanwhile, side_by_side
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RNG = np.random.default_rng(4)
+
+
+@compiled
+def _of_rows(one, other, samples, found):
+    for i in range(len(one)):
+        a, b = row(one, i), row(other, i)
+        put_row(found[0], i, a + b)
+        put_row(found[1], i, a - b)
+        put_row(found[2], i, a * b)
+        put_row(found[3], i, a / b)
+        put_row(found[4], i, greater(a, b))
+        put_row(found[5], i, lesser(a, every(0.25)))
+        put_row(found[6], i, logarithm(b))
+        put_row(found[7], i, column(samples, 1, i))
+
+
+@pytest.mark.parametrize("kind", [np.int16, np.float64])
+def test_a_row_is_counted_with_lane_by_lane(kind):
+    one, other = RNG.normal(size=(5, LANES)), np.exp(RNG.uniform(-690, 700, (5, LANES)))
+    other[0, :4] = [1e-300, 1.0, 0.999999, 2.0**0.5]
+    samples = (100 * RNG.normal(size=(4, 5))).astype(kind)
+    found = np.empty((8, 5, LANES))
+    _of_rows(one, other, samples, found)
+    expected = [one + other, one - other, one * other, one / other]
+    expected += [np.maximum(one, other), np.minimum(one, 0.25)]
+    assert np.array_equal(found[:6], expected)
+    assert np.abs(found[6] - np.log(other)).max() <= 2e-16 * np.abs(np.log(other)).max()
+    there = np.minimum(np.arange(1, 1 + LANES), len(samples) - 1)  # the last one stands for others
+    assert np.array_equal(found[7], samples[there].T.astype(np.float64))
+
+
+def _run(code: str, **environment: str) -> str:
+    paths = os.pathsep.join(p for p in sys.path if p)
+    given = os.environ | {"PYTHONPATH": paths} | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, env=given, check=True, capture_output=True, text=True).stdout
+
+
+def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(tmp_path: Path):
+    code = (
+        "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = [];"
+        "from groundtrace.compiled import compiled;"
+        "print(compiled(lambda x: x + 1)(41))"
+    )
+    assert _run(code) == "42\n"
+
+
+def test_tasks_side_by_side_give_their_results_in_order():
+    tasks = [partial(pow, 2, n) for n in range(7)]
+    assert side_by_side(tasks) == [2**n for n in range(7)]
+    assert side_by_side(tasks[:1]) == [1]
+    assert side_by_side([]) == []
+    assert meanwhile(tasks[5]).result() == 32
+    assert cores() >= 1
+
+
+def test_the_error_of_a_task_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        side_by_side([int, partial(divmod, 1, 0)])

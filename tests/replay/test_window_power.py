@@ -1,0 +1,44 @@
+"""Power of windows: what a transform of each window gives, whatever the blocks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from replay_blocks import cuts_of, parts_of
+
+from groundtrace.window_power import RunningPower, WindowPower
+
+N = 700
+SAMPLES = np.random.default_rng(2).integers(-3000, 3000, (2, N)).astype(np.int16)
+
+
+def transformed(
+    x: np.ndarray, taper: np.ndarray, transform: int, hop: int, *, mean_removed: bool
+) -> np.ndarray:
+    pieces = np.lib.stride_tricks.sliding_window_view(x.astype(np.float64), len(taper))[::hop]
+    if mean_removed:
+        pieces = pieces - pieces.mean(axis=1, keepdims=True)
+    return np.abs(np.fft.rfft(pieces * taper, transform)) ** 2
+
+
+@pytest.mark.parametrize(("window", "hop", "transform"), [(60, 30, 60), (60, 30, 120), (17, 5, 64)])
+@pytest.mark.parametrize("mean_removed", [False, True])
+def test_power_is_that_of_a_fourier_transform(window, hop, transform, mean_removed):
+    taper = np.hamming(window)
+    expected = transformed(SAMPLES[0], taper, transform, hop, mean_removed=mean_removed)
+    power = WindowPower(taper, transform, mean_removed=mean_removed)
+    assert np.allclose(power(SAMPLES[0], 0, hop, len(expected)), expected, atol=1e-6)
+    few = WindowPower(taper, transform, 7, mean_removed=mean_removed, kind=np.float32)
+    found = few(SAMPLES[0], hop, hop, len(expected) - 1)
+    assert found.dtype == np.float32
+    assert np.allclose(found, expected[1:, :7], atol=1e-6 * expected.max())
+
+
+@given(cuts=cuts_of(N))
+def test_parts_give_the_windows_of_the_whole(cuts):
+    plan = WindowPower(np.hamming(60), 60)
+    whole, running = RunningPower(plan, 30)(SAMPLES), RunningPower(plan, 30)
+    parts = [running(part) for part in parts_of(SAMPLES, cuts)]
+    assert whole.shape == (2, 22, 31)
+    assert np.allclose(np.concatenate(parts, axis=1), whole, rtol=1e-12)
