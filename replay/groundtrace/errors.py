@@ -6,6 +6,7 @@
     ├── AnnotationError   annotations are not what they must be, or cannot be kept
     ├── BeliefError       masses are not what they must be, or a quantity is not defined for them
     │   └── TotalConflictError  the sources contradict each other wholly
+    ├── CheckpointError   a replay cannot go on from where it was stopped
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
     ├── PluginError       a plugin is unknown or does not load
     ├── RecordingError    a recording lacks what was asked of it
@@ -31,6 +32,10 @@ class BeliefError(GroundtraceError):
 
 class TotalConflictError(BeliefError):
     """The sources contradict each other wholly: nothing can be normalised."""
+
+
+class CheckpointError(GroundtraceError):
+    """A replay cannot go on from where it was stopped."""
 
 
 class PipelineError(GroundtraceError):

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
 from . import __version__
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace_codecs.annotations import Annotation
+    from groundtrace_codecs.continuing import Settled
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
@@ -52,6 +54,8 @@ class Provenance:
         Half-open span that was replayed [ns]; None where it begins or ends with the recording.
     versions
         Of the packages that took part.
+    stopped_ns
+        Where the replay was stopped, which is ``to_ns`` then [ns]; None where it came to its end.
     """
 
     recording: str
@@ -63,6 +67,7 @@ class Provenance:
     versions: dict[str, str] = field(default_factory=dict)
     from_ns: int | None = None
     to_ns: int | None = None
+    stopped_ns: int | None = None
 
 
 def package_versions() -> dict[str, str]:
@@ -72,7 +77,9 @@ def package_versions() -> dict[str, str]:
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, as hexadecimal digits."""
+    """Return the SHA-256 of a file's bytes, as hexadecimal digits; of a URL's, all are fetched."""
+    if is_url(path):
+        return RemoteBytes(as_url(path), hashed=True).sha256()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
@@ -93,29 +100,64 @@ def _without_folders(argument: str) -> str:
 class ResultsSink:
     """Writes events, labels and geometry to a results MCAP; signals stay in the recording."""
 
-    def __init__(self, path: Path, provenance: Provenance, *, force: bool = False) -> None:
+    def __init__(
+        self, path: Path, provenance: Provenance, *, force: bool = False, ending: str = "partial"
+    ) -> None:
         self.path = path
         self.provenance = provenance
         self.force = force
+        self.ending = ending
         self._writer: RecordingWriter | None = None
 
     def open(self, session: Session) -> None:
         """Begin the file."""
         from groundtrace_codecs.writer import RecordingWriter
 
-        self._writer = RecordingWriter(self.path, force=self.force)
+        self._writer = RecordingWriter(self.path, force=self.force, ending=self.ending)
         self._writer.__enter__()
         if session.geometry is not None:
             self._writer.set_geometry(session.geometry)
         self._writer.add_labels(session.labels)
         if session.annotations:
             self._writer.add_annotations(session.annotations)
-        self._writer.add_metadata(RUN, {"json": msgspec.json.encode(self.provenance).decode()})
+        self._describe()
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take an event; signals are left out."""
         if self._writer is not None and not isinstance(item, SignalBlock):
             self._writer.add_event(item)
+
+    def _describe(self) -> None:
+        if self._writer is not None:
+            self._writer.add_metadata(RUN, {"json": msgspec.json.encode(self.provenance).decode()})
+
+    def settle(self) -> Settled:
+        """Say how much of the file is whole, for a replay that goes on later."""
+        from groundtrace_codecs.continuing import settle
+
+        return settle(self._opened())
+
+    def take_over(self, settled: Settled, path: Path) -> None:
+        """Write what an earlier file held when it was settled; just after opening.
+
+        Raises
+        ------
+        CodecError
+            Where that file does not hold it.
+        """
+        from groundtrace_codecs.continuing import take_over
+
+        take_over(self._opened(), settled, path)
+
+    def stop(self, stopped_ns: int) -> None:
+        """Say in the file that the replay was stopped, and where."""
+        self.provenance = replace(self.provenance, to_ns=stopped_ns, stopped_ns=stopped_ns)
+        self._describe()
+
+    def _opened(self) -> RecordingWriter:
+        if self._writer is None:
+            raise RuntimeError("a results file must be open")
+        return self._writer
 
     def abandon(self) -> None:
         """End without giving the file its name: what was written stays in NAME.partial."""
@@ -159,8 +201,15 @@ class Results:
     annotations: tuple[Annotation, ...] = ()
 
 
-def read_results(path: Path) -> Results:
+def read_results(path: Path, *, blocks: bool = True) -> Results:
     """Read a results file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    blocks
+        Whether candidates and decision functions are among the events.
 
     Raises
     ------
@@ -183,7 +232,7 @@ def read_results(path: Path) -> Results:
             )
         provenance = _provenance(run.get("json", ""), path.name)
         labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
-        events = tuple(events_of(recording.file))
+        events = tuple(events_of(recording.file, blocks=blocks))
         return Results(
             path.name, provenance, labels, recording.geometry, events, recording.annotations
         )

@@ -5,7 +5,45 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.detectors.onset import EDGE, aic, aic_onset
+from groundtrace.detectors.onset import EDGE, criterion_of, lane_onsets, memory_of
+from groundtrace.lanes import LANES
+
+
+def aic(windows: np.ndarray) -> np.ndarray:
+    """Return AIC(k) for k = 1 ... n-1 of windows of shape (m, n); shape (m, n-1)."""
+    m, n = windows.shape
+    found, sums = np.empty((m, n - 1)), memory_of(n)
+    criterion = np.empty(sums[0].shape)
+    for window, own in zip(np.ascontiguousarray(windows), found, strict=True):
+        criterion_of(window, sums, criterion)
+        own[:] = criterion.ravel()[: n - 1]
+    return found
+
+
+def aic_onset(windows: np.ndarray, correlation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the onset in each window and its standard deviation, both in samples.
+
+    Parameters
+    ----------
+    windows
+        Shape (m, n), as :func:`lane_onsets` takes them one by one.
+    correlation
+        Correlation length of the signal [samples].
+
+    Returns
+    -------
+    onset
+        Shape (m,): index of the first sample of the signal, with fraction.
+    deviation
+        Shape (m,).
+    """
+    m, n = windows.shape
+    rows = np.zeros((-(-m // LANES), n, LANES))
+    for i, window in enumerate(windows):
+        rows[i // LANES, :, i % LANES] = window
+    starts, lengths = np.zeros(m, np.intp), np.full(m, n, np.intp)
+    found = lane_onsets(rows, starts, lengths, np.arange(m), correlation)
+    return found[0], found[1]
 
 
 def maeda(window: np.ndarray) -> list[float]:

@@ -104,6 +104,24 @@ COMMANDS = {
         "Copy a recording with another compression, chunks or blocks; no sample changes.\n\n"
         "Example: groundtrace convert walk.mcap -o walk-lz4.mcap --compression lz4 --chunk-kb 1024",
     ),
+    "fleet": (
+        f"{HERE}.fleet:fleet",
+        "Take many recordings through some pipelines, into one table: a row for each recording, "
+        "and one for each step; on this computer, on a cluster, in shards; resumable.\n\n"
+        "Example: groundtrace fleet walks/ --pipeline waist-steps -o walks.parquet",
+    ),
+    "fleet-report": (
+        f"{HERE}.fleet_reporting:fleet_report",
+        "Show a fleet's table as a page: distributions, the worst recordings first with what "
+        "opens each miss, causes of misses, errors, and what changed against an earlier table.\n\n"
+        "Example: groundtrace fleet-report walks.parquet -o walks.html --against before.parquet",
+    ),
+    "merge": (
+        f"{HERE}.merging:merge",
+        "Put several recordings into one file on one clock, e.g. a seismic and an IMU recording of "
+        "the same walk: offset and drift of the clocks given, or found by the steps in both.\n\n"
+        "Example: groundtrace merge room.mcap walk.mcap -o both.mcap",
+    ),
     "doctor": (
         f"{HERE}.doctoring:doctor",
         "Say what of a damaged recording can be read and exactly what is missing; write a sound "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from groundtrace_codecs.copying import copy_readable
+from groundtrace_codecs.copying import copy_readable, passing
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.mcap import McapFile
 from groundtrace_codecs.recording import Recording
@@ -99,6 +99,7 @@ def doctor(
     repair: Path | None = None,
     strict: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Say what of a damaged recording can be read and exactly what is missing.
@@ -113,6 +114,8 @@ def doctor(
         Stop at the first damage.
     force
         Overwrite an existing copy.
+    quiet
+        Show no progress bar.
     json
         Print one JSON document.
     """
@@ -124,7 +127,7 @@ def doctor(
         existing(recording)
         if repair is not None:
             writable(repair, force=force, sources=[recording])
-        report = Report(recording=_examined(recording, repair, strict=strict, force=force))
+        report = Report(recording=_examined(recording, repair, strict, force, quiet))
     if json:
         print_json(report)
     elif report.recording is not None:
@@ -133,26 +136,24 @@ def doctor(
         _print_installation(report.installation)
 
 
-def _examined(path: Path, repair: Path | None, *, strict: bool, force: bool) -> Health:
+def _examined(path: Path, repair: Path | None, strict: bool, force: bool, quiet: bool) -> Health:
     with McapFile.open(path, strict=strict) as file:
-        health = examine(file, path)
+        health = examine(file, path, quiet=quiet)
         if repair is None:
             return health
-        messages, left_out = copy_readable(file, repair, force=force)
+        with progress(None, "repairing", quiet=quiet) as show:
+            messages, left_out = copy_readable(file, repair, force=force, progress=show)
     return replace(health, repair=Repair(str(repair), messages, left_out))
 
 
-def examine(file: McapFile, path: Path) -> Health:
+def examine(file: McapFile, path: Path, *, quiet: bool = False) -> Health:
     """Read a file from end to end and say what can be read."""
     counts: Counter[int] = Counter()
-    span_s = max(0, file.end_ns - file.start_ns) / NS_PER_S
-    with progress(span_s, "reading") as show:
-        for number, message in enumerate(file.messages()):
+    with progress(None, "reading", quiet=quiet) as show:
+        for message in passing(file, show):
             counts[message.channel_id] += 1
-            if not number % 1000:
-                show((message.log_time - file.start_ns) / NS_PER_S)
     attachments = _attachments(file)
-    undecodable, signals = _signals(path)
+    undecodable, signals = _signals(path, quiet=quiet)
     topics: Counter[str] = Counter()
     for channel_id, channel in sorted(file.channels.items()):
         topics[channel.topic] += counts[channel_id]
@@ -186,12 +187,13 @@ def _attachments(file: McapFile) -> list[AttachmentState]:
     return found
 
 
-def _signals(path: Path) -> tuple[list[Damage], str | None]:
+def _signals(path: Path, *, quiet: bool) -> tuple[list[Damage], str | None]:
     """Decode every message; return those that are not what their schema says, or why none can."""
     try:
-        with Recording.open(path) as recording:
-            for _ in recording.blocks():
-                pass
+        with Recording.open(path) as recording, progress(None, "decoding", quiet=quiet) as show:
+            first_ns, last_ns = recording.file.start_ns, recording.file.end_ns
+            for log_ns, _ in recording.blocks():
+                show((log_ns - first_ns) / NS_PER_S, (last_ns - first_ns) / NS_PER_S)
             left_out = recording.damage[len(recording.file.damage) :]
             return list(left_out), None
     except CodecError as error:

@@ -14,30 +14,29 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..clock import Clock
-from ..engine import Tally
-from ..engine import replay as run
 from ..errors import RecordingError
 from ..pipeline import Pipeline, build_pipeline, load_pipeline, with_settings
 from ..plugins import load
 from ..results import (
     Provenance,
-    ResultsSink,
     file_sha256,
     package_versions,
     public_arguments,
 )
-from ..sinks import Session, Sink
-from ..source import BLOCK_S, Source
+from ..resumable import Keeper
+from ..sinks import Session
+from ..source import Source, block_length_s
 from .at_miss import Around, missed_step
 from .fitting import default_pipeline
-from .output import existing, progress, say, writable
+from .output import existing, say, writable
 from .replay_report import report
+from .replay_run import kept_run, run_into
+from .resuming import origin_of, results_sink, say_stopped, stopped_s, to_go_on_from
 from .showing import where_to_show
 from .truth import annotations_to_show
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from ..sinks import Sink
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
 
@@ -59,8 +58,10 @@ def replay(
     full_rate: str = "",
     map_tiles: Annotated[bool, Parameter(negative="")] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
+    resume: Annotated[bool, Parameter(negative="")] = False,
     strict: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Stream a recording through a pipeline; show and store what was decided.
@@ -68,7 +69,7 @@ def replay(
     Parameters
     ----------
     recording
-        MCAP file.
+        MCAP file, or its URL (https://, s3://, ...), read in ranges.
     pipeline
         Name of a shipped pipeline (see groundtrace pipelines) or a TOML file.
     geometry
@@ -99,18 +100,28 @@ def replay(
         Show positions on a street map too, whose tiles the viewer loads from the internet.
     rate
         Recorded seconds per second; 0 is as fast as possible.
+    resume
+        Go on where this replay was stopped (Ctrl-C) or killed. The results become those of a
+        replay in one go; the viewer's file begins there and is NAME.rest.rrd.
     strict
         Stop at the first damage of the recording instead of leaving it out.
     force
         Overwrite existing outputs.
+    quiet
+        Show no progress bar.
     json
         Print one JSON document.
     """
     path = existing(recording) if recording is not None else _bundled()
-    if at_miss is not None and (from_ is not None or to is not None or rate or no_viewer):
-        raise RecordingError("--at-miss: expected no --from, --to, --rate or --no-viewer with it")
-    spawn, rrd = _where_to_show(path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force)
-    results = _results_path(path, out, force=force)
+    partly = from_ is not None or to is not None or rate or no_viewer or resume
+    if at_miss is not None and partly:
+        raise RecordingError(
+            "--at-miss: expected no --from, --to, --rate, --no-viewer or --resume with it"
+        )
+    spawn, rrd = _where_to_show(
+        path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force, resume=resume
+    )
+    results = _results_path(path, out, force=force or resume)
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with Recording.open(path, strict=strict) as opened:
@@ -118,8 +129,14 @@ def replay(
         chain = _pipeline(opened, pipeline, set_ or [])
         session = _session(opened, path, chain)
         span = _span(session, from_, to)
-        session = _shown(session, span)
-        stored = ResultsSink(results, _provenance(session, path, chain, span), force=True)
+        block_s = block_length_s(opened.streams) if rate == 0 else 0.0
+        origin = origin_of(_provenance(session, path, chain, span), opened.geometry, block_s)
+        before = to_go_on_from(results, origin) if resume else None
+        if before is None:
+            _results_path(path, out, force=force)
+        first_ns = span[0] if before is None else before.checkpoint.reached_ns
+        session = _shown(session, (first_ns, span[1]))
+        stored = results_sink(results, origin, before)
         sinks: list[Sink] = [stored]
         if at_miss is None and (rrd is not None or spawn or web):
             shown = load("sinks", "rerun")(
@@ -127,17 +144,23 @@ def replay(
             )
             say(shown.expected(session))
             sinks.append(shown)
-        block_s = BLOCK_S if rate == 0 else 0.0
         source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=block_s)
-        tally = _run(source, chain, sinks, session, rate)
-        if at_miss is not None:
+        keeper = Keeper(origin, opened, source, chain, stored, warn=say)
+        tally = kept_run(keeper, before, sinks, session, rate, quiet=quiet)
+        if keeper.stopped and shown is None:
+            rrd = None
+        elif at_miss is not None:
             at_ns = missed_step(results, at_miss)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             again = build_pipeline(chain.config, opened.geometry, opened.labels)
-            _run(Source(opened), again, [Around(shown, at_ns)], session, rate)
-        damage = len(opened.damage)
+            run_into(Source(opened), again, [Around(shown, at_ns)], session, quiet=quiet)
+        damage = len({*opened.damage, *(() if before is None else before.checkpoint.damage)})
     timeline = shown.summary if shown is not None else ""
-    report(session, chain, tally, results, rrd, timeline, damage, json=json)
+    at_s = stopped_s(keeper, session)
+    report(session, chain, tally, results, rrd, timeline, damage, stopped_s=at_s, json=json)
+    if at_s is not None:
+        say_stopped(keeper, session, at_s)
+        raise KeyboardInterrupt
     _stay_with_the_page(shown, web=web)
 
 
@@ -149,20 +172,28 @@ def _bundled() -> Path:
 
 
 def _where_to_show(
-    path: Path, rrd: Path | None, *, spawn: bool, web: bool, no_viewer: bool, force: bool
+    path: Path,
+    rrd: Path | None,
+    *,
+    spawn: bool,
+    web: bool,
+    no_viewer: bool,
+    force: bool,
+    resume: bool,
 ) -> tuple[bool, Path | None]:
     """Return whether to open the viewer, and which file to write."""
     if no_viewer:
         return where_to_show(rrd, path, spawn=False, force=force, sources=[path])
-    name = Path(f"{path.stem}.rrd")
+    # what was shown until the replay was stopped stays as it is
+    name = Path(f"{path.stem}.rest.rrd" if resume else f"{path.stem}.rrd")
     shown, rrd = where_to_show(rrd, name, spawn=spawn, force=force, sources=[path])
-    return shown, rrd if rrd is not None or spawn or web else name
+    if rrd is not None or spawn or web:
+        return shown, rrd
+    return shown, writable(name, force=force or resume, sources=[path])
 
 
 def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
-    if out is None:
-        return Path(f"{path.stem}.results.mcap")
-    return writable(out, force=force, sources=[path])
+    return writable(out or Path(f"{path.stem}.results.mcap"), force=force, sources=[path])
 
 
 def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
@@ -225,35 +256,6 @@ def _shown(session: Session, span_ns: tuple[int | None, int | None]) -> Session:
     first_ns = session.start_ns if start_ns is None else start_ns
     last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
     return replace(session, shown_ns=(first_ns, last_ns))
-
-
-def _run(
-    source: Source, chain: Pipeline, sinks: Sequence[Sink], session: Session, rate: float
-) -> Tally:
-    """Replay into sinks, from opening to closing them."""
-    # what filters is not imported before there is something to filter
-    from ..placement_watch import noted
-
-    total_s = (session.end_ns - session.start_ns) / NS_PER_S
-    for sink in sinks:
-        sink.open(session)
-    try:
-        with progress(total_s, "replaying") as show:
-            return run(
-                noted(source),
-                chain,
-                sinks,
-                clock=Clock(rate) if rate else None,
-                progress=lambda t_ns: show((t_ns - session.start_ns) / NS_PER_S),
-            )
-    except BaseException:
-        for sink in sinks:
-            if isinstance(sink, ResultsSink):
-                sink.abandon()
-        raise
-    finally:
-        for sink in sinks:
-            sink.close()
 
 
 def _stay_with_the_page(sink: Any, *, web: bool) -> None:
