@@ -75,10 +75,12 @@ def samples_of(path: Path) -> np.ndarray:
 
 
 def band_pass(order: int = 4) -> np.ndarray:
+    """The sections of the peers' filter."""
     return np.asarray(signal.butter(order, [20, 2000], "bandpass", fs=RATE_HZ, output="sos"))
 
 
 def sosfilt_only(samples: np.ndarray, sos: np.ndarray) -> None:
+    """The peer: a band-pass in blocks."""
     zi = np.zeros((len(sos), CHANNELS, 2))
     for start in range(0, samples.shape[1], BLOCK):
         _, zi = signal.sosfilt(sos, samples[:, start : start + BLOCK], axis=1, zi=zi)
@@ -103,6 +105,7 @@ def numpy_blocks(samples: np.ndarray, *, power: bool) -> None:
 
 
 def obspy_script(path: Path, *, spectrogram: bool) -> None:
+    """What is commonly written: read, filter, STA/LTA, onsets; optionally spectrograms."""
     from matplotlib import mlab
     from obspy import read
     from obspy.signal.trigger import recursive_sta_lta, trigger_onset
@@ -118,6 +121,7 @@ def obspy_script(path: Path, *, spectrogram: bool) -> None:
 
 
 def write_miniseed(samples: np.ndarray, path: Path) -> None:
+    """The same samples as a file for ObsPy."""
     from obspy import Stream, Trace
 
     traces = []
@@ -128,6 +132,7 @@ def write_miniseed(samples: np.ndarray, path: Path) -> None:
 
 
 def decompress_only(path: Path) -> None:
+    """Every chunk, decompressed and checked."""
     with Recording.open(path) as recording:
         reader = ChunkReader(recording.file._source, Definitions())
         for chunk in recording.file._chunks:
@@ -135,6 +140,7 @@ def decompress_only(path: Path) -> None:
 
 
 def read_only(path: Path) -> None:
+    """Every block, as stages get it."""
     with Recording.open(path) as recording:
         for _ in Source(recording):
             pass
@@ -155,11 +161,13 @@ def whole_replay(path: Path, *sinks: Sink, pipeline: str = "room-steps") -> None
 
 
 def with_results(path: Path) -> None:
+    """The replay, and its results file."""
     origin = Provenance(path.name, "", 0, 0, "")
     whole_replay(path, ResultsSink(path.with_suffix(".results"), origin, force=True))
 
 
 def with_timeline(path: Path) -> None:
+    """The replay, and the viewer's file."""
     from groundtrace_viewers import RerunSink
 
     rrd = path.with_suffix(".rrd")
@@ -168,6 +176,7 @@ def with_timeline(path: Path) -> None:
 
 
 def taken(case: Callable[[], Any], clock: Callable[[], float]) -> float:
+    """Time of one run by a clock [s]."""
     began = clock()
     case()
     return clock() - began
@@ -187,6 +196,7 @@ def interleaved(
 
 
 def print_table(medians: dict[str, float], seconds: float) -> None:
+    """Each case's time, and as a ratio to its peers'."""
     print(f"{'one core, CPU time':34}{'ms per s':>9}{'s per s':>9}", end="")
     print(f"{'x sosfilt':>11}{'x ObsPy':>9}{'x ObsPy with spectrogram':>26}")
     for name, middle in medians.items():
@@ -196,6 +206,7 @@ def print_table(medians: dict[str, float], seconds: float) -> None:
 
 
 def one_core_cases(path: Path, samples: np.ndarray) -> dict[str, Callable[[], None]]:
+    """What is timed on one core, by its row's name."""
     seed = path.with_suffix(".mseed")
     write_miniseed(samples, seed)
     floats = samples.astype(np.float64)

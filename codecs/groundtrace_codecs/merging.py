@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from .annotations import ANNOTATIONS_TOPIC
-from .clocks import SAME_CLOCK
 from .container import Container
-from .description import PREVIEW_KEY
 from .errors import CodecError, FormatError
 from .label_codec import TRUTH_TOPIC, decode_label, label_channels
+from .merge_part import ORIGIN_KEY, Part
 from .merge_record import MERGE, clocks_record
 from .recording import SITE_NAME
 from .retiming import Retimed, retimed
@@ -28,57 +27,9 @@ if TYPE_CHECKING:
     from .labels import Label
     from .mcap import ChannelRecord, Damage, McapFile, Message
     from .merge_record import MergedClock
-    from .recording import Recording
 
-#: Channel metadata: name of the file that a channel was in.
-ORIGIN_KEY = "merged_from"
 #: Topics that every recording may have; of signals each topic belongs to one file.
 SHARED_TOPICS = frozenset({TRUTH_TOPIC, ANNOTATIONS_TOPIC, TRANSFORM_TOPIC})
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One file of a merge.
-
-    Attributes
-    ----------
-    recording
-        The file.
-    name
-        What it is called in the merged file, each by another name.
-    clock
-        Its clock.
-    topic_clocks
-        Clocks of topics that have their own.
-    renames
-        New names of topics.
-    origin_clocks
-        Clocks of channels by the file they were in before an earlier merge.
-    """
-
-    recording: Recording
-    name: str
-    clock: DeviceClock = SAME_CLOCK
-    topic_clocks: Mapping[str, DeviceClock] = field(default_factory=dict)
-    renames: Mapping[str, str] = field(default_factory=dict)
-    origin_clocks: Mapping[str, DeviceClock] = field(default_factory=dict)
-
-    def clock_of(self, channel: ChannelRecord) -> DeviceClock:
-        """Return the clock of a channel; a preview has that of the stream it was made from."""
-        for topic in (channel.topic, channel.metadata.get(PREVIEW_KEY, "")):
-            if topic in self.topic_clocks:
-                return self.topic_clocks[topic]
-        return self.origin_clocks.get(channel.metadata.get(ORIGIN_KEY, ""), self.clock)
-
-    def renamed(self, channel: ChannelRecord) -> ChannelRecord:
-        """Return a channel under its new name; previews go with their streams."""
-        made_from = channel.metadata.get(PREVIEW_KEY, "")
-        if made_from in self.renames:
-            new = self.renames[made_from]
-            metadata = channel.metadata | {PREVIEW_KEY: new}
-            topic = self.renames.get(channel.topic, new + channel.topic.removeprefix(made_from))
-            return replace(channel, topic=topic, metadata=metadata)
-        return replace(channel, topic=self.renames.get(channel.topic, channel.topic))
 
 
 @dataclass(frozen=True, slots=True)

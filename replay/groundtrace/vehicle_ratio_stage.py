@@ -56,7 +56,7 @@ class _Heard:
         for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
             rows = np.flatnonzero(block.time_ns == time_ns)
             known = np.full((len(self.names), len(columns)), np.nan)
-            known[block.channel[rows]] = block.value[np.ix_(rows, columns)]
+            known[block.channel[rows]] = block.value[rows][:, columns]
             self.cycles.append((time_ns, known))
         while self.cycles and self.cycles[0][0] < self.cycles[-1][0] - _KEEP_NS:
             self.cycles.popleft()

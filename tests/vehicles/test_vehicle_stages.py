@@ -75,7 +75,8 @@ def test_the_lines_of_both_antennas_are_crossed_when_and_where_they_were(
         true_x = 10 + (y - 10) / np.tan(slope) - 1 / np.sin(slope)
         assert event.x_m == pytest.approx(true_x, abs=max(4 * event.along_sigma_m, 0.5))
         assert event.y_m == pytest.approx(y, abs=1e-6)
-        assert event.speed_mps == pytest.approx(10, abs=1)
+        # the vehicle is heard throughout and raises the floors; held near 1 their factor gave 9.6
+        assert event.speed_mps == pytest.approx(10, abs=0.3)
 
 
 def test_every_cycle_with_a_vehicle_has_a_surface_that_peaks_near_its_place(

@@ -11,8 +11,9 @@ from cyclopts import Parameter
 
 from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.clocks import SAME_CLOCK, DeviceClock
+from groundtrace_codecs.merge_part import Part
 from groundtrace_codecs.merge_record import MergedClock, merged_clocks
-from groundtrace_codecs.merging import Part, check_topics
+from groundtrace_codecs.merging import check_topics
 from groundtrace_codecs.merging import merge as merge_files
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S

@@ -16,6 +16,19 @@ if TYPE_CHECKING:
     from ..sinks import Session
 
 
+#: What is counted of a replay, and by which kind of event.
+COUNTED = (
+    ("candidates", "CandidateBlock"),
+    ("picks", "Pick"),
+    ("steps", "StepEvent"),
+    ("fixes", "Fix"),
+    ("passes", "Pass"),
+    ("crossings", "LineCrossing"),
+    ("gaps", "Gap"),
+    ("notes", "Note"),
+)
+
+
 def report(
     session: Session,
     chain: Pipeline,
@@ -51,19 +64,7 @@ def report(
     json
         As one JSON document.
     """
-    counts = {
-        name: tally.counts.get(kind, 0)
-        for name, kind in (
-            ("candidates", "CandidateBlock"),
-            ("picks", "Pick"),
-            ("steps", "StepEvent"),
-            ("fixes", "Fix"),
-            ("passes", "Pass"),
-            ("crossings", "LineCrossing"),
-            ("gaps", "Gap"),
-            ("notes", "Note"),
-        )
-    }
+    counts = {name: tally.counts.get(kind, 0) for name, kind in COUNTED}
     if json:
         print_json(
             {

@@ -145,15 +145,15 @@ def less_noise(
     Parameters
     ----------
     powers, floors
-        Shape (n,): noise included, and of the noise.
+        Any shape: noise included, and of the noise.
     floor_sigmas
-        Shape (n,): standard deviations of the floors; None: they are known.
+        The same shape: standard deviations of the floors; None: they are known.
     relative_sigma
         Standard deviation of a power over its mean.
 
     Returns
     -------
-    Shapes (n,); inf where there is no more than noise.
+    The same shape twice; inf where there is no more than noise.
     """
     signal = powers - floors
     spread = np.hypot(relative_sigma * powers, 0.0 if floor_sigmas is None else floor_sigmas)

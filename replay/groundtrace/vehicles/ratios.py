@@ -85,8 +85,9 @@ class Noise:
     @classmethod
     def of(cls, powers: Array, floors: Array, floor_sigmas: Array) -> Noise:
         """Return it for powers with the noise, that of the noise, and its standard deviation."""
-        share = np.clip(1 - floors / powers, _LEAST_SHARE, 1.0)
-        return cls(share, floor_sigmas / (share * powers))
+        heard = np.maximum(powers, np.finfo(np.float32).tiny)
+        share = np.clip(1 - floors / heard, _LEAST_SHARE, 1.0)
+        return cls(share, floor_sigmas / (share * heard))
 
     def variance(self, count: Array) -> Array:
         """Return by how much taking the noise off raises the variance of ln of power, shape (n,).

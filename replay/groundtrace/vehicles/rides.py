@@ -194,7 +194,7 @@ def _places(observed: Observed) -> tuple[Array, Array]:
     places, spreads = cycle_places(
         replace(observed, powers=np.where(clear, observed.powers, np.nan)), x, y
     )
-    known = np.isfinite(spreads).all(axis=(1, 2))
+    known = np.asarray(np.isfinite(spreads).all(axis=(1, 2)))
     larger = np.linalg.eigvalsh(np.where(known[:, None, None], spreads, 0.0))[:, -1]
     unsure = ~known | (larger > _UNSURE_M**2)
     places[unsure], spreads[unsure] = np.nan, np.inf

@@ -126,7 +126,7 @@ def _finished(
     information = slopes.T @ slopes
     scale = np.sqrt(np.diag(information))
     covariance = np.full((p, p), np.inf)
-    if scale.min() > _OPEN * scale.max():
+    if scale.min() > _OPEN * max(float(scale.max()), 1.0):  # a vehicle of no strength has none
         alike = information / np.outer(scale, scale)
         if np.linalg.cond(alike) < 1 / _OPEN:
             covariance = np.linalg.inv(alike) / np.outer(scale, scale) * sigma**2

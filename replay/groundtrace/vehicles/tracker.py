@@ -164,9 +164,8 @@ def cycle_places(
     """
     places = np.full((len(observed.times_s), 2), np.nan)
     covariances = np.full((len(places), 2, 2), np.inf)
-    for cycle, (power, floor) in enumerate(zip(observed.powers, observed.floors, strict=True)):
-        known = None if observed.floor_sigmas is None else observed.floor_sigmas[cycle]
-        signal, sigma = less_noise(power, floor, known, relative_sigma)
+    rows = less_noise(observed.powers, observed.floors, observed.floor_sigmas, relative_sigma)
+    for cycle, (signal, sigma) in enumerate(zip(*rows, strict=True)):
         place = CyclePlace(signal, observed.sensors, observed.law, False, sigma)
         if np.sum(place.powers > 0) < _LEAST_HEARD:
             continue

@@ -1,0 +1,43 @@
+"""Whether the direct course's covariance is what its errors are, neither less nor more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vehicle_powers import ANTENNAS, FLOOR, LAW, MU, straight
+
+from groundtrace.vehicles.courses import Observed, fit_course
+from groundtrace.vehicles.medium import ranges
+from groundtrace.vehicles.search import Search
+
+TIMES = np.arange(0, 14, 0.5)
+PLACE, VELOCITY = (12.0, 17.0), (2.0, 5.0)
+#: About the truth: whether another side of a sensor is taken for it is another question.
+NEAR = Search((8, 13), (16, 21), (4, 7), places=2, headings=8, speeds=2, kept=2)
+TRIALS = 40
+
+
+def powers_of(rng: np.random.Generator, alike: float) -> Observed:
+    """Powers that scatter by a third, and are alike from a cycle to the next by so much."""
+    mean = MU * ranges(straight(TIMES, PLACE, VELOCITY), ANTENNAS) ** -1.5 + FLOOR
+    # the sum of 18 squares of processes whose correlation is the root of that of their squares
+    steps = rng.normal(size=(*mean.shape, 18))
+    for cycle in range(1, len(steps)):
+        steps[cycle] = alike**0.5 * steps[cycle - 1] + (1 - alike) ** 0.5 * steps[cycle]
+    powers = mean * (steps**2).mean(axis=2)
+    return Observed(TIMES, powers, np.full(mean.shape, FLOOR), ANTENNAS, LAW)
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5])
+def test_errors_of_a_course_are_about_what_its_covariance_says(alike: float) -> None:
+    rng = np.random.default_rng(4)
+    squares = []
+    for _ in range(TRIALS):
+        fit = fit_course(powers_of(rng, alike), NEAR)
+        assert fit is not None
+        off = np.concatenate([fit.course.place - PLACE, fit.course.velocity - VELOCITY])
+        squares.append(float(off @ np.linalg.solve(fit.course.covariance, off)))
+    # chi-square of 4 degrees of freedom: half are within 3.36; beyond, where a sensor is passed
+    # closely, the likelihood is not a normal law's, and 90 % are not within 7.78 (see the docs)
+    assert 2.3 < np.median(squares) < 5.0
+    assert 0.6 <= np.mean(np.array(squares) < 7.78) <= 0.96
