@@ -37,7 +37,7 @@ def test_footsteps_and_impacts_are_no_vehicle_and_a_gate_says_why() -> None:
     simulation, _ = road(WALKED)
     near = np.array([x.time_ns for x in simulation.labels if x.kind == "waypoint"])
     away: list[tuple[bool, int]] = []
-    for block in replayed(WALKED, "vehicle-passes"):
+    for block in replayed(WALKED, "vehicle-passes", stages=1):
         if isinstance(block, CandidateBlock) and block.spec.stage == "presence":
             gates = [g.name for g in block.spec.gates]
             loud = block.value[:, 0] > 8

@@ -84,9 +84,8 @@ def test_places_along_a_bent_road_are_along_its_corners() -> None:
 
 
 def cycle(second: float, present: bool) -> Cycle:
-    return Cycle(
-        round(second * 1e9), 10**9, np.ones(1), np.ones(1), np.zeros(1), np.array([present])
-    )
+    one = np.ones(1)
+    return Cycle(round(second * 1e9), one, one, np.zeros(1), np.array([present]))
 
 
 def test_a_run_has_its_lead_and_ends_after_quiet() -> None:

@@ -106,7 +106,7 @@ def followed(stage: type[RunWorker], parameters: object, powers: Observed) -> li
     worker.start(Site.of(Geometry(sensors=sensors)), "course")
     for time_s, power in zip(powers.times_s, powers.powers, strict=True):
         floors = np.full(len(power), FLOOR)
-        cycle = Cycle(round(time_s * 1e9), 5 * 10**8, power, floors, 0 * floors, floors > 0)
+        cycle = Cycle(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)
         worker.take(cycle)
     events = list(worker.follow(np.ones(len(worker.finish()), np.bool_)))
     assert any(isinstance(e, TrackPoint) for e in events)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -30,13 +31,17 @@ def road(options: VehicleOptions) -> tuple[Simulation, tuple[SignalBlock, ...]]:
 
 
 def replayed(
-    options: VehicleOptions, pipeline: str, settings: Sequence[str] = (), samples: int = 1000
+    options: VehicleOptions,
+    pipeline: str,
+    settings: Sequence[str] = (),
+    samples: int = 1000,
+    stages: int | None = None,
 ) -> list[Event]:
-    """Return the events of a pipeline on a simulation, in blocks of so many samples."""
+    """Return the events of a pipeline, or its first stages, in blocks of so many samples."""
     simulation, blocks = road(options)
-    chain = build_pipeline(
-        with_settings(load_pipeline(pipeline), settings), simulation.geometry, ()
-    )
+    config = with_settings(load_pipeline(pipeline), settings)
+    config = replace(config, stage=config.stage[:stages])
+    chain = build_pipeline(config, simulation.geometry, ())
     events: list[Event] = []
     for block in rechunked(blocks, samples):
         events += chain.process(block)

@@ -80,8 +80,8 @@ class Cycle:
 
     Attributes
     ----------
-    time_ns, length_ns
-        Middle, and how long it is.
+    time_ns
+        Its middle.
     powers, floors, floor_sigmas
         Shape (n,): sums over the channels of a station, noise included, of the noise, and the
         standard deviation of that [unit^2]; NaN where nothing was recorded.
@@ -90,7 +90,6 @@ class Cycle:
     """
 
     time_ns: int
-    length_ns: int
     powers: Array
     floors: Array
     floor_sigmas: Array

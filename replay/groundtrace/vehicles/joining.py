@@ -39,7 +39,6 @@ class CycleJoin:
         self.site = site
         self._latest = dict.fromkeys(site.stations, -(2**63))
         self._waiting: dict[int, tuple[NDArray[np.float64], NDArray[np.bool_]]] = {}
-        self._length_ns = 0
         self._past: int | None = None
 
     def add(self, block: CandidateBlock) -> Iterator[Cycle]:
@@ -78,11 +77,8 @@ class CycleJoin:
         heard[station] |= present
 
     def _until(self, last_ns: int) -> Iterator[Cycle]:
-        times = sorted(self._waiting)
-        if len(times) > 1 and self._length_ns == 0:
-            self._length_ns = min(np.diff(times).tolist())
-        for time_ns in times:
+        for time_ns in sorted(self._waiting):
             if time_ns <= last_ns:
                 sums, present = self._waiting.pop(time_ns)
                 self._past = time_ns
-                yield Cycle(time_ns, self._length_ns, sums[0], sums[1], np.sqrt(sums[2]), present)
+                yield Cycle(time_ns, sums[0], sums[1], np.sqrt(sums[2]), present)

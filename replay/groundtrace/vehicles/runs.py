@@ -86,14 +86,17 @@ class RunCollector:
 
 
 def observed_of(run: list[Cycle], site: Site, exponent: float) -> Observed:
-    """Return the powers of a run; times count from its first cycle [s]."""
+    """Return the powers of a run; times count from its first cycle [s].
+
+    A cycle is as long as the shortest step between two.
+    """
     times = np.array([cycle.time_ns - run[0].time_ns for cycle in run], np.int64) / NS_PER_S
     powers = np.array([cycle.powers for cycle in run])
     floors = np.array([cycle.floors for cycle in run])
     sigmas = np.array([cycle.floor_sigmas for cycle in run])
-    length_s = run[0].length_ns / NS_PER_S
+    cycle_s = float(np.diff(times).min()) if len(times) > 1 else 0.0
     law = PowerLaw(1.0, exponent)
-    return Observed(times, powers, floors, site.places, law, length_s, sigmas)
+    return Observed(times, powers, floors, site.places, law, cycle_s, sigmas)
 
 
 def heard_span(observed: Observed) -> slice:
