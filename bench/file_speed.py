@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from replay_speed import CHANNELS, RATE_HZ, samples_of, write_miniseed
+from timing import taken_s
 
 from groundtrace.simulate import RoomOptions, simulate_room
 from groundtrace_codecs.importers import import_recording
 from groundtrace_codecs.writer import write_recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from groundtrace_codecs.signals import SignalBlock
 
@@ -79,13 +80,6 @@ def ran(*arguments: str | Path) -> tuple[float, float]:
     return used.ru_utime + used.ru_stime, int(peak.split()[1]) / 1024
 
 
-def timed(case: Callable[[], object]) -> float:
-    """CPU time of one run [s]."""
-    began = time.process_time()
-    case()
-    return time.process_time() - began
-
-
 def main() -> None:
     """Print the rows."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -97,7 +91,7 @@ def main() -> None:
         megabytes = 60.0 * CHANNELS * RATE_HZ * 2 / 1e6
         print(f"writing, zstd:       {megabytes / took:6.0f} MB/s")
         write_miniseed(samples_of(path), seed)
-        took = timed(lambda: import_recording([seed], Path(folder) / "imported.mcap"))
+        took = taken_s(lambda: import_recording([seed], Path(folder) / "imported.mcap"))
         print(f"import of miniSEED:  {megabytes / took:6.0f} MB/s")
         for name, arguments in STARTS.items():
             print(f"groundtrace {name:9}{min(ran(*arguments)[0] for _ in range(3)):6.2f} s of CPU")

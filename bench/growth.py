@@ -11,12 +11,11 @@ Run: python bench/growth.py
 from __future__ import annotations
 
 import argparse
-import statistics
-import time
 import tracemalloc
 from typing import TYPE_CHECKING
 
 import numpy as np
+from timing import median_s
 
 from groundtrace.engine import replay
 from groundtrace.gates import Candidates, Level, Refractory, decide
@@ -99,17 +98,6 @@ def looked_up(sensors: int) -> Callable[[], None]:
     return lambda: [so_tdoa.among(regions, row) for row in apart * 2e-3] and None
 
 
-def cpu_s(case: Callable[[], None], runs: int) -> float:
-    """Return the median CPU time of a case after a first run of it [s]."""
-    case()
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        case()
-        times.append(time.process_time() - began)
-    return statistics.median(times)
-
-
 def peak_mb(case: Callable[[], None]) -> float:
     """Return the most memory that a case holds at once [MB]."""
     tracemalloc.start()
@@ -124,7 +112,7 @@ def grown(
 ) -> None:
     """Print one quantity: cost and memory at each of its values, and the exponents."""
     made = [case(step) for step in steps]
-    taken = [cpu_s(one, runs) for one in made]
+    taken = [median_s(one, runs) for one in made]
     held = [peak_mb(one) for one in made]
     half = len(steps) // 2
     x = np.log(np.array(steps[half:], float))

@@ -7,11 +7,11 @@ time counts. Reading alone stands beside it: the same file, every stream, no pip
 from __future__ import annotations
 
 import argparse
-import statistics
 import tempfile
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from timing import median_s
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -43,17 +43,6 @@ def read(path: Path, block_s: float) -> None:
     with Recording.open(path) as recording:
         for _ in Source(recording, block_s=block_s):
             pass
-
-
-def median_s(case: Callable[[], None], runs: int) -> float:
-    """Return the median CPU time of some runs after a first one [s]."""
-    case()
-    times = []
-    for _ in range(runs):
-        began = time.process_time()
-        case()
-        times.append(time.process_time() - began)
-    return statistics.median(times)
 
 
 def main() -> None:

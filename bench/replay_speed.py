@@ -18,10 +18,11 @@ import statistics
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import signal
+from timing import taken_s
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -175,13 +176,6 @@ def with_timeline(path: Path) -> None:
     whole_replay(path, RerunSink(rrd))
 
 
-def taken(case: Callable[[], Any], clock: Callable[[], float]) -> float:
-    """Time of one run by a clock [s]."""
-    began = clock()
-    case()
-    return clock() - began
-
-
 def interleaved(
     cases: dict[str, Callable[[], None]], runs: int, clock: Callable[[], float]
 ) -> dict[str, float]:
@@ -191,7 +185,7 @@ def interleaved(
         case()
     for _ in range(runs):
         for name, case in cases.items():
-            times[name].append(taken(case, clock))
+            times[name].append(taken_s(case, clock))
     return {name: statistics.median(each) for name, each in times.items()}
 
 
