@@ -3,8 +3,7 @@
 On powers it is an extended filter for the logarithm of the paper's (4) with the noise added,
 smoothed, and linearised anew about what it finds until that stays (B. M. Bell: The iterated Kalman
 smoother as a Gauss-Newton method, SIAM J. Optim. 4, 1994). The logarithm of a gamma distributed
-power has a mean and a variance that depend on its degrees of freedom alone, so that all cycles
-weigh alike, near or far.
+power has a mean and a variance that depend on its degrees of freedom alone: all cycles weigh alike.
 """
 
 from __future__ import annotations
