@@ -11,13 +11,14 @@ import numpy as np
 
 from .description import PREVIEW_KEY, STREAM_KEY, placed, stream_from_json
 from .errors import CodecError, SchemaError
+from .mcap import MessageTable
 from .readable import pass_over, readable
 from .schemas.cdr import CdrDecoder
 from .schemas.protobuf import get_time, parse
 from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
 from .schemas.ros2msg import parse_ros2msg
 from .schemas.waveform import decode_waveform, to_block
-from .signals import NS_PER_S, Channel, SignalBlock, Stream
+from .signals import NS_PER_S, Channel, SignalBlock, Stream, as_one
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -46,18 +47,19 @@ class ChannelReader(Protocol):
 
     streams: tuple[Stream, ...]
 
-    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
-        """Yield the blocks of consecutive messages of the channel."""
+    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
+        """Yield the blocks of consecutive messages of the channel, joined where they continue."""
 
 
-def probe(file: McapFile, channel_id: int) -> list[Message]:
+def probe(file: McapFile, channel_id: int) -> MessageTable:
     """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
     messages = file.messages({channel_id})
     first = next(messages, None)
     if first is None:
-        return []
+        return MessageTable.none()
     early = takewhile(lambda m: m.log_time - first.log_time < _PROBE_NS, messages)
-    return [first, *(m for m, _ in zip(early, range(_PROBE_MESSAGES - 1), strict=False))]
+    few = (m for m, _ in zip(early, range(_PROBE_MESSAGES - 1), strict=False))
+    return MessageTable.of([first, *few])
 
 
 def reader_for(
@@ -98,17 +100,32 @@ def median_rate(times_ns: NDArray[np.int64]) -> float:
 
 
 class WaveformReader:
-    """Reads ``groundtrace.WaveformBlock`` messages, one block each."""
+    """Reads ``groundtrace.WaveformBlock`` messages, one block each unless they are joined."""
 
     def __init__(self, stream: Stream, place: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
         self._place = place
+        self._length = 0  # of the last message's samples: most have the same [bytes]
 
-    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
-        """Yield one block per message."""
+    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
+        """Yield one block per message, or per run of messages that continue each other."""
+        together: list[SignalBlock] = []
+        log_ns = 0
         for message in messages:
-            wave = decode_waveform(message.data, self._place)
-            yield Stamped(message.log_time, to_block(self.streams[0], wave, self._place))
+            wave = decode_waveform(message.data, self._place, self._length)
+            self._length = wave.samples.nbytes
+            block = to_block(self.streams[0], wave, self._place)
+            if together and not (joined and _goes_on(together[-1], block)):
+                yield Stamped(log_ns, as_one(together))
+                together = []
+            together.append(block)
+            log_ns = message.log_time
+        if together:
+            yield Stamped(log_ns, as_one(together))
+
+
+def _goes_on(before: SignalBlock, block: SignalBlock) -> bool:
+    return block.continues(before) and block.samples.dtype == before.samples.dtype
 
 
 def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:
@@ -150,10 +167,10 @@ class RosReader:
         self._decoder = CdrDecoder(definition, place)
         self._orders = [column_order(s.kind, t) for s, t in zip(sources, streams, strict=True)]
 
-    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[Stamped]:  # noqa: ARG002
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
         log_ns = log_times(messages, self._place)
-        tables = list(self._decoder.tables([m.data for m in messages]))
+        tables = list(self._decoder.tables(messages.by_size()))
         for source, stream, order in zip(self._sources, self.streams, self._orders, strict=True):
             found = read_samples(source, tables, log_ns)
             if not len(found.times_ns):
@@ -165,11 +182,11 @@ class RosReader:
                 block = SignalBlock(stream, int(found.times_ns[0]), first, values, found.times_ns)
                 yield Stamped(messages[-1].log_time, block)
             else:
-                indices = np.array([m.sequence for m in messages], np.int64)
+                indices = messages.rows["sequence"]
                 yield from _runs(stream, indices, found.times_ns, values, log_ns)
 
 
-def log_times(messages: Sequence[Message], place: str) -> NDArray[np.int64]:
+def log_times(messages: MessageTable, place: str) -> NDArray[np.int64]:
     """Return the log time of every message [ns].
 
     Raises
@@ -177,12 +194,11 @@ def log_times(messages: Sequence[Message], place: str) -> NDArray[np.int64]:
     SchemaError
         Where one does not fit an int64; names ``place``.
     """
-    try:
-        return np.array([m.log_time for m in messages], np.int64)
-    except OverflowError as error:
-        raise SchemaError(
-            f"{place}: log_time: expected less than 2^63 ns, found: {error}"
-        ) from error
+    times = messages.rows["log_time"].astype(np.int64)
+    if (times < 0).any():
+        latest = messages.rows["log_time"].max()
+        raise SchemaError(f"{place}: log_time: expected less than 2^63 ns, found {latest}")
+    return times
 
 
 def _runs(
@@ -259,7 +275,7 @@ class LocationReader:
 
         return (parse(LocationFix, message.data, self._place),)
 
-    def blocks(self, messages: Sequence[Message]) -> Iterator[Stamped]:
+    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[Stamped]:  # noqa: ARG002
         """Yield one block of all the fixes."""
         logs = log_times(messages, self._place)
         pairs = [(m, fix) for m in messages for fix in self._fixes(m)]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 TOOL = "groundtrace"
 #: Length at which a chunk is ended, before compression [bytes].
-CHUNK_BYTES = 256 << 10
+CHUNK_BYTES = 1 << 20
 _COMPRESSIONS = {"zstd": "ZSTD", "lz4": "LZ4", "none": "NONE"}
 
 

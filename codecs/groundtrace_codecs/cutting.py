@@ -13,6 +13,7 @@ from .container import Container
 from .copying import copy_frame
 from .errors import CodecError
 from .label_codec import decode_label
+from .mcap import MessageTable
 from .others import is_ours
 from .recording import SLACK_NS
 from .rewriting import Copied, appearing, send_all
@@ -139,7 +140,7 @@ class _Scissors:
         if self._span.holds(earliest) and self._span.holds(latest):
             return message
         try:
-            blocks = [block for _, block in reader.blocks([message])]
+            blocks = [block for _, block in reader.blocks(MessageTable.of([message]))]
         except CodecError:  # reading the copy says it, as reading the whole does
             return message if self._span.holds(message.log_time) else None
         parts = [block.between(self._span.start_ns, self._span.stop_ns) for block in blocks]

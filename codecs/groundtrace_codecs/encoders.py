@@ -20,6 +20,7 @@ from .schemas.protobuf import schema_bytes
 from .schemas.ros import RosWriter, kind_of
 from .schemas.ros2msg import parse_ros2msg
 from .schemas.waveform import encode_waveform, to_format
+from .signals import as_one
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -111,7 +112,7 @@ class Buckets:
 
     def push(self, block: SignalBlock) -> Iterator[SignalBlock]:
         """Yield the runs that a block completes."""
-        if self._pending and not _follows(self._pending[-1], block):
+        if self._pending and not block.continues(self._pending[-1]):
             yield from self.flush()
         self._pending.append(block)
         first, end = self._pending[0].first, block.first + len(block)
@@ -119,7 +120,7 @@ class Buckets:
         if whole <= 0:
             self._pending[-1] = _owned(block)
             return
-        joined = _join(self._pending)
+        joined = as_one(self._pending)
         rest = joined.slice(whole, len(joined))
         self._pending = [_owned(rest)] if len(rest) else []
         yield joined.slice(0, whole)
@@ -128,7 +129,7 @@ class Buckets:
         """Yield what is left."""
         if self._pending:
             pending, self._pending = self._pending, []
-            yield _join(pending)
+            yield as_one(pending)
 
     def starts(self, run: SignalBlock) -> NDArray[np.intp]:
         """Return where in a run its buckets start, shape (n_buckets,)."""
@@ -136,26 +137,10 @@ class Buckets:
         return np.concatenate([[0], inner]).astype(np.intp)
 
 
-def _follows(before: SignalBlock, block: SignalBlock) -> bool:
-    same = block.times_ns is not None or block.anchor_ns == before.anchor_ns
-    return same and block.first == before.first + len(before)
-
-
 def _owned(block: SignalBlock) -> SignalBlock:
     """Return a copy: what is kept must not change with a buffer that its owner uses again."""
     times = None if block.times_ns is None else block.times_ns.copy()
     return replace(block, samples=block.samples.copy(), times_ns=times)
-
-
-def _join(blocks: list[SignalBlock]) -> SignalBlock:
-    if len(blocks) == 1:
-        return blocks[0]
-    times = [b.times_ns for b in blocks if b.times_ns is not None]
-    return replace(
-        blocks[0],
-        samples=np.concatenate([b.samples for b in blocks]),
-        times_ns=np.concatenate(times) if times else None,
-    )
 
 
 def pieces(block: SignalBlock, size: int) -> Iterator[SignalBlock]:

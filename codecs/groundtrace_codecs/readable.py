@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 from .errors import CodecError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from .channels import ChannelReader, Stamped
-    from .mcap import Message
+    from .mcap import Message, MessageTable
 
 
 def readable(
     reader: ChannelReader,
-    messages: Sequence[Message],
+    messages: MessageTable,
     leave_out: Callable[[Message, CodecError], None],
+    *,
+    joined: bool = False,
 ) -> list[Stamped]:
     """Decode messages without those that are not what their schema says.
 
@@ -28,16 +30,18 @@ def readable(
         In order; where some cannot be decoded, halves of them are tried.
     leave_out
         Is told each message that is left out, and why; it may raise instead.
+    joined
+        Whether messages that continue each other become one block.
     """
     try:
-        return list(reader.blocks(messages))
+        return list(reader.blocks(messages, joined=joined))
     except CodecError as error:
         if len(messages) == 1:
             leave_out(messages[0], error)
             return []
     half = len(messages) // 2
-    first = readable(reader, messages[:half], leave_out)
-    return first + readable(reader, messages[half:], leave_out)
+    first = readable(reader, messages[:half], leave_out, joined=joined)
+    return first + readable(reader, messages[half:], leave_out, joined=joined)
 
 
 def pass_over(_message: Message, _error: CodecError) -> None:

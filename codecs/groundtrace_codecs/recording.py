@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,13 +13,13 @@ from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
-from .mcap import Damage, McapFile
+from .mcap import Damage, McapFile, MessageTable
 from .others import OtherTopic, is_ours, other_topic
 from .readable import readable
 from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
     from types import TracebackType
 
     from .annotations import Annotation
@@ -32,6 +33,8 @@ SITE_NAME = "site.json"
 BATCH_NS = NS_PER_S // 4
 #: How much later or earlier than seen at its start a channel may be logged after its samples.
 SLACK_NS = 2 * NS_PER_S
+
+_first = itemgetter(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +183,7 @@ class Recording:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         log_ns: int | None = None,
+        joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield blocks of all streams in order of log time, then of channel id.
 
@@ -194,7 +198,11 @@ class Recording:
             Sample times ``[start_ns, stop_ns)``; None = no bound. Messages are looked for where
             their channel's first messages were logged after their samples, and 2 s around.
         log_ns
-            Messages logged before are left alone, for going on; a multiple of :data:`BATCH_NS`.
+            Messages logged before are left alone, for going on; a multiple of the log time over
+            which messages are put together.
+        joined_ns
+            Log time over which messages of all kinds are put together, those that continue each
+            other into one block; 0 = as said above.
 
         Raises
         ------
@@ -214,9 +222,9 @@ class Recording:
         if log_ns is not None:
             low = log_ns if low is None else max(low, log_ns)
         if start_ns is None and stop_ns is None and len(wanted) == len(self.streams):
-            yield from self._decoded(readers, low, high)
+            yield from self._decoded(readers, low, high, joined_ns)
             return
-        for logged_ns, block in self._decoded(readers, low, high):
+        for logged_ns, block in self._decoded(readers, low, high, joined_ns):
             if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
                 yield Stamped(logged_ns, part)
 
@@ -228,29 +236,34 @@ class Recording:
         return known if topics is None else set(topics)
 
     def _decoded(
-        self, readers: dict[int, ChannelReader], low_ns: int | None, high_ns: int | None
+        self,
+        readers: dict[int, ChannelReader],
+        low_ns: int | None,
+        high_ns: int | None,
+        joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield decoded blocks by log time, one batch after the other."""
-        pending: dict[int, list[Message]] = {}
-        batch = None
-        for message in self.file.messages(readers.keys(), low_ns, high_ns):
-            if message.log_time // BATCH_NS != batch:
-                yield from self._in_order(readers, pending)
-                pending = {}
-                batch = message.log_time // BATCH_NS
-            pending.setdefault(message.channel_id, []).append(message)
-        yield from self._in_order(readers, pending)
+        pending: list[MessageTable] = []
+        batch, batch_ns = None, joined_ns or BATCH_NS
+        for table in self.file.tables(readers.keys(), low_ns, high_ns):
+            for number, part in _batches(table, batch_ns):
+                if number != batch:
+                    yield from self._in_order(readers, pending, joined=joined_ns > 0)
+                    pending, batch = [], number
+                pending.append(part)
+        yield from self._in_order(readers, pending, joined=joined_ns > 0)
 
     def _in_order(
-        self, readers: dict[int, ChannelReader], pending: dict[int, list[Message]]
+        self, readers: dict[int, ChannelReader], tables: Sequence[MessageTable], *, joined: bool
     ) -> list[Stamped]:
         # The sort is stable: blocks of one log time stay in the order of their channels' ids.
-        blocks = [b for i in sorted(pending) for b in self._readable(readers[i], pending[i])]
+        parts = sorted((own for table in tables for own in _by_channel(table)), key=_first)
+        blocks = [
+            b
+            for i, part in parts
+            for b in readable(readers[i], part, self._leave_out, joined=joined)
+        ]
         return sorted(blocks, key=lambda stamped: stamped.log_ns)
-
-    def _readable(self, reader: ChannelReader, messages: list[Message]) -> list[Stamped]:
-        """Decode messages; one that is not what its schema says is left out and said so."""
-        return readable(reader, messages, self._leave_out)
 
     def _leave_out(self, message: Message, error: CodecError) -> None:
         if self._strict:
@@ -258,6 +271,22 @@ class Recording:
         at = message.log_time
         key = (message.channel_id, message.sequence, at)
         self._left_out[key] = Damage(0, len(message.data), at, at, 1, str(error))
+
+
+def _batches(table: MessageTable, batch_ns: int) -> Iterator[tuple[int, MessageTable]]:
+    """Cut a table at multiples of ``batch_ns`` of log time; yield each part and its number."""
+    done = 0
+    while done < len(table):
+        number = int(table.rows["log_time"][done]) // batch_ns
+        stop = table.before((number + 1) * batch_ns)
+        yield number, table[done:stop]
+        done = stop
+
+
+def _by_channel(table: MessageTable) -> Iterator[tuple[int, MessageTable]]:
+    """Yield the messages of each channel, by its id."""
+    for channel_id in table.channel_ids():
+        yield channel_id, table.of_channels([channel_id])
 
 
 def _geometry(file: McapFile) -> Geometry | None:
@@ -286,7 +315,8 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
 def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> Lag | None:
     for message in file.messages({channel_id}):
         try:
-            times = [b.sample_times() for _, b in reader.blocks([message])]
+            blocks = reader.blocks(MessageTable.of([message]))
+            times = [b.sample_times() for _, b in blocks]
         except CodecError:
             continue  # reading says it; the lag is that of the first message that can be read
         if times:

@@ -237,7 +237,7 @@ class _Ros:
     def _stamps(self, data: bytes) -> list[tuple[int, int, str]]:
         """Return where seconds and nanoseconds of each stamp lie, and the byte order."""
         known = self._layouts.get(len(data))
-        if known is None or not known[0].fits(data)[0]:
+        if known is None or not known[0].fits(np.frombuffer(data, f"V{len(data)}"))[0]:
             layout = self._decoder.layout(data)
             known = self._layouts[len(data)] = (layout, _stamps_in(layout))
         return known[1]

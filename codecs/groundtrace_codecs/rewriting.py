@@ -13,7 +13,7 @@ from .container import CHUNK_BYTES, Container
 from .copying import copy_frame, passing
 from .encoders import Buckets, pieces
 from .errors import CodecError
-from .mcap import McapFile
+from .mcap import McapFile, MessageTable
 from .mcap.records import Message
 from .schemas.protobuf import message_class, parse
 from .schemas.waveform import FORMATS, encode_waveform
@@ -211,7 +211,7 @@ class _Reblocker:
     def add(self, message: Message) -> Iterator[Message]:
         """Yield the messages that one completes; one that cannot be decoded stays as it is."""
         try:
-            ((_, block),) = self._reader.blocks([message])
+            ((_, block),) = self._reader.blocks(MessageTable.of([message]))
         except CodecError:
             yield from self.flush()
             yield message

@@ -198,3 +198,20 @@ class SignalBlock:
         return replace(
             self, stream=self.stream.select(columns), samples=self.samples[:, list(columns)]
         )
+
+    def continues(self, before: SignalBlock) -> bool:
+        """Return whether the block goes on, in the same run, where another one ends."""
+        same = self.times_ns is not None or self.anchor_ns == before.anchor_ns
+        return same and self.first == before.first + len(before)
+
+
+def as_one(blocks: Sequence[SignalBlock]) -> SignalBlock:
+    """Return blocks, each of which continues the one before, as one."""
+    first = blocks[0]
+    if len(blocks) == 1:
+        return first
+    # channel by channel, as samples are stored and filters run
+    samples = np.concatenate([b.samples.T for b in blocks], axis=1).T
+    times = [b.times_ns for b in blocks if b.times_ns is not None]
+    joined = np.concatenate(times) if times else None
+    return SignalBlock(first.stream, first.anchor_ns, first.first, samples, joined)

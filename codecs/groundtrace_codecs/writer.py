@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from .annotations import ANNOTATIONS_TOPIC, encode_annotation
 from .container import TOOL, Container, tool_version
@@ -20,7 +20,6 @@ from .encoders import (
 from .errors import CodecError
 from .event_codec import encode_event
 from .label_codec import TRUTH_TOPIC, encode_label
-from .labels import Label
 from .recording import SITE_NAME
 from .schemas.waveform import FORMATS
 from .site import transforms
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
     from .annotations import Annotation
     from .events import Event
     from .geometry import Geometry
+    from .labels import Label
     from .signals import SignalBlock, Stream
 
 
@@ -84,7 +84,8 @@ class RecordingWriter:
     ) -> None:
         complete = False
         try:
-            self._flush()
+            self.settle()
+            self.begin(0)
             complete = kind is None
         except CodecError:
             # After an exception the first error is the one to be told.
@@ -215,10 +216,11 @@ class RecordingWriter:
         self.container.channel(output)
         self._send(output, (packet,))
 
-    def _flush(self) -> None:
+    def settle(self) -> None:
+        """Write what is held back, and end the chunk in progress."""
         for encoder in (e for _, encoders in self._streams.values() for e in encoders):
             self._send(encoder.output, encoder.flush())
-        self.begin(0)
+        self.container.settle()
 
 
 def write_recording(
@@ -231,7 +233,9 @@ def write_recording(
     attachments: Iterable[tuple[str, str, bytes]] = (),
     force: bool = False,
 ) -> None:
-    """Write a whole recording, its streams merged in time.
+    """Write a whole recording, its streams merged in time, its labels behind them.
+
+    Labels get a chunk of their own, so that they are read without decompressing the samples.
 
     Parameters
     ----------
@@ -259,12 +263,12 @@ def write_recording(
         for stream, sample_format, _ in sources:
             writer.add_stream(stream, sample_format)
         start_ns: int | None = None
-        for item in _merged(sources, labels):
-            if isinstance(item, Label):
-                writer.add_labels((item,))
-                continue
-            start_ns = item.start_ns if start_ns is None else min(start_ns, item.start_ns)
-            writer.write(item)
+        for block in _merged(sources):
+            start_ns = block.start_ns if start_ns is None else min(start_ns, block.start_ns)
+            writer.write(block)
+        if truth := sorted(labels, key=lambda label: label.time_ns):
+            writer.settle()
+            writer.add_labels(truth)
         for name, values in (metadata or {}).items():
             writer.add_metadata(name, values)
         for attachment in attachments:
@@ -273,16 +277,12 @@ def write_recording(
 
 
 def _merged(
-    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]], labels: Iterable[Label]
-) -> Iterator[SignalBlock | Label]:
-    """Yield short pieces of all blocks in order of their ends, and the labels at their times."""
-    truth = sorted(labels, key=lambda label: label.time_ns)
-    queues: list[Iterator[tuple[int, int, Any]]] = [
-        _ends(i, stream, blocks) for i, (stream, _, blocks) in enumerate(sources)
-    ]
-    queues.append((label.time_ns, len(sources), label) for label in truth)
-    for _, _, item in heapq.merge(*queues, key=lambda entry: entry[:2]):
-        yield item
+    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]],
+) -> Iterator[SignalBlock]:
+    """Yield short pieces of all blocks in order of their ends."""
+    queues = [_ends(i, stream, blocks) for i, (stream, _, blocks) in enumerate(sources)]
+    for _, _, block in heapq.merge(*queues, key=lambda entry: entry[:2]):
+        yield block
 
 
 def _origin(start_ns: int) -> dict[str, str]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.recording import BATCH_NS
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock, as_one
 
 from .runs import IrregularRuns, UniformRuns, run_tracker
 
@@ -50,6 +48,7 @@ class Readable(Protocol):
         start_ns: int | None = None,
         stop_ns: int | None = None,
         log_ns: int | None = None,
+        joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield recorded blocks in the order of the file, logged from ``log_ns`` on."""
 
@@ -126,7 +125,7 @@ class Source:
         ends: dict[str, int] = {}
         width_ns = self.block_ns or REST_NS
         window = None
-        wanted = (self.topics, self.start_ns, self.stop_ns, self._from_log_ns)
+        wanted = (self.topics, self.start_ns, self.stop_ns, self._from_log_ns, self.block_ns)
         for log_ns, block in self.recording.blocks(*wanted):
             if window is not None and log_ns // width_ns > window:
                 yield from self._drain(waiting)
@@ -176,25 +175,12 @@ def joined(items: list[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap]:
     """Yield the items of one stream with contiguous blocks of one run made into one."""
     together: list[SignalBlock] = []
     for item in items:
-        if together and not (isinstance(item, SignalBlock) and _continues(together[-1], item)):
-            yield _one(together)
+        if together and not (isinstance(item, SignalBlock) and item.continues(together[-1])):
+            yield as_one(together)
             together = []
         if isinstance(item, Gap):
             yield item
         else:
             together.append(item)
     if together:
-        yield _one(together)
-
-
-def _continues(before: SignalBlock, after: SignalBlock) -> bool:
-    return after.anchor_ns == before.anchor_ns and after.first == before.first + len(before)
-
-
-def _one(blocks: list[SignalBlock]) -> SignalBlock:
-    if len(blocks) == 1:
-        return blocks[0]
-    # the planar layout of the parts is kept: filters run along each channel
-    planar = np.concatenate([b.samples.T for b in blocks], axis=1)
-    first = blocks[0]
-    return SignalBlock(first.stream, first.anchor_ns, first.first, planar.T)
+        yield as_one(together)

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """Some five chunks."""
-    stream = Stream("/s", (Channel("G1", "seismic", "count"),), 20_000.0)
-    noise = np.random.default_rng(1).integers(-9000, 9000, (30, 20_000, 1)).astype(np.int16)
-    blocks = [SignalBlock(stream, 10**18, i * 20_000, part) for i, part in enumerate(noise)]
+    stream = Stream("/s", tuple(Channel(f"G{i}", "seismic", "count") for i in (1, 2)), 40_000.0)
+    noise = np.random.default_rng(1).integers(-9000, 9000, (30, 40_000, 2)).astype(np.int16)
+    blocks = [SignalBlock(stream, 10**18, i * 40_000, part) for i, part in enumerate(noise)]
     found = tmp_path / "noise.mcap"
     write_recording(found, [(stream, "i16le", blocks)])
     return found

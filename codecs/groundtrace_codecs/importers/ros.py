@@ -14,7 +14,7 @@ import numpy as np
 
 from ..channels import nominal_reader
 from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
-from ..mcap.records import Message
+from ..mcap import Message, MessageTable
 from ..recording import Recording
 from ..schemas.ros2msg import parse_ros2msg
 from .sampled import Sampled, together
@@ -195,7 +195,7 @@ def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:
     if not wanted:  # rosbags takes no connections for all of them
         return
     for key, messages in _batches(bag, store, wanted):
-        found.take(block for _, block in readers[key].blocks(messages))
+        found.take(block for _, block in readers[key].blocks(MessageTable.of(messages)))
 
 
 def _batches(

@@ -12,6 +12,7 @@ from groundtrace_codecs.mcap.records import (
     MetadataRecord,
     Schema,
 )
+from groundtrace_codecs.mcap.table import MessageTable
 
 __all__ = [
     "AttachmentRef",
@@ -22,6 +23,7 @@ __all__ = [
     "McapFile",
     "MemoryBytes",
     "Message",
+    "MessageTable",
     "MetadataRecord",
     "Schema",
 ]

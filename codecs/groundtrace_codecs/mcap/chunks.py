@@ -10,7 +10,6 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass, field
-from operator import itemgetter
 from typing import TYPE_CHECKING, Final
 
 import lz4.frame
@@ -28,24 +27,19 @@ from groundtrace_codecs.mcap.records import (
     ChannelRecord,
     Fields,
     MalformedError,
-    Message,
     Schema,
     parse_channel,
     parse_schema,
     read_record,
 )
+from groundtrace_codecs.mcap.table import MessageTable
 
 if TYPE_CHECKING:
     from collections.abc import Container
 
     from groundtrace_codecs.mcap.bytesource import ByteSource
 
-#: Order of a replay inside one chunk; the sort is stable, so the file offset is the last key.
-replay_order = itemgetter(2, 0, 1)
-
 _CHUNK_HEAD: Final = struct.Struct("<QQQI")
-_MESSAGE_HEAD: Final = struct.Struct("<xQHIQQ")
-_MESSAGE_DATA: Final = RECORD_HEAD.size + MESSAGE_FIELDS
 
 # What each format can reach at best (zstd: a 4-byte block repeats 128 KiB; LZ4: 255 bytes a byte);
 # more is a lie, and would be allocated before it is found out.
@@ -194,7 +188,7 @@ class ChunkReader:
 
     def messages(
         self, records: memoryview, wanted: Container[int], start_ns: int, stop_ns: int
-    ) -> tuple[list[Message], int]:
+    ) -> tuple[MessageTable, int]:
         """Collect messages of ``wanted`` channels with log time in ``[start_ns, stop_ns)``.
 
         Returns
@@ -210,42 +204,35 @@ class ChunkReader:
             If the records do not fill the chunk exactly.
         """
         try:
-            return self._collect(records, wanted, start_ns, stop_ns)
+            found = MessageTable.at(records, self._places(records))
         except struct.error as error:
             raise MalformedError(
                 "expected whole records, found one cut by the chunk's end"
             ) from error
+        there = found.channel_ids()
+        unknown = [i for i in there if i not in wanted and i not in self.definitions.channels]
+        chosen = found.of_channels([i for i in there if i in wanted])
+        strays = len(found.of_channels(unknown))
+        return chosen.between(start_ns, stop_ns).in_order(), strays
 
-    def _collect(
-        self, records: memoryview, wanted: Container[int], start_ns: int, stop_ns: int
-    ) -> tuple[list[Message], int]:
-        # The hot loop: no call a message but unpack, tuple and append, and a sort only if needed.
-        unpack, make, channels = _MESSAGE_HEAD.unpack_from, tuple.__new__, self.definitions.channels
-        found: list[Message] = []
-        keep, head = found.append, RECORD_HEAD.size
-        position, end, last_ns, strays, ordered = 0, len(records), -1, 0, True
+    def _places(self, records: memoryview) -> list[int]:
+        """Walk through records: return where messages begin, take definitions."""
+        # The hot loop: no call a message but unpack and append.
+        unpack, head = RECORD_HEAD.unpack_from, RECORD_HEAD.size
+        found: list[int] = []
+        keep, position, end = found.append, 0, len(records)
         while position < end:
-            if records[position] != MESSAGE:
+            opcode, length = unpack(records, position)
+            if opcode != MESSAGE:
                 position = self._define(records, position)
                 continue
-            length, channel_id, sequence, log_time, publish_time = unpack(records, position)
-            stop = position + head + length
             if length < MESSAGE_FIELDS:
                 raise MalformedError(f"expected 22 bytes of message fields, found {length}")
-            if channel_id in wanted and start_ns <= log_time < stop_ns:
-                if log_time <= last_ns:
-                    ordered = False
-                last_ns = log_time
-                data = records[position + _MESSAGE_DATA : stop]
-                keep(make(Message, (channel_id, sequence, log_time, publish_time, data)))
-            elif channel_id not in channels:
-                strays += 1
-            position = stop
+            keep(position)
+            position += head + length
         if position != end:
             raise MalformedError(f"expected records of {end} bytes, found {position}")
-        if not ordered:
-            found.sort(key=replay_order)
-        return found, strays
+        return found
 
     def _define(self, records: memoryview, position: int) -> int:
         opcode, length = RECORD_HEAD.unpack_from(records, position)

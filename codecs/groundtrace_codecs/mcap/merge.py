@@ -7,25 +7,26 @@ from heapq import heappop, heappush
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.mcap.chunks import ChunkEntry, replay_order
-from groundtrace_codecs.mcap.records import Message
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-_log_time = itemgetter(2)
+    from groundtrace_codecs.mcap.chunks import ChunkEntry
+    from groundtrace_codecs.mcap.table import MessageTable
+
+#: Order of a replay; in one chunk the offset is the last key.
+replay_order = itemgetter(2, 0, 1)
 
 #: Order of the first message left, offset of its chunk, its place in the chunk, the messages.
-_Run = tuple[tuple[int, int, int], int, int, list[Message]]
+_Run = tuple[tuple[int, int, int], int, int, "MessageTable"]
 
 
 def merge(
-    chunks: Sequence[ChunkEntry], load: Callable[[ChunkEntry, int], list[Message]]
-) -> Iterator[Message]:
+    chunks: Sequence[ChunkEntry], load: Callable[[ChunkEntry, int], MessageTable]
+) -> Iterator[MessageTable]:
     """Merge the messages of ``chunks`` in the order (log time, channel id, sequence, offset).
 
-    A chunk is loaded when its start time is due, so that as many are in memory as overlap. Where
-    one chunk alone is due, its messages go out in one piece.
+    A chunk is loaded when its start time is due, so that as many are in memory as overlap. What
+    comes before the next message of another chunk goes out in one piece.
 
     Parameters
     ----------
@@ -47,14 +48,14 @@ def merge(
         _, offset, start, run = heappop(heap)
         stop = _before_others(run, start, heap)
         if waiting < len(chunks):
-            stop = bisect_left(run, chunks[waiting].start_ns, start, stop, key=_log_time)
-        yield from run[start:stop] if stop - start < len(run) else run
+            stop = min(stop, max(start, run.before(chunks[waiting].start_ns)))
+        yield run[start:stop]
         floor_ns = run[stop - 1].log_time
         if stop < len(run):
             heappush(heap, (replay_order(run[stop]), offset, stop, run))
 
 
-def _before_others(run: list[Message], start: int, heap: list[_Run]) -> int:
+def _before_others(run: MessageTable, start: int, heap: list[_Run]) -> int:
     """Find where ``run`` must let the next chunk of ``heap`` go first."""
     if not heap:
         return len(run)

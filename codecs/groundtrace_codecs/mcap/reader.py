@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import zlib
-from bisect import bisect_left
 from contextlib import suppress
-from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
+
+import numpy as np
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.mcap.ahead import Ahead
@@ -15,7 +15,6 @@ from groundtrace_codecs.mcap.chunks import (
     ChunkEntry,
     ChunkReader,
     MisplacedError,
-    replay_order,
 )
 from groundtrace_codecs.mcap.index import FileIndex, load_index
 from groundtrace_codecs.mcap.merge import merge
@@ -38,6 +37,7 @@ from groundtrace_codecs.mcap.records import (
 from groundtrace_codecs.mcap.remote import open_bytes
 from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan
 from groundtrace_codecs.mcap.scanned import stray_reason
+from groundtrace_codecs.mcap.table import MessageTable
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterator
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.mcap.bytesource import ByteSource
     from groundtrace_codecs.mcap.segments import Segment
-
-_log_time = itemgetter(2)
 
 
 class _Part:
@@ -69,12 +67,15 @@ class _Part:
         if self._ids is not None:
             self.wanted = {own for own, whole in self._ids.items() if whole in wanted}
 
-    def in_whole(self, found: list[Message]) -> list[Message]:
+    def in_whole(self, found: MessageTable) -> MessageTable:
         """Give messages the channel ids of the whole."""
         ids = self._ids
-        if ids is None:
+        if ids is None or not len(found):
             return found
-        return sorted((m._replace(channel_id=ids[m.channel_id]) for m in found), key=replay_order)
+        rows = found.rows.copy()
+        own, places = np.unique(rows["channel_id"], return_inverse=True)
+        rows["channel_id"] = np.array([ids[i] for i in own.tolist()])[places]
+        return MessageTable(found.data, rows).in_order()
 
 
 class McapFile:
@@ -177,6 +178,16 @@ class McapFile:
         FormatError
             With ``strict``, at the first damage met.
         """
+        for table in self.tables(channel_ids, start_ns, stop_ns):
+            yield from table
+
+    def tables(
+        self,
+        channel_ids: Collection[int] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[MessageTable]:
+        """Read messages as :meth:`messages` does, as many at once as lie together."""
         low = ANY_TIME[0] if start_ns is None else start_ns
         high = ANY_TIME[1] if stop_ns is None else stop_ns
         wanted: Container[int] = self.channels
@@ -188,7 +199,7 @@ class McapFile:
 
         ahead = Ahead(self._source, chunks)
 
-        def load(entry: ChunkEntry, floor_ns: int) -> list[Message]:
+        def load(entry: ChunkEntry, floor_ns: int) -> MessageTable:
             found = self._load(parts[entry.segment], entry, low, high, ahead)
             return self._in_time(entry, found, floor_ns)
 
@@ -234,7 +245,7 @@ class McapFile:
 
     def _load(
         self, part: _Part, entry: ChunkEntry, low: int, high: int, ahead: Ahead
-    ) -> list[Message]:
+    ) -> MessageTable:
         """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
         try:
             records = ahead.records(entry)
@@ -244,7 +255,7 @@ class McapFile:
         except MalformedError as error:
             lost = indexed_messages(self._source, entry.offset + entry.length).messages
             self._lost(entry, lost, f"chunk: {error}")
-            return []
+            return MessageTable.none()
         if strays:
             self._lost(entry, strays, stray_reason(entry))
         return part.in_whole(found)
@@ -277,11 +288,11 @@ class McapFile:
             self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
         return self._scanned
 
-    def _in_time(self, entry: ChunkEntry, found: list[Message], floor_ns: int) -> list[Message]:
+    def _in_time(self, entry: ChunkEntry, found: MessageTable, floor_ns: int) -> MessageTable:
         """Leave out what would go back in time because the chunk states too late a start."""
-        if not found or found[0].log_time >= floor_ns:
+        late = found.before(floor_ns)
+        if not late:
             return found
-        late = bisect_left(found, floor_ns, key=_log_time)
         reason = f"chunk: expected log times from {entry.start_ns}, found {found[0].log_time}"
         self._lost(entry, late, reason)
         return found[late:]

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from operator import itemgetter
 from typing import TYPE_CHECKING, Final
+
+import numpy as np
 
 from groundtrace_codecs.mcap.bytesource import crc32_of
 from groundtrace_codecs.mcap.chunks import ChunkEntry, ChunkReader
@@ -145,12 +146,13 @@ class _Scanner:
         if strays:
             self._found.note(entry.offset, entry.length, stray_reason(entry), strays)
         if messages:
-            counts = Counter(map(itemgetter(0), messages))
+            ids, numbers = np.unique(messages.rows["channel_id"], return_counts=True)
+            counts = Counter(dict(zip(ids.tolist(), numbers.tolist(), strict=True)))
             start_ns, end_ns = messages[0].log_time, messages[-1].log_time
-            ids = frozenset(counts)
+            known = frozenset(counts)
             self._found.counts.append(counts)
             self._found.chunks.append(
-                ChunkEntry(entry.offset, entry.length, start_ns, end_ns, ids, entry.bare)
+                ChunkEntry(entry.offset, entry.length, start_ns, end_ns, known, entry.bare)
             )
 
     def _note(self, opcode: int, offset: int, length: int) -> None:

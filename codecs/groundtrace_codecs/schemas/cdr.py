@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import FormatError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -81,9 +81,9 @@ class Layout:
             }
         )
 
-    def fits(self, payloads: bytes) -> NDArray[np.bool_]:
-        """Tell which of the joined payloads, all of the layout's size, have it; shape (n,)."""
-        records = np.frombuffer(payloads, self.dtype)
+    def fits(self, payloads: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Tell which payloads, all of the layout's size, have it; shape (n,)."""
+        records = payloads.view(self.dtype)
         same: NDArray[np.bool_] = records["#"] == self._encapsulation
         for name, value in self._lengths:
             same &= records[name] == value
@@ -248,37 +248,37 @@ class CdrDecoder:
         }
 
     def tables(
-        self, payloads: Sequence[bytes | memoryview]
+        self, by_size: Iterable[tuple[NDArray[np.intp], NDArray[np.void]]]
     ) -> Iterator[tuple[NDArray[np.intp], Table]]:
-        """Yield the messages in groups of one layout, with the index of each message.
+        """Yield messages in groups of one layout, with the index of each message.
+
+        Parameters
+        ----------
+        by_size
+            Payloads of one size, shape (n,), and the index of each, size by size.
 
         Raises
         ------
         FormatError
             As :meth:`layout`.
         """
-        sizes = [len(p) for p in payloads]
-        for size in dict.fromkeys(sizes):
-            rows = np.array([i for i, s in enumerate(sizes) if s == size], np.intp)
-            if size < _HEADER:
-                self.layout(payloads[int(rows[0])])
-            yield from self._split(rows, b"".join([p for p in payloads if len(p) == size]), size)
+        for rows, payloads in by_size:
+            yield from self._split(rows, payloads)
 
     def _split(
-        self, rows: NDArray[np.intp], joined: bytes, size: int
+        self, rows: NDArray[np.intp], payloads: NDArray[np.void]
     ) -> Iterator[tuple[NDArray[np.intp], Table]]:
+        size = payloads.itemsize
         while len(rows):
             layout = self._layouts.get(size)
-            if layout is None or not layout.fits(joined[:size])[0]:
-                layout = self._layouts[size] = self.layout(joined[:size])
-            same = layout.fits(joined)
-            records = np.frombuffer(joined, layout.dtype)
+            if layout is None or not layout.fits(payloads[:1])[0]:
+                layout = self._layouts[size] = self.layout(payloads[:1].tobytes())
+            same = layout.fits(payloads)
             if same.all():
-                yield rows, Table(layout, records)
+                yield rows, Table(layout, payloads.view(layout.dtype))
                 return
-            yield rows[same], Table(layout, records[same])
-            joined = np.frombuffer(joined, f"V{size}")[~same].tobytes()
-            rows = rows[~same]
+            yield rows[same], Table(layout, payloads[same].view(layout.dtype))
+            payloads, rows = payloads[~same], rows[~same]
 
 
 def _text(payload: bytes | memoryview, place: Place) -> str:

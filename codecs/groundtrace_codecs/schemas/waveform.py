@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from google.protobuf.message import DecodeError
 
 from ..errors import CodecError, SchemaError
 from ..signals import SignalBlock, Stream
@@ -17,6 +20,8 @@ if TYPE_CHECKING:
 #: Sample formats and their numpy types; 24-bit samples travel in ``i32le``.
 FORMATS = {"i16le": "<i2", "i32le": "<i4", "f32le": "<f4", "f64le": "<f8"}
 _MAX_ANCHOR_NS = 1 << 62
+#: Key of the field ``data``: number 8, length-delimited.
+_DATA_KEY = 8 << 3 | 2
 
 
 class Waveform(NamedTuple):
@@ -29,14 +34,13 @@ class Waveform(NamedTuple):
     times_ns: NDArray[np.int64] | None
 
 
-def _samples(message: Any, place: str) -> NDArray[Any]:
+def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]:
     if message.format not in FORMATS:
         known = ", ".join(FORMATS)
         raise SchemaError(f"{place}: format: expected one of {known}, found {message.format!r}")
     dtype = np.dtype(FORMATS[message.format])
     shape = (message.channels, message.samples)
     size = math.prod(shape) * dtype.itemsize
-    data = message.data  # a copy at every access
     if size == 0 or size != len(data):
         raise SchemaError(
             f"{place}: data: expected {size} bytes for {shape[0]} channels of {shape[1]} samples, "
@@ -57,8 +61,56 @@ def _times(message: Any, place: str) -> NDArray[np.int64] | None:
     return np.frombuffer(data, "<i8")
 
 
-def decode_waveform(data: bytes | memoryview, place: str = "WaveformBlock") -> Waveform:
+@cache
+def _opening(length: int) -> bytes:
+    """Return what stands before the samples in a message: the field's key and their length."""
+    found = bytearray([_DATA_KEY])
+    while length >= 0x80:
+        found.append(length & 0x7F | 0x80)
+        length >>= 7
+    return bytes([*found, length])
+
+
+def _apart(
+    data: bytes | memoryview, length: int
+) -> tuple[bytes | memoryview, bytes | memoryview | None]:
+    """Split a message before its last field where that is ``length`` bytes of samples.
+
+    A message is a sequence of fields, so what comes before is one as well; None where it is not
+    known to end so.
+    """
+    opening = _opening(length)
+    start = len(data) - length
+    fields = start - len(opening)
+    if length <= 0 or fields < 0 or data[fields:start] != opening:
+        return data, None
+    return data[:fields], data[start:]
+
+
+def _parsed(data: bytes | memoryview, place: str, length: int) -> tuple[Any, bytes | memoryview]:
+    """Parse a message, and give its samples' bytes, where they lie if that can be."""
+    block = message_class("WaveformBlock")
+    fields, samples = _apart(data, length)
+    if samples is not None:
+        with suppress(DecodeError):
+            return block.FromString(fields), samples
+    message = parse(block, data, place)
+    return message, message.data
+
+
+def decode_waveform(
+    data: bytes | memoryview, place: str = "WaveformBlock", length: int = 0
+) -> Waveform:
     """Decode a WaveformBlock.
+
+    Parameters
+    ----------
+    data
+        The message.
+    place
+        Named in errors.
+    length
+        How many bytes of samples it has, if it has as many as others: they are then not copied.
 
     Raises
     ------
@@ -66,7 +118,7 @@ def decode_waveform(data: bytes | memoryview, place: str = "WaveformBlock") -> W
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
         ``place``.
     """
-    message = parse(message_class("WaveformBlock"), data, place)
+    message, stored = _parsed(data, place, length)
     times = _times(message, place)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:
@@ -75,7 +127,7 @@ def decode_waveform(data: bytes | memoryview, place: str = "WaveformBlock") -> W
         raise SchemaError(
             f"{place}: first_sample: expected less than 2^63, found {message.first_sample}"
         )
-    samples = _samples(message, place)
+    samples = _samples(message, stored, place)
     return Waveform(get_time(message.timestamp, place), rate, message.first_sample, samples, times)
 
 

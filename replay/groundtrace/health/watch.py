@@ -126,8 +126,9 @@ class Listened:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         log_ns: int | None = None,
+        joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield recorded blocks in the order of the file, logged from ``log_ns`` on."""
-        for stamped in self.recording.blocks(topics, start_ns, stop_ns, log_ns):
+        for stamped in self.recording.blocks(topics, start_ns, stop_ns, log_ns, joined_ns):
             self.watches[stamped[1].topic].recorded(stamped[1])
             yield stamped

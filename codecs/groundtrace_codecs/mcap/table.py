@@ -1,0 +1,166 @@
+"""Many messages by column: what a chunk gives, and what readers decode at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, Self, overload
+
+import numpy as np
+
+from groundtrace_codecs.mcap.records import MESSAGE_FIELDS, Message
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+#: A Message record up to its data (MCAP specification, "Message").
+_HEAD: Final = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("size", "<u8"),
+        ("channel_id", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+_ROW: Final = np.dtype(
+    [
+        ("channel_id", "<i8"),
+        ("sequence", "<i8"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+        ("start", "<i8"),
+        ("length", "<i8"),
+    ]
+)
+_COPIED: Final = ("channel_id", "sequence", "log_time", "publish_time")
+_LATEST_NS: Final = (1 << 64) - 1
+
+
+def _taken(data: memoryview, places: NDArray[np.int64], size: int) -> NDArray[np.void]:
+    """Copy ``size`` bytes at every place, shape (n,); all lie inside."""
+    if not len(places):
+        return np.empty(0, f"V{size}")
+    everywhere = np.ndarray((len(data) - size + 1,), f"V{size}", data, strides=(1,))
+    return everywhere[places]
+
+
+class MessageTable(Sequence[Message]):
+    """Messages that lie in one piece of memory, in the order of a replay.
+
+    Parameters
+    ----------
+    data
+        Where their payloads lie.
+    rows
+        One per message: its fields, and where its payload starts and how long it is.
+    """
+
+    __slots__ = ("data", "rows")
+
+    def __init__(self, data: memoryview, rows: NDArray[np.void]) -> None:
+        self.data = data
+        self.rows = rows
+
+    @classmethod
+    def at(cls, records: memoryview, places: Sequence[int]) -> Self:
+        """Take the messages whose records begin at ``places``, each of them whole."""
+        at = np.array(places, np.int64)
+        heads = _taken(records, at, _HEAD.itemsize).view(_HEAD)
+        rows = np.empty(len(at), _ROW)
+        for name in _COPIED:
+            rows[name] = heads[name]
+        rows["start"] = at + _HEAD.itemsize
+        rows["length"] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
+        return cls(records, rows)
+
+    @classmethod
+    def of(cls, messages: Iterable[Message]) -> Self:
+        """Take messages from anywhere, in their order."""
+        listed = list(messages)
+        sizes = np.array([len(m.data) for m in listed], np.int64)
+        rows = np.empty(len(listed), _ROW)
+        for column, name in enumerate(_COPIED):
+            rows[name] = [m[column] for m in listed]
+        rows["start"], rows["length"] = np.cumsum(sizes) - sizes, sizes
+        return cls(memoryview(b"".join(m.data for m in listed)), rows)
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return no messages."""
+        return cls(memoryview(b""), np.empty(0, _ROW))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Message: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> MessageTable: ...
+
+    def __getitem__(self, index: int | slice) -> Message | MessageTable:
+        if isinstance(index, slice):
+            return MessageTable(self.data, self.rows[index])
+        channel_id, sequence, log_time, publish_time, start, length = self.rows[index].item()
+        data = self.data[start : start + length]
+        return Message(channel_id, sequence, log_time, publish_time, data)
+
+    def __iter__(self) -> Iterator[Message]:
+        make, data = tuple.__new__, self.data
+        for channel_id, sequence, log_time, publish_time, start, length in self.rows.tolist():
+            payload = data[start : start + length]
+            yield make(Message, (channel_id, sequence, log_time, publish_time, payload))
+
+    def where(self, which: NDArray[np.bool_]) -> MessageTable:
+        """Return the messages that a mask chooses."""
+        if which.all():
+            return self
+        # a structured array is indexed field by field, but taken row by row
+        return MessageTable(self.data, self.rows.take(np.flatnonzero(which)))
+
+    def channel_ids(self) -> list[int]:
+        """Return the channels that have messages here, in order."""
+        return np.flatnonzero(np.bincount(self.rows["channel_id"])).tolist()
+
+    def of_channels(self, ids: Sequence[int]) -> MessageTable:
+        """Return the messages of some channels."""
+        own = np.zeros(len(self), np.bool_)
+        for channel_id in ids:
+            own |= self.rows["channel_id"] == channel_id
+        return self.where(own)
+
+    def before(self, time_ns: int) -> int:
+        """Return how many messages were logged before a time [ns], of a table in order."""
+        if time_ns > _LATEST_NS:
+            return len(self)
+        return int(np.searchsorted(self.rows["log_time"], np.uint64(max(time_ns, 0))))
+
+    def between(self, start_ns: int, stop_ns: int) -> MessageTable:
+        """Return the messages logged in ``[start_ns, stop_ns)``, of a table in any order."""
+        times = self.rows["log_time"]
+        inside = np.ones(len(times), np.bool_)
+        if start_ns > 0:
+            inside &= times >= np.uint64(min(start_ns, _LATEST_NS))
+        if stop_ns <= _LATEST_NS:
+            inside &= times < np.uint64(max(stop_ns, 0))
+        return self.where(inside)
+
+    def in_order(self) -> MessageTable:
+        """Return the messages by log time, channel and sequence, else as they lie."""
+        keys = [self.rows[name] for name in ("sequence", "channel_id", "log_time")]
+        right = np.ones(max(len(self) - 1, 0), np.bool_)
+        for key in keys:
+            right = (key[1:] > key[:-1]) | ((key[1:] == key[:-1]) & right)
+        if right.all():
+            return self
+        return MessageTable(self.data, self.rows.take(np.lexsort(keys)))
+
+    def by_size(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void]]]:
+        """Yield the payloads of one size together: their places in the table, and their bytes."""
+        lengths = self.rows["length"]
+        for size in np.unique(lengths).tolist():
+            same = np.flatnonzero(lengths == size)
+            yield same, _taken(self.data, self.rows["start"][same], size)
