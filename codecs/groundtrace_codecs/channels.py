@@ -17,8 +17,8 @@ from .schemas.cdr import CdrDecoder
 from .schemas.protobuf import get_time, parse
 from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
 from .schemas.ros2msg import parse_ros2msg
-from .schemas.waveform import decode_waveform, to_block
-from .signals import NS_PER_S, Channel, SignalBlock, Stream, as_one
+from .schemas.waveform import WaveformRun, decode_waveform
+from .signals import NS_PER_S, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -109,23 +109,17 @@ class WaveformReader:
 
     def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
         """Yield one block per message, or per run of messages that continue each other."""
-        together: list[SignalBlock] = []
+        run: WaveformRun | None = None
         log_ns = 0
         for message in messages:
-            wave = decode_waveform(message.data, self._place, self._length)
-            self._length = wave.samples.nbytes
-            block = to_block(self.streams[0], wave, self._place)
-            if together and not (joined and _goes_on(together[-1], block)):
-                yield Stamped(log_ns, as_one(together))
-                together = []
-            together.append(block)
+            if run is None or not (joined and run.take(message.data)):
+                if run is not None:
+                    yield Stamped(log_ns, run.block())
+                run = WaveformRun(self.streams[0], message.data, self._place, self._length)
+                self._length = run.length
             log_ns = message.log_time
-        if together:
-            yield Stamped(log_ns, as_one(together))
-
-
-def _goes_on(before: SignalBlock, block: SignalBlock) -> bool:
-    return block.continues(before) and block.samples.dtype == before.samples.dtype
+        if run is not None:
+            yield Stamped(log_ns, run.block())
 
 
 def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from ..errors import CodecError, SchemaError
-from ..signals import SignalBlock, Stream
+from ..signals import NS_PER_S, SignalBlock, Stream
 from .protobuf import get_time, message_class, parse, set_time
 
 if TYPE_CHECKING:
@@ -118,7 +119,11 @@ def decode_waveform(
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
         ``place``.
     """
-    message, stored = _parsed(data, place, length)
+    return _wave(*_parsed(data, place, length), place)
+
+
+def _wave(message: Any, stored: bytes | memoryview, place: str) -> Waveform:
+    """Check a parsed message."""
     times = _times(message, place)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:
@@ -155,6 +160,70 @@ def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
             f"{place}: first_sample: expected a run that starts within 2^62 ns, found {wave.first}"
         )
     return SignalBlock(stream, anchor_ns, wave.first, wave.samples)
+
+
+class WaveformRun:
+    """Messages of a stream that continue each other, to become one block.
+
+    Parameters
+    ----------
+    stream
+        Theirs.
+    data
+        The first message.
+    place
+        Named in errors.
+    length
+        As :func:`decode_waveform` takes it.
+
+    Attributes
+    ----------
+    length
+        How many bytes of samples the first message has.
+
+    Raises
+    ------
+    SchemaError
+        As :func:`decode_waveform` and :func:`to_block`.
+    """
+
+    def __init__(
+        self, stream: Stream, data: bytes | memoryview, place: str, length: int = 0
+    ) -> None:
+        message, stored = _parsed(data, place, length)
+        self._first = to_block(stream, _wave(message, stored, place), place)
+        self._parts = [self._first.samples.T]
+        self._next = self._first.first + len(self._first)
+        self._same = (message.format, message.channels, message.sample_rate, b"")
+        self.length = len(stored)
+
+    def take(self, data: bytes | memoryview) -> bool:
+        """Take a message that continues the run as plainly as most do; else return False."""
+        fields, stored = _apart(data, self.length)
+        if stored is None or self._first.times_ns is not None:
+            return False
+        try:
+            message = message_class("WaveformBlock").FromString(fields)
+        except DecodeError:
+            return False
+        first, part = self._first, self._parts[0]
+        same = (message.format, message.channels, message.sample_rate, message.sample_times_ns)
+        alike = same == self._same and message.samples == part.shape[1]
+        if not alike or message.first_sample != self._next:
+            return False
+        stamp = message.timestamp
+        lag_ns = stamp.seconds * NS_PER_S + stamp.nanos - first.anchor_ns
+        if lag_ns != round(self._next * first.stream.period_ns):
+            return False
+        self._parts.append(np.frombuffer(stored, part.dtype).reshape(part.shape))
+        self._next += part.shape[1]
+        return True
+
+    def block(self) -> SignalBlock:
+        """Return the messages' samples."""
+        if len(self._parts) == 1:
+            return self._first
+        return replace(self._first, samples=np.concatenate(self._parts, axis=1).T)
 
 
 def encode_waveform(block: SignalBlock, sample_format: str) -> bytes:
