@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import lz4.frame
@@ -19,8 +20,6 @@ from groundtrace_codecs.mcap.records import (
     CHANNEL,
     CHUNK,
     MAX_RECORD_BYTES,
-    MESSAGE,
-    MESSAGE_FIELDS,
     RECORD_HEAD,
     SCHEMA,
     U64,
@@ -33,6 +32,7 @@ from groundtrace_codecs.mcap.records import (
     read_record,
 )
 from groundtrace_codecs.mcap.table import MessageTable
+from groundtrace_codecs.mcap.walk import message_places
 
 if TYPE_CHECKING:
     from collections.abc import Container
@@ -204,7 +204,8 @@ class ChunkReader:
             If the records do not fill the chunk exactly.
         """
         try:
-            found = MessageTable.at(records, self._places(records))
+            places = message_places(records, partial(self._define, records))
+            found = MessageTable.at(records, places)
         except struct.error as error:
             raise MalformedError(
                 "expected whole records, found one cut by the chunk's end"
@@ -214,25 +215,6 @@ class ChunkReader:
         chosen = found.of_channels([i for i in there if i in wanted])
         strays = len(found.of_channels(unknown))
         return chosen.between(start_ns, stop_ns).in_order(), strays
-
-    def _places(self, records: memoryview) -> list[int]:
-        """Walk through records: return where messages begin, take definitions."""
-        # The hot loop: no call a message but unpack and append.
-        unpack, head = RECORD_HEAD.unpack_from, RECORD_HEAD.size
-        found: list[int] = []
-        keep, position, end = found.append, 0, len(records)
-        while position < end:
-            opcode, length = unpack(records, position)
-            if opcode != MESSAGE:
-                position = self._define(records, position)
-                continue
-            if length < MESSAGE_FIELDS:
-                raise MalformedError(f"expected 22 bytes of message fields, found {length}")
-            keep(position)
-            position += head + length
-        if position != end:
-            raise MalformedError(f"expected records of {end} bytes, found {position}")
-        return found
 
     def _define(self, records: memoryview, position: int) -> int:
         opcode, length = RECORD_HEAD.unpack_from(records, position)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, Self, overload
 import numpy as np
 
 from groundtrace_codecs.mcap.records import MESSAGE_FIELDS, Message
+from groundtrace_codecs.mcap.walk import copied
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -39,14 +40,6 @@ _COPIED: Final = ("channel_id", "sequence", "log_time", "publish_time")
 _LATEST_NS: Final = (1 << 64) - 1
 
 
-def _taken(data: memoryview, places: NDArray[np.int64], size: int) -> NDArray[np.void]:
-    """Copy ``size`` bytes at every place, shape (n,); all lie inside."""
-    if not len(places):
-        return np.empty(0, f"V{size}")
-    everywhere = np.ndarray((len(data) - size + 1,), f"V{size}", data, strides=(1,))
-    return everywhere[places]
-
-
 class MessageTable(Sequence[Message]):
     """Messages that lie in one piece of memory, in the order of a replay.
 
@@ -65,14 +58,13 @@ class MessageTable(Sequence[Message]):
         self.rows = rows
 
     @classmethod
-    def at(cls, records: memoryview, places: Sequence[int]) -> Self:
+    def at(cls, records: memoryview, places: NDArray[np.int64]) -> Self:
         """Take the messages whose records begin at ``places``, each of them whole."""
-        at = np.array(places, np.int64)
-        heads = _taken(records, at, _HEAD.itemsize).view(_HEAD)
-        rows = np.empty(len(at), _ROW)
+        heads = copied(records, places, _HEAD.itemsize).view(_HEAD)
+        rows = np.empty(len(places), _ROW)
         for name in _COPIED:
             rows[name] = heads[name]
-        rows["start"] = at + _HEAD.itemsize
+        rows["start"] = places + _HEAD.itemsize
         rows["length"] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
         return cls(records, rows)
 
@@ -163,4 +155,4 @@ class MessageTable(Sequence[Message]):
         lengths = self.rows["length"]
         for size in np.unique(lengths).tolist():
             same = np.flatnonzero(lengths == size)
-            yield same, _taken(self.data, self.rows["start"][same], size)
+            yield same, copied(self.data, self.rows["start"][same], size)
