@@ -144,14 +144,18 @@ def _trace(block: TraceBlock) -> Packet:
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
 
+@cache
+def _single_kind(name: str) -> tuple[Output, Any, tuple[str, ...]]:
+    kind = message_class(name)
+    own = tuple(f.name for f in kind.DESCRIPTOR.fields if f.name not in ("timestamp", "end"))
+    return protobuf_output(TOPICS[name], name), kind, own
+
+
 def _single(event: SingleEvent) -> Encoded:
     """Encode a single event: the message's fields are the event's, but for its times."""
-    name = type(event).__name__
-    output = protobuf_output(TOPICS[name], name)
-    fields = asdict(event)
-    message = message_class(name)(**{k: v for k, v in fields.items() if not k.endswith("_ns")})
-    start_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
-    end_ns = start_ns
+    output, kind, names = _single_kind(type(event).__name__)
+    message = kind(**{name: getattr(event, name) for name in names})
+    start_ns = end_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
     if isinstance(event, Gap | Disturbance | Presence):
         set_time(message.end, event.end_ns)
         end_ns = max(start_ns, event.end_ns)

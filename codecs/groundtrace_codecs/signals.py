@@ -169,6 +169,18 @@ class SignalBlock:
         index = np.arange(self.first, self.first + len(self), dtype=np.float64)
         return self.anchor_ns + np.rint(index * self.stream.period_ns).astype(np.int64)
 
+    def index_of(self, time_ns: int) -> int:
+        """Return the index of the first sample at a time or later; the length if there is none."""
+        if self.times_ns is not None:
+            return int(np.searchsorted(self.times_ns, time_ns))
+        near = round((time_ns - self.anchor_ns) / self.stream.period_ns) - self.first
+        index = min(max(near, 0), len(self))
+        while index > 0 and self.time_of(index - 1) >= time_ns:
+            index -= 1
+        while index < len(self) and self.time_of(index) < time_ns:
+            index += 1
+        return index
+
     def slice(self, start: int, stop: int) -> SignalBlock:
         """Return samples ``[start, stop)`` as a block of the same run."""
         times = None if self.times_ns is None else self.times_ns[start:stop]
@@ -180,16 +192,16 @@ class SignalBlock:
         """Return the samples with times in ``[start_ns, stop_ns)``; None is no bound."""
         if start_ns is None and stop_ns is None:
             return self
-        times = self.sample_times()
+        if self.times_ns is None:
+            first = 0 if start_ns is None else self.index_of(start_ns)
+            stop = len(self) if stop_ns is None else self.index_of(stop_ns)
+            return self.slice(first, stop) if first < stop else self.slice(0, 0)
         inside = np.ones(len(self), np.bool_)
         if start_ns is not None:
-            inside &= times >= start_ns
+            inside &= self.times_ns >= start_ns
         if stop_ns is not None:
-            inside &= times < stop_ns
-        if self.times_ns is not None:
-            return replace(self, samples=self.samples[inside], times_ns=times[inside])
-        kept = np.flatnonzero(inside)
-        return self.slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else self.slice(0, 0)
+            inside &= self.times_ns < stop_ns
+        return replace(self, samples=self.samples[inside], times_ns=self.times_ns[inside])
 
     def select(self, columns: Sequence[int]) -> SignalBlock:
         """Return the block of some of the columns."""

@@ -48,8 +48,7 @@ class Recent:
         """
         for block in reversed(self._blocks):
             if block.start_ns <= time_ns < block.end_ns:
-                index = int(np.searchsorted(block.sample_times(), time_ns))
-                at = min(index, len(block) - 1)
+                at = min(block.index_of(time_ns), len(block) - 1)
                 sample = block.slice(at, at + 1).select(columns).values[0]
                 return float(sample[0] if len(columns) == 1 else np.linalg.norm(sample))
         return 0.0
@@ -60,6 +59,5 @@ class Recent:
         """Yield times, shape (n,), and values, shape (n, n_channels), of a half-open span."""
         for block in self._blocks:
             if block.start_ns < end_ns and block.last_ns >= start_ns:
-                times = block.sample_times()
-                first, last = np.searchsorted(times, [start_ns, end_ns])
-                yield times[first:last], block.slice(int(first), int(last)).values
+                part = block.slice(block.index_of(start_ns), block.index_of(end_ns))
+                yield part.sample_times(), part.values
