@@ -7,9 +7,10 @@ counts as 2 GB of resident memory.
 from __future__ import annotations
 
 import os
-import zlib
 from pathlib import Path
 from typing import Protocol
+
+from zlib_ng import zlib_ng
 
 _BLOCK_BYTES = 1 << 18
 
@@ -123,5 +124,5 @@ def crc32_of(source: ByteSource, start: int, stop: int) -> int:
     """Compute the CRC-32 of the bytes ``[start, stop)``, a block at a time."""
     crc = 0
     for offset in range(start, stop, _BLOCK_BYTES):
-        crc = zlib.crc32(source.read_at(offset, min(_BLOCK_BYTES, stop - offset)), crc)
+        crc = zlib_ng.crc32(source.read_at(offset, min(_BLOCK_BYTES, stop - offset)), crc)
     return crc

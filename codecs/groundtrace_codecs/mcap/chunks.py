@@ -8,13 +8,13 @@ themselves.
 from __future__ import annotations
 
 import struct
-import zlib
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import lz4.frame
 import zstandard
+from zlib_ng import zlib_ng
 
 from groundtrace_codecs.mcap.records import (
     CHANNEL,
@@ -235,7 +235,7 @@ class ChunkReader:
         if len(records) != size:
             raise MalformedError(f"expected {size} uncompressed bytes, found {len(records)}")
         # A CRC of 0 means that the writer kept none (MCAP specification, "Chunk").
-        if crc and (found := zlib.crc32(records)) != crc:
+        if crc and (found := zlib_ng.crc32(records)) != crc:
             raise MalformedError(f"expected chunk CRC 0x{crc:08x}, found 0x{found:08x}")
         return records
 

@@ -60,8 +60,6 @@ def _before_others(run: MessageTable, start: int, heap: list[_Run]) -> int:
     if not heap:
         return len(run)
     key = heap[0][0]
-    # Interleaved chunks change place every few messages: search near the start first.
-    stop = start + 1
-    while stop < len(run) and replay_order(run[stop]) < key:
-        stop = min(len(run), start + 2 * (stop - start))
-    return bisect_left(run, key, start + 1, stop, key=replay_order)
+    # by time first, then among those of one time
+    low = max(run.before(key[0]), start + 1)
+    return bisect_left(run, key, low, max(run.before(key[0] + 1), low), key=replay_order)

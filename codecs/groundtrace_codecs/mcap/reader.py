@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import zlib
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from zlib_ng import zlib_ng
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.mcap.ahead import Ahead
@@ -222,7 +222,7 @@ class McapFile:
             checked = record[: fields.position]
             (crc,) = fields.unpack(U32)
             # As with chunks, 0 means that the writer kept none.
-            if crc and (found := zlib.crc32(checked)) != crc:
+            if crc and (found := zlib_ng.crc32(checked)) != crc:
                 raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{found:08x}")
         except MalformedError as error:
             raise FormatError(f"{self.name}: attachment {ref.name!r}: {error}") from error
