@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from functools import cache
+from math import prod
 from sys import intern
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,7 @@ from .schemas.protobuf import get_time, message_class, parse, set_time
 from .traffic import traffic_event
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from numpy.typing import NDArray
 
@@ -163,7 +164,7 @@ def _single(event: SingleEvent) -> Encoded:
 
 
 def _column(data: bytes, dtype: str, shape: tuple[int, ...], place: str) -> NDArray[Any]:
-    expected = int(np.prod(shape, dtype=object)) * np.dtype(dtype).itemsize
+    expected = prod(shape) * np.dtype(dtype).itemsize
     if len(data) != expected:
         raise SchemaError(f"{place}: expected {expected} bytes, found {len(data)}")
     return np.frombuffer(data, dtype).reshape(shape)
@@ -263,10 +264,13 @@ def _covariance(message: Any, place: str) -> tuple[float, float, float]:
     return found
 
 
-def events_of(file: McapFile, *, blocks: bool = True) -> Iterator[Event]:
+def events_of(
+    file: McapFile, *, blocks: bool = True, only: Collection[str] | None = None
+) -> Iterator[Event]:
     """Yield the stages of a results file, then its events in order of log time.
 
-    Without ``blocks`` candidates and decision functions, which are most of a file, are left out.
+    Without ``blocks`` candidates and decision functions, which are most of a file, are left out;
+    with ``only`` all messages of other names.
 
     Raises
     ------
@@ -274,7 +278,9 @@ def events_of(file: McapFile, *, blocks: bool = True) -> Iterator[Event]:
         Where a message is not what its channel says.
     """
     decoders = {
-        i: decoder for i in sorted(file.channels) if (decoder := _decoder(file, i)) is not None
+        i: decoder
+        for i in sorted(file.channels)
+        if (decoder := _decoder(file, i, only)) is not None
     }
     specs = (spec for spec, _ in decoders.values() if spec is not None)
     yield from dict.fromkeys(specs)
@@ -284,13 +290,13 @@ def events_of(file: McapFile, *, blocks: bool = True) -> Iterator[Event]:
 
 
 def _decoder(
-    file: McapFile, channel_id: int
+    file: McapFile, channel_id: int, only: Collection[str] | None
 ) -> tuple[StageSpec | None, Callable[[bytes | memoryview], Event]] | None:
     channel = file.channels[channel_id]
     schema = file.schemas.get(channel.schema_id)
     package, _, name = schema.name.partition(".") if schema is not None else ("", "", "")
     place = f"{file.name}: {channel.topic}"
-    if package != "groundtrace":
+    if package != "groundtrace" or (only is not None and name not in only):
         return None
     if name in {"CandidateBlock", "TraceBlock"}:
         spec = spec_from_json(channel.metadata.get(SPEC_KEY, ""), place)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -14,14 +13,13 @@ from groundtrace_codecs.mcap.ahead import Ahead
 from groundtrace_codecs.mcap.chunks import (
     ChunkEntry,
     ChunkReader,
-    MisplacedError,
 )
 from groundtrace_codecs.mcap.index import FileIndex, load_index
+from groundtrace_codecs.mcap.loading import ChunkLoader
 from groundtrace_codecs.mcap.merge import merge
 from groundtrace_codecs.mcap.message_index import indexed_messages
 from groundtrace_codecs.mcap.records import (
     ATTACHMENT,
-    RECORD_HEAD,
     U32,
     AttachmentRef,
     ChannelRecord,
@@ -35,7 +33,7 @@ from groundtrace_codecs.mcap.records import (
     read_record,
 )
 from groundtrace_codecs.mcap.remote import open_bytes
-from groundtrace_codecs.mcap.scan import ANY_TIME, front_scan
+from groundtrace_codecs.mcap.scan import ANY_TIME
 from groundtrace_codecs.mcap.scanned import stray_reason
 from groundtrace_codecs.mcap.table import MessageTable
 
@@ -119,7 +117,7 @@ class McapFile:
         self._chunks = index.chunks
         self._strict = strict
         self._damage: dict[tuple[int, str], Damage] = {}
-        self._scanned: tuple[ChunkEntry, ...] | None = None
+        self._loader = ChunkLoader(source, index.chunks, self._note)
         for damage in index.damage:
             self._note(damage)
 
@@ -250,7 +248,7 @@ class McapFile:
         try:
             records = ahead.records(entry)
             if records is None:
-                records = self._records(part.reader, entry)
+                records = self._loader.records(part.reader, entry)
             found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
             lost = indexed_messages(self._source, entry.offset + entry.length).messages
@@ -259,34 +257,6 @@ class McapFile:
         if strays:
             self._lost(entry, strays, stray_reason(entry))
         return part.in_whole(found)
-
-    def _records(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
-        """Give the records of a chunk, by its own fields if only its opcode or length is wrong.
-
-        If it is not where the index says, a front scan looks for it.
-        """
-        try:
-            return reader.records(entry)
-        except MisplacedError:
-            with suppress(MalformedError):
-                return self._mended(reader, entry)
-            for other in self._unindexed_chunks():
-                if (other.start_ns, other.end_ns) == (entry.start_ns, entry.end_ns):
-                    return reader.records(other)
-            raise
-
-    def _mended(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
-        records = reader.mended(entry)
-        reason = reader.head_fault(entry)
-        self._note(Damage(entry.offset, RECORD_HEAD.size, None, None, 0, reason))
-        return records
-
-    def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:
-        if self._scanned is None:
-            known = {chunk.offset for chunk in self._chunks}
-            found = front_scan(self._source)[0].chunks
-            self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
-        return self._scanned
 
     def _in_time(self, entry: ChunkEntry, found: MessageTable, floor_ns: int) -> MessageTable:
         """Leave out what would go back in time because the chunk states too late a start."""
