@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from operator import itemgetter
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from .annotations import annotations_of
+from .batches import batches
 from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
@@ -19,7 +20,7 @@ from .readable import readable
 from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator
     from types import TracebackType
 
     from .annotations import Annotation
@@ -33,8 +34,6 @@ SITE_NAME = "site.json"
 BATCH_NS = NS_PER_S // 4
 #: How much later or earlier than seen at its start a channel may be logged after its samples.
 SLACK_NS = 2 * NS_PER_S
-
-_first = itemgetter(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,27 +242,15 @@ class Recording:
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield decoded blocks by log time, one batch after the other."""
-        pending: list[MessageTable] = []
-        batch, batch_ns = None, joined_ns or BATCH_NS
-        for table in self.file.tables(readers.keys(), low_ns, high_ns):
-            for number, part in _batches(table, batch_ns):
-                if number != batch:
-                    yield from self._in_order(readers, pending, joined=joined_ns > 0)
-                    pending, batch = [], number
-                pending.append(part)
-        yield from self._in_order(readers, pending, joined=joined_ns > 0)
-
-    def _in_order(
-        self, readers: dict[int, ChannelReader], tables: Sequence[MessageTable], *, joined: bool
-    ) -> list[Stamped]:
-        # The sort is stable: blocks of one log time stay in the order of their channels' ids.
-        parts = sorted((own for table in tables for own in _by_channel(table)), key=_first)
-        blocks = [
-            b
-            for i, part in parts
-            for b in readable(readers[i], part, self._leave_out, joined=joined)
-        ]
-        return sorted(blocks, key=lambda stamped: stamped.log_ns)
+        tables = self.file.tables(readers.keys(), low_ns, high_ns)
+        for batch in batches(tables, joined_ns or BATCH_NS):
+            blocks = [
+                stamped
+                for i, messages in batch
+                for stamped in readable(readers[i], messages, self._leave_out, joined=joined_ns > 0)
+            ]
+            # The sort is stable: blocks of one log time stay in the order of their channels' ids.
+            yield from sorted(blocks, key=attrgetter("log_ns"))
 
     def _leave_out(self, message: Message, error: CodecError) -> None:
         if self._strict:
@@ -271,22 +258,6 @@ class Recording:
         at = message.log_time
         key = (message.channel_id, message.sequence, at)
         self._left_out[key] = Damage(0, len(message.data), at, at, 1, str(error))
-
-
-def _batches(table: MessageTable, batch_ns: int) -> Iterator[tuple[int, MessageTable]]:
-    """Cut a table at multiples of ``batch_ns`` of log time; yield each part and its number."""
-    done = 0
-    while done < len(table):
-        number = int(table.rows["log_time"][done]) // batch_ns
-        stop = table.before((number + 1) * batch_ns)
-        yield number, table[done:stop]
-        done = stop
-
-
-def _by_channel(table: MessageTable) -> Iterator[tuple[int, MessageTable]]:
-    """Yield the messages of each channel, by its id."""
-    for channel_id in table.channel_ids():
-        yield channel_id, table.of_channels([channel_id])
 
 
 def _geometry(file: McapFile) -> Geometry | None:

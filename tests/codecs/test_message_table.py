@@ -48,10 +48,15 @@ def test_a_table_is_its_messages(given: list[Message], time_ns: int) -> None:
     assert list(table.between(2, time_ns)) == [m for m in given if 2 <= m.log_time < time_ns]
     assert table.channel_ids() == sorted({m.channel_id for m in given})
     assert list(table.of_channels([1, 3])) == [m for m in given if m.channel_id in (1, 3)]
-    sized = {
-        i: p.tobytes() for rows, part in table.by_size() for i, p in zip(rows, part, strict=True)
-    }
-    assert sized == {i: m.data for i, m in enumerate(given)}
+    both = MessageTable.joined([table[:2], MessageTable.of(given[2:])])
+    assert list(both) == given
+    for whole in (table, both):
+        sized = {
+            i: data.tobytes()
+            for rows, part in whole.by_size()
+            for i, data in zip(rows, part, strict=True)
+        }
+        assert sized == {i: m.data for i, m in enumerate(given)}
 
 
 def outcome(data: bytes | memoryview, length: int) -> str:

@@ -73,7 +73,7 @@ class _Part:
         rows = found.rows.copy()
         own, places = np.unique(rows["channel_id"], return_inverse=True)
         rows["channel_id"] = np.array([ids[i] for i in own.tolist()])[places]
-        return MessageTable(found.data, rows).in_order()
+        return MessageTable(found.pieces, rows).in_order()
 
 
 class McapFile:

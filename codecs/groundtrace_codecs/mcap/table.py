@@ -32,6 +32,7 @@ _ROW: Final = np.dtype(
         ("sequence", "<i8"),
         ("log_time", "<u8"),
         ("publish_time", "<u8"),
+        ("piece", "<i8"),
         ("start", "<i8"),
         ("length", "<i8"),
     ]
@@ -41,20 +42,20 @@ _LATEST_NS: Final = (1 << 64) - 1
 
 
 class MessageTable(Sequence[Message]):
-    """Messages that lie in one piece of memory, in the order of a replay.
+    """Messages in the order of a replay, wherever their payloads lie.
 
     Parameters
     ----------
-    data
-        Where their payloads lie.
+    pieces
+        Memory that their payloads lie in: of a chunk one, of a part of a recording a few.
     rows
-        One per message: its fields, and where its payload starts and how long it is.
+        One per message: its fields, and in which piece its payload starts, where, and its length.
     """
 
-    __slots__ = ("data", "rows")
+    __slots__ = ("pieces", "rows")
 
-    def __init__(self, data: memoryview, rows: NDArray[np.void]) -> None:
-        self.data = data
+    def __init__(self, pieces: tuple[memoryview, ...], rows: NDArray[np.void]) -> None:
+        self.pieces = pieces
         self.rows = rows
 
     @classmethod
@@ -64,9 +65,10 @@ class MessageTable(Sequence[Message]):
         rows = np.empty(len(places), _ROW)
         for name in _COPIED:
             rows[name] = heads[name]
+        rows["piece"] = 0
         rows["start"] = places + _HEAD.itemsize
         rows["length"] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
-        return cls(records, rows)
+        return cls((records,), rows)
 
     @classmethod
     def of(cls, messages: Iterable[Message]) -> Self:
@@ -76,13 +78,25 @@ class MessageTable(Sequence[Message]):
         rows = np.empty(len(listed), _ROW)
         for column, name in enumerate(_COPIED):
             rows[name] = [m[column] for m in listed]
-        rows["start"], rows["length"] = np.cumsum(sizes) - sizes, sizes
-        return cls(memoryview(b"".join(m.data for m in listed)), rows)
+        rows["piece"], rows["start"], rows["length"] = 0, np.cumsum(sizes) - sizes, sizes
+        return cls((memoryview(b"".join(m.data for m in listed)),), rows)
+
+    @classmethod
+    def joined(cls, tables: Sequence[MessageTable]) -> MessageTable:
+        """Return the messages of several tables, one table after the other."""
+        if len(tables) == 1:
+            return tables[0]
+        rows = np.concatenate([table.rows for table in tables])
+        first, done = 0, 0
+        for table in tables:
+            rows["piece"][done : done + len(table)] += first
+            first, done = first + len(table.pieces), done + len(table)
+        return cls(tuple(piece for table in tables for piece in table.pieces), rows)
 
     @classmethod
     def none(cls) -> Self:
         """Return no messages."""
-        return cls(memoryview(b""), np.empty(0, _ROW))
+        return cls((), np.empty(0, _ROW))
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -95,23 +109,22 @@ class MessageTable(Sequence[Message]):
 
     def __getitem__(self, index: int | slice) -> Message | MessageTable:
         if isinstance(index, slice):
-            return MessageTable(self.data, self.rows[index])
-        channel_id, sequence, log_time, publish_time, start, length = self.rows[index].item()
-        data = self.data[start : start + length]
-        return Message(channel_id, sequence, log_time, publish_time, data)
+            return MessageTable(self.pieces, self.rows[index])
+        (message,) = MessageTable(self.pieces, self.rows.take([index]))
+        return message
 
     def __iter__(self) -> Iterator[Message]:
-        make, data = tuple.__new__, self.data
-        for channel_id, sequence, log_time, publish_time, start, length in self.rows.tolist():
-            payload = data[start : start + length]
-            yield make(Message, (channel_id, sequence, log_time, publish_time, payload))
+        make, pieces = tuple.__new__, self.pieces
+        for channel_id, sequence, log_ns, publish_ns, piece, start, length in self.rows.tolist():
+            payload = pieces[piece][start : start + length]
+            yield make(Message, (channel_id, sequence, log_ns, publish_ns, payload))
 
     def where(self, which: NDArray[np.bool_]) -> MessageTable:
         """Return the messages that a mask chooses."""
         if which.all():
             return self
         # a structured array is indexed field by field, but taken row by row
-        return MessageTable(self.data, self.rows.take(np.flatnonzero(which)))
+        return MessageTable(self.pieces, self.rows.take(np.flatnonzero(which)))
 
     def channel_ids(self) -> list[int]:
         """Return the channels that have messages here, in order."""
@@ -148,11 +161,21 @@ class MessageTable(Sequence[Message]):
             right = (key[1:] > key[:-1]) | ((key[1:] == key[:-1]) & right)
         if right.all():
             return self
-        return MessageTable(self.data, self.rows.take(np.lexsort(keys)))
+        return MessageTable(self.pieces, self.rows.take(np.lexsort(keys)))
 
     def by_size(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void]]]:
         """Yield the payloads of one size together: their places in the table, and their bytes."""
         lengths = self.rows["length"]
         for size in np.unique(lengths).tolist():
             same = np.flatnonzero(lengths == size)
-            yield same, copied(self.data, self.rows["start"][same], size)
+            yield same, self._payloads(self.rows.take(same), size)
+
+    def _payloads(self, rows: NDArray[np.void], size: int) -> NDArray[np.void]:
+        """Copy the payloads of some rows, all of one size."""
+        if len(self.pieces) == 1:
+            return copied(self.pieces[0], rows["start"], size)
+        found = np.empty(len(rows), f"V{size}")
+        for number, piece in enumerate(self.pieces):
+            here = rows["piece"] == number
+            found[here] = copied(piece, rows["start"][here], size)
+        return found
