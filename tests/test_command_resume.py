@@ -33,6 +33,9 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
     monkeypatch.setenv("APPDATA", str(tmp_path / "settings"))
+    # replays rest between blocks, which are longer than what is replayed here
+    monkeypatch.setattr("groundtrace.source.BLOCK_SAMPLES", 50)
+    monkeypatch.setattr("groundtrace.source.ALONE_BLOCK_S", 1.0)
 
 
 @pytest.fixture
@@ -125,8 +128,10 @@ def test_partial_results_say_so_and_are_scored_up_to_the_stop(
 def test_a_replay_that_is_killed_goes_on_from_its_last_checkpoint(capsys: Capture) -> None:
     code = """
 import os, sys
+import groundtrace.source
 from groundtrace.commands import main
 from groundtrace.resumable import Keeper
+groundtrace.source.BLOCK_SAMPLES = 50
 keep, kept = Keeper.keep, []
 def rest(self):
     if self.source.reached_ns > 1_767_603_606_000_000_000:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,9 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .gates import Candidates, decided_block, gate_specs
 from .heading.aligned import PATIENCE_NS, QUANTITIES, Aligner, columns_of_axes
+from .heading.api import HeadingFrames
 from .heading.disturbed_spans import DisturbedSpans
+from .rounds import Rounds
 from .stage import PluginStage
 
 if TYPE_CHECKING:
@@ -66,40 +67,52 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         super().__init__(name, plugin, kind, parameters, topics)
         self._runs: dict[str, _Run] = {}
         self._early: dict[str, list[SignalBlock]] = {}
+        self._rounds = Rounds("angular_velocity")
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
-        """Feed a block to its sensor's filter, or end a run at a gap."""
-        if isinstance(item, Gap):
-            yield from self._interrupted(item)
-        elif isinstance(item, SignalBlock) and len(item) and self._wanted(item.stream):
-            sensor = item.stream.placement
-            if sensor not in self._runs and not columns_of_axes(item.stream, "angular_velocity"):
-                kept = self._early.setdefault(sensor, [])
-                kept.append(item)
-                while kept[0].last_ns < item.start_ns - PATIENCE_NS:
-                    kept.pop(0)
-                return
-            if sensor not in self._runs:
-                self._runs[sensor] = self._begin(item.stream)
-                yield self._runs[sensor].spec
-                for early in self._early.pop(sensor, []):
-                    self._runs[sensor].aligner.hear(early)
-            run = self._runs[sensor]
-            run.aligner.hear(item)
-            yield from self._frames(run, run.method.add(run.aligner.take()))
+        """Feed blocks to their sensors' filters, or end a run at a gap."""
+        wanted = isinstance(item, SignalBlock) and len(item) and self._wanted(item.stream)
+        if isinstance(item, Gap) or (isinstance(item, SignalBlock) and wanted):
+            yield from self._take(self._rounds.add(item))
 
     def flush(self) -> Iterator[Event]:
         """End all runs."""
+        yield from self._take(self._rounds.finish())
         for run in self._runs.values():
             yield from self._finish(run)
 
     def save(self) -> Any:
         """Return a copy of everything that crosses blocks."""
-        return copy.deepcopy((self._runs, self._early))
+        return copy.deepcopy((self._runs, self._early, self._rounds))
 
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
-        self._runs, self._early = copy.deepcopy(saved)
+        self._runs, self._early, self._rounds = copy.deepcopy(saved)
+
+    def _take(self, items: Sequence[SignalBlock | Gap]) -> Iterator[Event]:
+        """Take a round of all streams."""
+        for item in items:
+            if isinstance(item, Gap):
+                yield from self._interrupted(item)
+            else:
+                yield from self._hear(item)
+        for sensor, kept in self._early.items():
+            oldest_ns = kept[-1].start_ns - PATIENCE_NS
+            self._early[sensor] = [block for block in kept if block.last_ns >= oldest_ns]
+
+    def _hear(self, block: SignalBlock) -> Iterator[Event]:
+        sensor = block.stream.placement
+        if sensor not in self._runs and not columns_of_axes(block.stream, "angular_velocity"):
+            self._early.setdefault(sensor, []).append(block)
+            return
+        if sensor not in self._runs:
+            self._runs[sensor] = self._begin(block.stream)
+            yield self._runs[sensor].spec
+            for early in self._early.pop(sensor, []):
+                self._runs[sensor].aligner.hear(early)
+        run = self._runs[sensor]
+        run.aligner.hear(block)
+        yield from self._frames(run, run.method.add(run.aligner.take()))
 
     def _wanted(self, stream: Stream) -> bool:
         allowed = self.allowed(stream.topic)
@@ -131,39 +144,55 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         yield from self._frames(run, frames)
         yield from run.spans.finish()
 
-    def _frames(self, run: _Run, frames: Sequence[HeadingFrame]) -> Iterator[Event]:
+    def _frames(self, run: _Run, given: Sequence[HeadingFrame]) -> Iterator[Event]:
         """Yield what frames say: the tests of the field, disturbances, headings, notes."""
-        tested = [frame for frame in frames if frame.compass]
-        if tested:
+        if not given:
+            return
+        frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
+        tested = np.flatnonzero(frames.compass)
+        if len(tested):
             found = Candidates(
-                np.array([frame.time_ns[0] for frame in tested], np.int64),
+                frames.time_ns[frames.first[tested]],
                 np.zeros(len(tested), np.int32),
-                np.array([frame.values for frame in tested], np.float32),
+                frames.values[tested].astype(np.float32),
             )
             yield decided_block(run.spec, found, run.method, self.parameters)[0]
-        for frame in frames:
-            start_ns, end_ns = int(frame.time_ns[0]), int(frame.time_ns[-1] + run.period_ns)
-            off = float(frame.values[0]) if frame.compass else math.nan
-            disturbed = frame.compass and not frame.undisturbed
-            yield from run.spans.add(start_ns, end_ns, off, disturbed=disturbed)
-            yield from self._headings(run, frame)
+        yield from self._disturbances(run, frames)
+        yield from self._headings(run, frames)
         yield from self._notes(run, frames)
 
-    def _headings(self, run: _Run, frame: HeadingFrame) -> Iterator[Heading]:
-        """Yield the headings of a frame that are due."""
-        every_ns = max(NS_PER_S / self.parameters.output_hz, run.period_ns)
-        for time_ns, heading in zip(
-            frame.time_ns.tolist(), frame.heading_rad.tolist(), strict=True
+    def _disturbances(self, run: _Run, frames: HeadingFrames) -> Iterator[Event]:
+        """Yield the disturbances that are over."""
+        disturbed = frames.compass & ~frames.undisturbed
+        if not (disturbed.any() or run.spans.under_way):
+            return
+        starts_ns = frames.time_ns[frames.first[:-1]].tolist()
+        ends_ns = (frames.time_ns[frames.first[1:] - 1] + run.period_ns).astype(np.int64).tolist()
+        offs = np.where(frames.compass, frames.values[:, 0], np.nan).tolist()
+        for start_ns, end_ns, off, bad in zip(
+            starts_ns, ends_ns, offs, disturbed.tolist(), strict=True
         ):
-            if run.due_ns is None or time_ns >= run.due_ns - run.period_ns / 2:
-                yield Heading(time_ns, heading, frame.sigma_rad, self.name)
-                passed = 0 if run.due_ns is None else run.due_ns
-                run.due_ns = round(max(passed, time_ns - every_ns / 2) + every_ns)
+            yield from run.spans.add(start_ns, end_ns, off, disturbed=bad)
 
-    def _notes(self, run: _Run, frames: Sequence[HeadingFrame]) -> Iterator[Note]:
+    def _headings(self, run: _Run, frames: HeadingFrames) -> Iterator[Heading]:
+        """Yield the headings that are due."""
+        # compiled functions are not imported where pipelines are only listed
+        from .heading.frame_kernels import due_places
+
+        every_ns = max(NS_PER_S / self.parameters.output_hz, run.period_ns)
+        due_ns = -1 if run.due_ns is None else run.due_ns
+        due, run.due_ns = due_places(frames.time_ns, due_ns, every_ns, run.period_ns)
+        sigma = np.repeat(frames.sigma_rad, frames.lengths)[due]
+        columns = (frames.time_ns[due], frames.heading_rad[due], sigma)
+        name = self.name
+        for time_ns, heading, sigma_rad in zip(*(x.tolist() for x in columns), strict=True):
+            yield Heading(time_ns, heading, sigma_rad, name)
+
+    def _notes(self, run: _Run, frames: HeadingFrames) -> Iterator[Note]:
         """Yield what a person should know, each once."""
-        for frame in frames:
-            for text in frame.notes:
+        for place, texts in frames.notes.items():
+            for text in texts:
                 if text not in run.told:
                     run.told |= {text}
-                    yield Note(int(frame.time_ns[-1]), f"{run.topic}: {text}", "INFO", self.name)
+                    time_ns = int(frames.time_ns[frames.first[place + 1] - 1])
+                    yield Note(time_ns, f"{run.topic}: {text}", "INFO", self.name)

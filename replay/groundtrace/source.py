@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     #: What makes runs of each topic's blocks.
     Trackers = dict[str, UniformRuns | IrregularRuns]
 
-#: Length to which unpaced blocks are joined [s].
-BLOCK_S = 0.5
-#: The same where there is one stream alone, whose blocks wait for no other's [s].
-ALONE_BLOCK_S = 1.0
+#: Samples of the fastest stream that unpaced blocks are joined to: what a block costs, whatever its
+#: length, then hardly counts.
+BLOCK_SAMPLES = 3000
+#: Shortest such block, also where one stream is alone and waits for no other, and longest one [s].
+BLOCK_S, ALONE_BLOCK_S, LONGEST_BLOCK_S = 0.5, 2.0, 30.0
 #: Shortest time between two places where a replay may be broken off [ns of log time].
 REST_NS = BATCH_NS
 #: Longest gap that is filled instead of ending the run [s].
@@ -32,7 +33,10 @@ BRIDGE_S = 0.1
 
 def block_length_s(streams: Sequence[Stream]) -> float:
     """Return the length to which unpaced blocks of these streams are joined [s]."""
-    return ALONE_BLOCK_S if len(streams) == 1 else BLOCK_S
+    shortest_s = ALONE_BLOCK_S if len(streams) == 1 else BLOCK_S
+    fastest_hz = max((s.rate_hz for s in streams), default=1.0)
+    rests = BLOCK_SAMPLES / fastest_hz * NS_PER_S // REST_NS
+    return min(max(rests * REST_NS / NS_PER_S, shortest_s), LONGEST_BLOCK_S)
 
 
 class Readable(Protocol):

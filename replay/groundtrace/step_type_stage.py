@@ -11,7 +11,7 @@ import numpy as np
 from groundtrace_codecs.events import Gap, Note, StageSpec, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
-from .gates import Carry, decided_block, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs
 from .stage import PluginStage
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class StepTypeStage(PluginStage["StepTypes"]):
                     self._sources.add(topic)
             case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
                 if topic in self._sources:
-                    yield from self._step(item)
+                    self._step(item)
             case SignalBlock() if len(item) and item.topic in self._sources:
                 yield from self._hear(item)
             case Gap(bridged=False, topic=topic) if topic in self._runs:
@@ -92,13 +92,13 @@ class StepTypeStage(PluginStage["StepTypes"]):
         """Go on from what :meth:`save` returned."""
         self._sources, self._early, self._runs = copy.deepcopy(saved)
 
-    def _step(self, step: StepEvent) -> Iterator[Event]:
+    def _step(self, step: StepEvent) -> None:
+        """Remember a step until the block comes that it was found in."""
         run = self._runs.get(step.topic)
         if run is None:
             self._early.setdefault(step.topic, []).append(step)
         elif run.follower is not None:
             run.follower.step(step)
-            yield from self._told(run)
 
     def _hear(self, block: SignalBlock) -> Iterator[Event]:
         run = self._runs.get(block.topic)
@@ -141,12 +141,17 @@ class StepTypeStage(PluginStage["StepTypes"]):
             run.carry = Carry()
 
     def _told(self, run: _Run, *, final: bool = False) -> Iterator[Event]:
-        if run.follower is None:
+        told = [] if run.follower is None else list(run.follower.told(final=final))
+        if not told:
             return
-        for step, found in run.follower.told(final=final):
-            block, run.carry = decided_block(run.spec, found, self.kind, self.parameters, run.carry)
-            yield block
-            for row in np.flatnonzero(block.accepted)[:1]:
+        found = Candidates.concatenate([candidates for _, candidates in told])
+        block, run.carry = decided_block(run.spec, found, self.kind, self.parameters, run.carry)
+        yield block
+        last = -1
+        for row in np.flatnonzero(block.accepted).tolist():
+            place = row // len(run.spec.channels)
+            if place > last:
                 name = run.spec.channels[int(block.channel[row])]
                 value = float(block.value[row, 0])
-                yield replace(step, stage=self.name, type=name, value=value)
+                yield replace(told[place][0], stage=self.name, type=name, value=value)
+            last = place

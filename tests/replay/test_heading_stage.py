@@ -132,4 +132,6 @@ def test_a_stage_saved_and_restored_goes_on(recipe: str) -> None:
     first = [e for item in items[:11] for e in one.process(item)]
     other.stages[0].restore(one.stages[0].save())
     events = first + said(items[11:], other)
-    assert of(events, Heading) == of(said(items, build_pipeline(config)), Heading)
+    whole = said(items, build_pipeline(config))
+    # as text: no deviation is known to vqf, and NaN differs from itself
+    assert list(map(repr, of(events, Heading))) == list(map(repr, of(whole, Heading)))

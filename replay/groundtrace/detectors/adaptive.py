@@ -25,7 +25,7 @@ from ..detector import Curve, Emits, Measured, joined
 from ..gates import Candidates, Level
 from ..parameters import gate, measured
 from .adaptive_band import Followed, StepBand
-from .adaptive_peaks import Peak, Peaks
+from .adaptive_peaks import Peaks
 from .even_grid import GRID_HZ, Kept
 from .frames import FrameTrace, trace_of
 from .rhythm import Scale
@@ -137,7 +137,7 @@ class AdaptiveDetector:
         self._wait(part)
         ends = state.band(part.up), state.band.finish()
         followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        found = [*state.peaks(followed), *state.peaks.finish()]
+        found = np.concatenate([state.peaks(followed), state.peaks.finish()])
         whole = self._measured(followed, found)
         return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.finish()))
 
@@ -151,7 +151,7 @@ class AdaptiveDetector:
         state.times.add(since)
         state.waiting.add(np.concatenate([since, part.recorded]))
 
-    def _measured(self, followed: Followed, found: list[Peak]) -> Measured:
+    def _measured(self, followed: Followed, found: NDArray[np.float64]) -> Measured:
         return Measured(self._candidates(found), self._frames(followed.band))
 
     def _frames(self, band: NDArray[np.float64]) -> Frames:
@@ -164,16 +164,16 @@ class AdaptiveDetector:
         z, norm = band[None, :], norm[None, :]
         return state.trace.add(times, z, np.abs(z), z * z, norm, norm)
 
-    def _candidates(self, found: list[Peak]) -> Candidates:
+    def _candidates(self, found: NDArray[np.float64]) -> Candidates:
         state = self.state
-        if not found:
+        if not len(found):
             return Candidates.empty(len(self.columns))
-        places = np.array([peak.place for peak in found]) - state.times.first
+        places = found[:, 0] - state.times.first
         since = state.times.values[0]
         time_ns = np.interp(places, np.arange(len(since)), since)
-        state.times.forget_before(int(found[-1].place) - 1)
+        state.times.forget_before(int(found[-1, 0]) - 1)
         return Candidates(
             np.rint(time_ns).astype(np.int64) + (state.start_ns or 0),
             np.zeros(len(found), np.int32),
-            np.array([peak[1:] for peak in found], np.float32),
+            found[:, 1:].astype(np.float32),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,8 +10,6 @@ from .even_grid import GRID_HZ, Kept
 from .rhythm import PERIODS_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from .adaptive_band import Followed
@@ -29,34 +27,11 @@ _BACK = round(_VALLEY_STEPS * PERIODS_S[1] * GRID_HZ) + 1
 _RISE_NEAR_S, _RISE_STEPS = 0.1, 0.6
 
 
-class Peak(NamedTuple):
-    """One local maximum of the band.
-
-    Attributes
-    ----------
-    place
-        Where its step is timed [points of the grid since the start of the run].
-    height
-        The band's value [m/s2].
-    swing
-        Rise from the valley before [m/s2].
-    share
-        The same as a part of the swing that is usual in the rhythm around it; 0 without a rhythm.
-    dominance
-        Time to the nearest higher value, in step times; at most 1.
-    rhythm
-        Strength of the rhythm around it.
-    step_s
-        Step time around it [s].
-    """
-
-    place: float
-    height: float
-    swing: float
-    share: float
-    dominance: float
-    rhythm: float
-    step_s: float
+#: Columns of what is measured of a peak: where its step is timed [points of the grid since the
+#: start of the run]; the band's value and its rise from the valley before [m/s2]; the same as a
+#: part of the swing that is usual in the rhythm around it, 0 without a rhythm; time to the nearest
+#: higher value, in step times, at most 1; strength of the rhythm and step time [s] around it.
+COLUMNS = ("place", "height", "swing", "share", "dominance", "rhythm", "step_s")
 
 
 class Peaks:
@@ -77,78 +52,34 @@ class Peaks:
         self._next = 1  # a maximum has a neighbour on either side
         self._last = 0.0  # place of the peak before
 
-    def __call__(self, followed: Followed) -> list[Peak]:
-        """Take points; return the peaks whose surroundings are complete."""
+    def __call__(self, followed: Followed) -> NDArray[np.float64]:
+        """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
         self._kept.add(np.stack(followed))
-        found = list(self._until(self._kept.end - _AHEAD))
+        found = self._until(self._kept.end - _AHEAD)
         self._kept.forget_before(self._next - _BACK)
         return found
 
-    def finish(self) -> list[Peak]:
+    def finish(self) -> NDArray[np.float64]:
         """Return the peaks that waited; a maximum at the very end is not one."""
-        return list(self._until(self._kept.end - 1))
+        return self._until(self._kept.end - 1)
 
-    def _until(self, end: int) -> Iterator[Peak]:
+    def _until(self, end: int) -> NDArray[np.float64]:
+        # compiled functions are not imported where pipelines are only listed
+        from .peak_kernels import peaks
+
         if end <= self._next:
-            return
-        band = self._kept.between(self._next - 1, end + 1)[0]
-        higher = (band[1:-1] > band[:-2]) & (band[1:-1] >= band[2:]) & (band[1:-1] > self.floor)
-        for index in np.flatnonzero(higher).tolist():
-            yield self._measured(self._next + index)
-        self._next = end
-
-    def _measured(self, at: int) -> Peak:
-        here = at - self._kept.first
-        band, rise, rhythm, step, usual = self._kept.values
-        step_s = float(step[here])
-        back = int(_VALLEY_STEPS * step_s * GRID_HZ)
-        swing = float(band[here] - band[max(0, here - back) : here + 1].min())
-        offset = (
-            _vertex(band[here - 1 : here + 2])
-            if not self.rise
-            else (self._risen(rise, here, step_s) - here)
-        )
-        self._last = max(self._last, at + offset)
-        return Peak(
+            return np.empty((0, len(COLUMNS)))
+        span, self._next = (self._next, end), end
+        found = peaks(
+            self._kept.contiguous(),
+            self._kept.first,
+            span,
             self._last,
-            float(band[here]),
-            swing,
-            swing / float(usual[here]) if usual[here] > 0 else 0.0,
-            _dominance(band, here, step_s),
-            float(rhythm[here]),
-            step_s,
+            self.floor,
+            self.rise,
+            GRID_HZ,
+            round(_RISE_NEAR_S * GRID_HZ),
+            (_VALLEY_STEPS, _RISE_STEPS, REACH_STEPS),
         )
-
-    def _risen(self, signal: NDArray[np.float64], here: int, step_s: float) -> float:
-        """Return where the signal reaches the given part of its rise to the peak at ``here``."""
-        near = round(_RISE_NEAR_S * GRID_HZ)
-        start = max(0, here - near)
-        top = start + int(np.argmax(signal[start : here + near + 1]))
-        start = max(0, top - round(_RISE_STEPS * step_s * GRID_HZ))
-        low = start + int(np.argmin(signal[start : top + 1]))
-        level = signal[low] + self.rise * (signal[top] - signal[low])
-        if not level > signal[low]:
-            return float(top)
-        before = low + int(np.flatnonzero(signal[low:top] <= level)[-1])
-        if signal[before + 1] <= signal[before]:
-            return float(top)
-        return before + float((level - signal[before]) / (signal[before + 1] - signal[before]))
-
-
-def _vertex(three: NDArray[np.float64]) -> float:
-    """Return where the parabola through three values has its vertex, from the middle one."""
-    before, middle, after = map(float, three)
-    return 0.5 * (before - after) / (before - 2 * middle + after)
-
-
-def _dominance(band: NDArray[np.float64], here: int, step_s: float) -> float:
-    reach = int(REACH_STEPS * step_s * GRID_HZ)
-    start = max(0, here - reach)
-    before = np.flatnonzero(band[start:here] >= band[here])
-    after = np.flatnonzero(band[here + 1 : here + reach + 1] > band[here])
-    apart = [float(REACH_STEPS)]
-    if len(before):
-        apart.append((here - start - int(before[-1])) / GRID_HZ / step_s)
-    if len(after):
-        apart.append((int(after[0]) + 1) / GRID_HZ / step_s)
-    return min(apart)
+        self._last = float(found[-1, 0]) if len(found) else self._last
+        return found

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
 
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -26,8 +25,6 @@ _HALF_S = 0.5
 _HALF_SAMPLES = 3.0
 #: Points of the tabled half of the low-pass, so fine that straight lines do between them.
 _TABLE = 4096
-#: Grid points that are worked out at once, which bounds the memory.
-_BATCH = 1024
 
 
 def gaussian(sigma_s: float, reach: float = 3.0) -> NDArray[np.float64]:
@@ -101,43 +98,30 @@ class EvenGrid:
 
     def _until(self, sample: int) -> GridPart:
         """Return the next points that lie at or before a sample of the run."""
-        end = max(self._next, int(np.floor(sample * GRID_HZ / self.rate_hz + 1e-9)) + 1)
-        parts = [
-            self._points(start, min(start + _BATCH, end))
-            for start in range(self._next, end, _BATCH)
-        ]
+        # compiled functions are not imported where pipelines are only listed
+        from .grid_kernels import grid_points
+
+        start = self._next
+        end = max(start, int(np.floor(sample * GRID_HZ / self.rate_hz + 1e-9)) + 1)
+        low, recorded, own, past = grid_points(
+            self._values,
+            self._first,
+            start,
+            end,
+            self.rate_hz / GRID_HZ,
+            self.rate_hz,
+            self._reach,
+            self._at_s,
+            self._weight,
+        )
+        past_ns = np.rint(past * (NS_PER_S / self.rate_hz)).astype(np.int64)
+        time_ns = self._times[own] + past_ns
         self._next = end
         kept = max(0, int(end * self.rate_hz / GRID_HZ) - self._reach - 1 - self._first)
         self._first += kept
-        self._times, self._values = self._times[kept:], self._values[:, kept:]
-        if not parts:
-            nothing = self._values[:, :0]
-            return GridPart(np.empty(0, np.int64), nothing, nothing)
-        return GridPart(
-            np.concatenate([p.time_ns for p in parts]),
-            np.concatenate([p.values for p in parts], axis=1),
-            np.concatenate([p.recorded for p in parts], axis=1),
-        )
-
-    def _points(self, start: int, end: int) -> GridPart:
-        # never a single column, whose sum numpy would order in another way
-        place = np.arange(start, max(end, start + 2)) * (self.rate_hz / GRID_HZ)
-        base = np.floor(place + 1e-9).astype(np.intp)
-        index = base + np.arange(-self._reach, self._reach + 1)[:, None]
-        weight = np.interp(np.abs(index - place) / self.rate_hz, self._at_s, self._weight)
-        index -= self._first
-        weight[(index < 0) | (index >= len(self._times))] = 0.0
-        index = index.clip(0, len(self._times) - 1)
-        # rows are added one after the other: the same sums whatever the blocks
-        total = np.add.reduce(weight, axis=0)
-        values = [np.add.reduce(weight * channel[index], axis=0) for channel in self._values]
-        count, past = end - start, place - base
-        own = np.minimum(base - self._first, len(self._times) - 1)
-        after = np.minimum(own + 1, len(self._times) - 1)
-        recorded = self._values[:, own] * (1 - past) + self._values[:, after] * past
-        past_ns = np.rint(past * (NS_PER_S / self.rate_hz)).astype(np.int64)
-        time_ns = self._times[own] + past_ns
-        return GridPart(time_ns[:count], (np.stack(values) / total)[:, :count], recorded[:, :count])
+        self._times = self._times[kept:]
+        self._values = np.ascontiguousarray(self._values[:, kept:])
+        return GridPart(time_ns, low, recorded)
 
 
 class CentredFilter:
@@ -153,28 +137,28 @@ class CentredFilter:
         self.kernel = kernel
         self.reach = len(kernel) // 2
         self._skip = self.reach
-        self._last: NDArray[np.float64] = np.empty((0, 1))
-        self._zi: NDArray[np.float64] = np.empty((0, 0))
+        self._past: NDArray[np.float64] = np.empty((0, 0))
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take values, shape (n_channels, n); return those that are complete by now."""
         if not x.shape[1]:
             return x
-        # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
-        if not len(self._last):
-            held = signal.lfilter_zi(self.kernel, [1.0, 0.0])
-            self._zi = held * x[:, :1]
-        self._last = x[:, -1:]
-        y, self._zi = signal.lfilter(self.kernel, [1.0, 0.0], x, axis=1, zi=self._zi)
+        # compiled functions are not imported where pipelines are only listed
+        from .grid_kernels import weighted_sums
+
+        if not len(self._past):
+            self._past = np.repeat(x[:, :1], len(self.kernel) - 1, axis=1)
+        joined = np.concatenate([self._past, x], axis=1)
+        self._past = joined[:, x.shape[1] :]
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
-        return np.asarray(y[:, skipped:])
+        return weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
 
     def finish(self) -> NDArray[np.float64]:
         """Return what the last values lack."""
-        if not len(self._last):
+        if not len(self._past):
             return np.empty((1, 0))
-        return self(np.repeat(self._last, self.reach, axis=1))
+        return self(np.repeat(self._past[:, -1:], self.reach, axis=1))
 
 
 class Kept:
@@ -202,6 +186,10 @@ class Kept:
     def between(self, start: int, end: int) -> NDArray[np.float64]:
         """Return columns ``[start, end)``, fewer where they are not there."""
         return self.values[:, max(start - self.first, 0) : max(end - self.first, 0)]
+
+    def contiguous(self) -> NDArray[np.float64]:
+        """Return all columns, as compiled functions take them."""
+        return np.ascontiguousarray(self.values)
 
     def forget_before(self, place: int) -> None:
         """Drop the columns before a place."""

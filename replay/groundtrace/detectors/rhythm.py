@@ -63,79 +63,46 @@ class Scale:
         return round(self.window_s * GRID_HZ)
 
 
-def autocorrelations(windows: NDArray[np.float64], lags: int) -> NDArray[np.float64]:
-    """Return the correlations of windows, shape (m, n), with themselves shifted by 0 to ``lags``.
-
-    Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
-    at all multiples of its period. Shape (m, lags + 1).
-    """
-    count, length = windows.shape
-    limit = _CLIP * np.median(np.abs(windows), axis=1, keepdims=True)
-    x = np.clip(windows, -limit, limit)
-    x = x - x.mean(axis=1, keepdims=True)
-    spectrum = np.fft.rfft(x, 2 * length, axis=1)
-    products = np.fft.irfft(spectrum.real**2 + spectrum.imag**2, axis=1)[:, : lags + 1]
-    energy = np.concatenate([np.zeros((count, 1)), np.cumsum(x * x, axis=1)], axis=1)
-    head = energy[:, length - np.arange(lags + 1)]
-    tail = energy[:, -1:] - energy[:, : lags + 1]
-    return np.asarray(products / np.sqrt(head * tail + 1e-9))
-
-
 def repetition(window: NDArray[np.float64], repeats: int) -> tuple[float, float]:
     """Return how strongly a window repeats itself (at most 1), and its step time [s].
 
     -1 and the usual step time where no period stands out.
     """
-    (found,) = repetitions(window[None, :], repeats)
-    return found
+    strength, step_s, _ = repetitions(window, len(window), repeats)[:, 0].tolist()
+    return strength, step_s
 
 
-def repetitions(windows: NDArray[np.float64], repeats: int) -> list[tuple[float, float]]:
-    """Return what :func:`repetition` says of each of some windows, shape (m, n)."""
-    longest_s = min(PERIODS_S[1], _FITS * windows.shape[1] / GRID_HZ / repeats)
-    periods = np.arange(int(PERIODS_S[0] * GRID_HZ), int(longest_s * GRID_HZ) + 1)
-    if len(periods) < 3 or not len(windows):
-        return [(-1.0, USUAL_STEP_S)] * len(windows)
-    correlation = autocorrelations(windows, repeats * int(periods[-1]))
-    comb = np.mean([correlation[:, k * periods] for k in range(1, repeats + 1)], axis=0)
-    inner = comb[:, 1:-1]
-    peak = (inner > comb[:, :-2]) & (inner >= comb[:, 2:])
-    best = np.where(peak, inner, -np.inf).argmax(axis=1) + 1
-    some = peak.any(axis=1).tolist()
-    return [
-        (strength, _step_s(row, period, strength)) if stands else (-1.0, USUAL_STEP_S)
-        for row, period, strength, stands in zip(
-            correlation,
-            periods[best].tolist(),
-            comb[np.arange(len(comb)), best].tolist(),
-            some,
-            strict=True,
-        )
-    ]
-
-
-def _step_s(correlation: NDArray[np.float64], period: int, strength: float) -> float:
-    """Return the step time that a period of so many points stands for [s].
+def repetitions(signal: NDArray[np.float64], length: int, repeats: int) -> NDArray[np.float64]:
+    """Return what :func:`repetition` says of the windows that begin at every :data:`HOP`-th point.
 
     The correlations at a step and at a stride tell the two apart (Moe-Nilssen and Helbostad, J.
     Biomechanics 37, 2004): at half a period, the even harmonics count positive and the odd ones
     negative. Of a stride, two steps, the even ones are strong; a step of one who walks slowly has
     little but its first. Three steps of a fast walker fit in a long period, too.
+
+    Parameters
+    ----------
+    signal
+        Shape (m,).
+    length
+        Of a window [points].
+    repeats
+        As that of :class:`Scale`.
+
+    Returns
+    -------
+    Strength, step time [s] and median amplitude, shape (3, n).
     """
-    half, third = _between(correlation, period / 2), _between(correlation, period / 3)
-    steps = 1
-    if period >= 3 * PERIODS_S[0] * GRID_HZ and third > _PART * strength:
-        steps = 3
-    elif period >= 2 * PERIODS_S[0] * GRID_HZ and half > -_PART * strength:
-        steps = 2
-    return period / steps / GRID_HZ
+    # compiled functions are not imported where pipelines are only listed
+    from .rhythm_kernels import rhythms
 
-
-def _between(values: NDArray[np.float64], place: float) -> float:
-    """Return the value at a place, on the straight line between its neighbours."""
-    before = int(place)
-    low, high = values[before : before + 2].tolist()
-    return float((high - low) * (place - before) + low)
+    longest_s = min(PERIODS_S[1], _FITS * length / GRID_HZ / repeats)
+    fastest = PERIODS_S[0] * GRID_HZ
+    periods = (int(fastest), int(longest_s * GRID_HZ))
+    signal = np.ascontiguousarray(signal)
+    found = rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
+    found[1] = np.where(found[1] > 0, found[1] / GRID_HZ, USUAL_STEP_S)
+    return found
 
 
 class Rhythm:
@@ -183,15 +150,10 @@ class Rhythm:
         """Return strength, step time and swing of windows ``[start, end)``, shape (3, n)."""
         signal = self._signal.between(start * HOP, (end - 1) * HOP + scale.points)[0]
         length = min(scale.points, len(signal))
-        windows = np.lib.stride_tricks.sliding_window_view(signal, length)[::HOP]
-        found = np.array(repetitions(windows, scale.repeats)).reshape(-1, 2)
-        longer = length / GRID_HZ / self.scales[0].window_s
-        swing = _SWING * np.median(np.abs(windows), axis=1)
-        return np.stack([found[:, 0] * np.sqrt(longer), found[:, 1], swing])
-
-    def _last(self, hop: int, scale: Scale) -> int:
-        """Return the last window that counts at a hop."""
-        return min(hop, max(0, hop + self.ahead - scale.points // HOP))
+        found = repetitions(signal, length, scale.repeats)
+        found[0] *= np.sqrt(length / GRID_HZ / self.scales[0].window_s)
+        found[2] *= _SWING
+        return found
 
     def _known(self, scale: Scale, found: Kept) -> int:
         """Return the first hop that needs a window which is not there yet."""
@@ -201,22 +163,24 @@ class Rhythm:
 
     def _until(self, end: int) -> NDArray[np.float64]:
         """Return the next values, up to hop ``end``."""
-        hops = range(self._next, end)
-        values = np.array([self._at(hop) for hop in hops]).reshape(-1, 3).T
-        self._next = max(self._next, end)
+        end = max(self._next, end)
+        values = np.zeros((3, end - self._next))
+        values[1] = USUAL_STEP_S
+        for scale, found in zip(self.scales, self._found, strict=True):
+            self._add(values, found, scale)
+        self._next = end
         for scale, found in zip(self.scales, self._found, strict=True):
             found.forget_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
         return values
 
-    def _at(self, hop: int) -> tuple[float, float, float]:
-        strongest, step_s, swing = 0.0, USUAL_STEP_S, 0.0
-        for index, (scale, found) in enumerate(zip(self.scales, self._found, strict=True)):
-            last = min(self._last(hop, scale), found.end - 1)
-            windows = found.between(min(hop - 1 - scale.points // HOP, last), last + 1)
-            if windows.shape[1]:
-                best = int(np.argmax(windows[0]))
-                strength, its_step_s, its_swing = windows[:, best].tolist()
-                step_s = its_step_s if index == 0 else step_s
-                if strength > strongest:
-                    strongest, swing = strength, its_swing
-        return strongest, step_s, swing
+    def _add(self, values: NDArray[np.float64], found: Kept, scale: Scale) -> None:
+        """Take in what a scale says of the next hops."""
+        from .rhythm_kernels import strongest
+
+        hops = (self._next, self._next + values.shape[1])
+        width = scale.points // HOP
+        best = strongest(found.contiguous(), found.first, hops, self.ahead, width)
+        if scale is self.scales[0]:
+            values[1] = np.where(np.isfinite(best[0]), best[1], values[1])
+        stronger = best[0] > values[0]
+        values[0][stronger], values[2][stronger] = best[0][stronger], best[2][stronger]

@@ -62,10 +62,14 @@ class _Series:
         knots, wanted = (self.time_ns - start).astype(float), (times - start).astype(float)
         values = np.stack([np.interp(wanted, knots, column) for column in self.values.T], axis=1)
         if hold_ns is not None:
-            after = np.searchsorted(self.time_ns, times)
+            place = np.searchsorted(self.time_ns, times)
             last = len(self.time_ns) - 1
-            before_ns = times - self.time_ns[np.clip(after - 1, 0, last)]
-            after_ns = self.time_ns[np.clip(after, 0, last)] - times
+            before, after = np.clip(place - 1, 0, last), np.clip(place, 0, last)
+            before_ns, after_ns = times - self.time_ns[before], self.time_ns[after] - times
+            # what ends such a gap may be heard of too late to be taken in
+            broken = before_ns + after_ns > PATIENCE_NS
+            nearer = np.where(before_ns <= hold_ns, before, after)
+            values[broken] = self.values[nearer[broken]]
             far = (np.abs(before_ns) > hold_ns) & (np.abs(after_ns) > hold_ns)
             values[far] = np.nan
         return values

@@ -32,11 +32,13 @@ class GyroscopeAlone:
         That turn, counter-clockwise [rad].
     bias
         Mean rate at rest so far, body frame, shape (3,) [rad/s]; 0 before any rest.
+    rests
+        Frames at rest so far.
     """
 
     offset_rad: float = 0.0
     bias: Array = field(default_factory=lambda: np.zeros(3))
-    _rests: int = 0
+    rests: int = 0
     _faces: bool = False
 
     def go_on(self, frame: InertialFrame, axes: Array, bias: Array, *, resting: bool) -> None:
@@ -56,8 +58,8 @@ class GyroscopeAlone:
         left = axes @ frame.mean_turn @ (bias - self.bias)
         self.offset_rad += float(left[2]) * frame.length_s
         if resting:
-            self._rests += 1
-            self.bias = self.bias + (frame.rate - self.bias) / self._rests
+            self.rests += 1
+            self.bias = self.bias + (frame.rate - self.bias) / self.rests
 
     def meet(self, before: Array, after: Array) -> None:
         """Face the first field as the filter does, and leave out what it makes of a later one."""

@@ -78,6 +78,13 @@ class AttitudeNoise:
     iron_walk: float = 2e-8
     earth_walk: float = 2e-8
 
+    @property
+    def row(self) -> Array:
+        """As compiled functions lay the beginning of their settings out, and gravity after it."""
+        noise = (self.walk, self.scale, self.bias_walk, self.force_walk, self.speed)
+        walks = (self.rest_rate, self.iron_walk, self.earth_walk)
+        return np.array([*noise, *walks, *[0.0] * 5, GRAVITY_MPS2])
+
 
 @dataclass(slots=True)
 class Attitude:
@@ -99,6 +106,10 @@ class Attitude:
         Field of the earth: north and up, shape (2,) [T]; NaN until there was one.
     covariance
         Of the error state, shape (14, 14).
+    free
+        Whether the heading is the gyroscope's alone: about the vertical it only integrates. That a
+        walker's velocity stays near its mean tells the tilt. About the vertical it would tell
+        something as well, as far as the heading is uncertain, and wrongly at every corner.
     """
 
     noise: AttitudeNoise
@@ -109,6 +120,7 @@ class Attitude:
     earth: Array = field(default_factory=lambda: np.full(2, np.nan))
     covariance: Array = field(default_factory=lambda: np.zeros((SIZE, SIZE)))
     started: bool = False
+    free: bool = False
 
     @property
     def heading_sigma_rad(self) -> float:
@@ -127,27 +139,27 @@ class Attitude:
     def predict(self, frame: InertialFrame) -> None:
         """Go on to the end of a frame."""
         # compiled functions are not imported where pipelines are only listed
-        from .rotation_kernels import carry
+        from . import attitude_kernels as compiled
 
-        dt, p = frame.length_s, self.noise
-        axes = matrix(self.orientation)
-        force = axes @ frame.force
-        step = np.eye(SIZE)
-        step[TURN, BIAS] = -dt * axes @ frame.mean_turn
-        step[SPEED, TURN] = -dt * skew(force)
-        growth = np.zeros(SIZE)
-        growth[TURN] = p.walk**2 * dt + p.scale**2 * frame.speed * dt
-        growth[SPEED] = p.force_walk**2 * dt
-        growth[BIAS] = p.bias_walk**2 * dt
-        growth[IRON] = p.iron_walk**2 * dt
-        growth[EARTH] = p.earth_walk**2 * dt
-        self.velocity = self.velocity + dt * (force - np.array([0, 0, GRAVITY_MPS2]))
-        self.orientation = normalised(product(self.orientation, frame.turns[-1]))
-        self.covariance = carry(step, self.covariance)
-        np.einsum("ii->i", self.covariance)[:] += growth
+        axes, state = matrix(self.orientation), self._state()
+        self.covariance = self.covariance.copy()  # others may hold what is known of a moment
+        compiled.predict(
+            state,
+            self.covariance,
+            axes,
+            axes @ frame.force,
+            frame.mean_turn,
+            frame.turns[-1],
+            frame.speed,
+            frame.length_s,
+            self.noise.row,
+        )
+        self._take(state)
 
     def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
         """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
+        if self.free:
+            self.reset_heading(0.0)
         variance = self.noise.speed**2 * 2.0 / dt_s if sigma_mps is None else sigma_mps**2
         self._update(_PICK_SPEED, -self.velocity, variance)
 
@@ -248,15 +260,19 @@ class Attitude:
         frozen
             Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
         """
-        from .rotation_kernels import joseph, turned_by
+        from .attitude_kernels import update
 
-        noise = np.diag(np.full(3, variance))
-        spread = pick @ self.covariance @ pick.T + noise
-        kept = _NONE if frozen is None else frozen
-        gain, self.covariance = joseph(self.covariance, pick, spread, noise, kept)
-        change = gain @ innovation
-        self.orientation = turned_by(change[TURN], self.orientation)
-        self.velocity = self.velocity + change[SPEED]
-        self.bias = self.bias + change[BIAS]
-        self.iron = self.iron + change[IRON]
-        self.earth = self.earth + change[EARTH]
+        kept, state = _NONE if frozen is None else frozen, self._state()
+        self.covariance = self.covariance.copy()
+        update(state, self.covariance, pick, innovation, variance, kept)
+        self._take(state)
+
+    def _state(self) -> Array:
+        """Return all but the covariance as compiled functions lay it out, shape (15,)."""
+        parts = (self.orientation, self.velocity, self.bias, self.iron, self.earth)
+        return np.concatenate(parts)
+
+    def _take(self, state: Array) -> None:
+        """Take over what :meth:`_state` gave."""
+        self.orientation, self.velocity, self.bias = state[:4], state[4:7], state[7:10]
+        self.iron, self.earth = state[10:13], state[13:15]

@@ -202,14 +202,27 @@ class Calibration:
         """Return fields [T], shape (n, 3), as calibrated so far."""
         return fields if self.ellipsoid is None else self.ellipsoid.corrected(fields)
 
-    def watch(self, raw: Array, *, undisturbed: bool) -> bool:
-        """Take a frame's field as measured, shape (3,) [T]; say whether the calibration changed."""
-        self._failed += not undisturbed
+    @property
+    def idle(self) -> bool:
+        """Whether no frame that passes makes a calibration due."""
+        return self.ellipsoid is not None or self._failed < FAILING * max(LEAST, self._seen + 1)
+
+    def pass_by(self, raws: Array) -> None:
+        """Take frames that passed their tests, shape (n, 3), while it is idle."""
+        for raw in raws:
+            self._keep(raw)
+
+    def _keep(self, raw: Array) -> None:
         if self._seen % self._stride == 0:
             self._kept.append(raw)
         self._seen += 1
         if len(self._kept) > HISTORY:
             self._kept, self._stride = self._kept[::2], 2 * self._stride
+
+    def watch(self, raw: Array, *, undisturbed: bool) -> bool:
+        """Take a frame's field as measured, shape (3,) [T]; say whether the calibration changed."""
+        self._failed += not undisturbed
+        self._keep(raw)
         due = self._seen >= LEAST and self._seen % TRY_EVERY == 0
         if not due or self.ellipsoid is not None or self._failed < FAILING * self._seen:
             return False

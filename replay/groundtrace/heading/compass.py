@@ -78,20 +78,24 @@ class Compass:
         Thresholds and noise.
     clean
         Iron and its covariance as believed while tests pass; None while they do.
+    newcomer
+        Watches fields that fail.
+    norms, azimuths
+        Of the last frames [T], [rad].
     """
 
     parameters: HeadingParameters
     clean: tuple[Array, Array] | None = None
-    _newcomer: Newcomer = field(default_factory=Newcomer)
-    _norms: deque[float] = field(default_factory=deque)
-    _azimuths: deque[float] = field(default_factory=deque)
+    newcomer: Newcomer = field(default_factory=Newcomer)
+    norms: deque[float] = field(default_factory=deque)
+    azimuths: deque[float] = field(default_factory=deque)
     _for_clean: int = 0
     _for_iron: int = 0
 
     @property
     def turn_rad(self) -> float:
         """The compass's heading over that of the attitude, of the frame examined last [rad]."""
-        return self._azimuths[-1]
+        return self.azimuths[-1]
 
     def examine(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> Array:
         """Return what the tests look at; ``axes`` is the rotation matrix at its start."""
@@ -105,18 +109,18 @@ class Compass:
         difference = math.hypot(
             flat * math.sin(left), flat * math.cos(left) - north, float(seen[2]) - up
         )
-        _keep(self._norms, norm, DEVIATION_S / frame.length_s)
-        _keep(self._azimuths, turn, DERIVATIVE_S / frame.length_s)
-        changed = math.degrees(wrapped(self._azimuths[-1] - self._azimuths[0]))
+        _keep(self.norms, norm, DEVIATION_S / frame.length_s)
+        _keep(self.azimuths, turn, DERIVATIVE_S / frame.length_s)
+        changed = math.degrees(wrapped(self.azimuths[-1] - self.azimuths[0]))
         dip = math.atan2(-seen[2], flat) - math.atan2(-up, north)
         return np.array(
             [
                 difference / TESLA,
                 abs(norm - math.hypot(north, up)) / TESLA,
-                float(np.std(self._norms)) / TESLA,
+                float(np.std(self.norms)) / TESLA,
                 abs(flat - north) / TESLA,
                 abs(math.degrees(left)),
-                abs(changed) / (len(self._azimuths) * frame.length_s),
+                abs(changed) / (len(self.azimuths) * frame.length_s),
                 abs(math.degrees(dip)),
                 self._iron_change(attitude, frame, axes, difference) / TESLA,
             ]
@@ -134,7 +138,7 @@ class Compass:
             # both beliefs explain it: neither is dropped, and the clean one learns nothing wrong
             attitude.correct_field(frame, axes, sigma, earth=False)
         elif undisturbed:
-            self._newcomer.passed(turned)
+            self.newcomer.passed(turned)
             self._come_clean(attitude)
             attitude.correct_field(frame, axes, sigma, earth=True)
         elif self._replaced(attitude, frame, axes):
@@ -160,8 +164,8 @@ class Compass:
         seen = axes @ (frame.field - frame.mean_turn @ iron)
         flat = math.hypot(seen[0], seen[1])
         turned = frame.speed * frame.length_s
-        verified = self._newcomer.verified
-        found = self._newcomer.failed(flat, float(seen[2]), turned, frame.length_s)
+        verified = self.newcomer.verified
+        found = self.newcomer.failed(flat, float(seen[2]), turned, frame.length_s)
         if found is None:
             return False
         attitude.take_earth(*found, self.parameters.field_sigma_ut * TESLA)

@@ -27,6 +27,11 @@ class DisturbedSpans:
     join_ns: int
     _open: Disturbance | None = None
 
+    @property
+    def under_way(self) -> bool:
+        """Whether a disturbance may go on."""
+        return self._open is not None
+
     def add(
         self, start_ns: int, end_ns: int, value: float, *, disturbed: bool
     ) -> Iterator[Disturbance]:

@@ -15,28 +15,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..gates import Candidates, decide
 from .alone import GyroscopeAlone
-from .api import HeadingFrame
+from .api import HeadingFrame, HeadingFrames
 from .attitude import Attitude, AttitudeNoise
 from .calibration import TOO_LITTLE, Calibration
 from .compass import COLUMNS, GATES, TESLA, TESTS, Compass
 from .inertial_frames import Samples, frame_of
+from .ordinary import (
+    REST_FORCE,
+    REST_RATE,
+    REST_S,
+    REST_SPEED,
+    REST_SPREAD,
+    limits_of,
+    ordinary_frames,
+)
 from .parameters import HeadingParameters
 from .rotations import matrix, wrapped
 from .scalar_filters import AzimuthKalman, Exponential
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..detector import Emits
     from ..gates import Gate
     from .inertial_frames import InertialFrame
     from .rotations import Array
     from .scalar_filters import ScalarFilter
 
-#: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s].
-REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
-#: Velocity left at rest [m/s].
-REST_SPEED = 0.02
 #: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
 DELAY_PRIOR = (TESLA / 0.02) ** 2
 
@@ -50,6 +56,17 @@ class HeadingEstimator:
         As documented there.
     rate_hz
         Sampling rate [Hz].
+
+    Attributes
+    ----------
+    attitude, compass, gyroscope, calibration
+        What it is made of.
+    scalar
+        The filter of one angle, if there is one.
+    rested_s
+        How long the sensor has rested [s].
+    delay_sums
+        Of all fields so far, as those of a frame.
     """
 
     Parameters = HeadingParameters
@@ -65,26 +82,33 @@ class HeadingEstimator:
         self.attitude = Attitude(AttitudeNoise(scale=parameters.gyro_scale))
         self.compass = Compass(parameters)
         self.gyroscope = GyroscopeAlone()
-        self._scalar = _scalar_filter(parameters)
+        self.scalar = _scalar_filter(parameters)
         self.calibration = Calibration()
         self._waiting: list[Samples] = []
-        self._rested_s = 0.0
-        self._delay = (0.0, DELAY_PRIOR)
+        self.rested_s = 0.0
+        self.delay_sums = (0.0, DELAY_PRIOR)
 
     @property
     def delay_s(self) -> float:
         """How much later than the gyroscope the magnetometer answers [s]."""
-        return self._delay[0] / self._delay[1]
+        return self.delay_sums[0] / self.delay_sums[1]
 
-    def add(self, samples: Samples) -> list[HeadingFrame]:
+    def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
         whole = joined([*self._waiting, samples])
         count = len(whole) // self.length * self.length
         self._waiting = [whole.rows(count, len(whole))]
-        return [
-            self._frame(whole.rows(start, start + self.length))
-            for start in range(0, count, self.length)
-        ]
+        found: list[HeadingFrames] = []
+        at = 0
+        while at < count:
+            run = ordinary_frames(self, whole.rows(at, count))
+            if run is not None:
+                found.append(run)
+                at += len(run) * self.length
+            if at < count:
+                found.append(HeadingFrames.of([self._frame(whole.rows(at, at + self.length))]))
+                at += self.length
+        return HeadingFrames.concatenate(found) if found else []
 
     def finish(self) -> list[HeadingFrame]:
         """Return the last, shorter frame."""
@@ -143,14 +167,14 @@ class HeadingEstimator:
             and frame.rate_spread < REST_SPREAD
             and frame.force_spread < REST_FORCE
         )
-        self._rested_s = self._rested_s + frame.length_s if still else 0.0
-        resting = self._rested_s > REST_S
+        self.rested_s = self.rested_s + frame.length_s if still else 0.0
+        resting = self.rested_s > REST_S
         attitude.hold_velocity(frame.length_s, REST_SPEED if resting else None)
         if resting:
             attitude.hold_bias(frame.rate)
-        if self._scalar is not None:
+        if self.scalar is not None:
             grown = max(float(attitude.covariance[2, 2] - before), 0.0)
-            turn = self._scalar.advance(frame.length_s, grown)
+            turn = self.scalar.advance(frame.length_s, grown)
             attitude.turn_heading(turn)
             self.gyroscope.offset_rad -= turn
         return resting
@@ -159,16 +183,21 @@ class HeadingEstimator:
         """Test the frame's field and learn from it; return the tests' values and the verdict."""
         if not np.isfinite(frame.field).all():
             return np.full(len(TESTS), np.nan), True
+        # compiled functions are not imported where pipelines are only listed
+        from .compass_kernels import passes
+
         values = self.compass.examine(self.attitude, frame, axes)
-        row = Candidates(np.zeros(1, np.int64), np.zeros(1, np.int32), values[None].astype("f4"))
-        undisturbed = bool(decide(row, TESTS, GATES, self.parameters)[0].accepted[0])
-        if self._scalar is not None:
-            self._correct(self._scalar, frame, axes, undisturbed=undisturbed)
+        undisturbed = passes(values, limits_of(self.parameters))
+        if self.scalar is not None:
+            self._correct(self.scalar, frame, axes, undisturbed=undisturbed)
         else:
             self.compass.learn(self.attitude, frame, axes, undisturbed=undisturbed)
         if undisturbed:
             late, moved = frame.delay_sums
-            self._delay = (self._delay[0] + late + self.delay_s * moved, self._delay[1] + moved)
+            self.delay_sums = (
+                self.delay_sums[0] + late + self.delay_s * moved,
+                self.delay_sums[1] + moved,
+            )
         return values, undisturbed
 
     def _calibrate(self, raw: Array, *, undisturbed: bool) -> tuple[str, ...]:

@@ -97,3 +97,20 @@ def headings(start: Array, turns: Array, axis: Array) -> tuple[Array, Array]:
         turn(orientation[i], axis, pointing)
         heading[i] = math.atan2(pointing[1], pointing[0])
     return orientation, heading
+
+
+@compiled
+def due_places(
+    time_ns: NDArray[np.int64], due_ns: int, every_ns: float, period_ns: float
+) -> tuple[NDArray[np.int64], int]:
+    """Return the samples at which something is due every so often, and when it is due next.
+
+    ``due_ns`` is when that is first; -1 for the first sample.
+    """
+    found, count = np.empty(len(time_ns), np.int64), 0
+    for i in range(len(time_ns)):
+        if due_ns < 0 or time_ns[i] >= due_ns - period_ns / 2:
+            found[count] = i
+            count += 1
+            due_ns = round(max(max(due_ns, 0), time_ns[i] - every_ns / 2) + every_ns)
+    return found[:count], due_ns

@@ -38,7 +38,7 @@ class Newcomer:
         return self.verified_rad >= LEAST_RAD
 
     def passed(self, turned_rad: float) -> None:
-        """Take a frame that passed."""
+        """Take a frame that passed, or all of some by how far the sensor turned in them."""
         self.verified_rad += turned_rad
         self._frames.clear()
 

@@ -84,18 +84,31 @@ def add_matrix(q: Array, share: float, out: Array) -> None:
 def carry(step: Array, covariance: Array) -> Array:
     """Return ``step @ covariance @ step.T``, shape (n, n); zeros of the step are passed over."""
     n = len(step)
-    half, out = np.zeros((n, n)), np.zeros((n, n))
+    half, across, out = np.zeros((n, n)), np.empty((n, n)), np.zeros((n, n))
     for i in range(n):
         for k in range(n):
-            if step[i, k] != 0.0:
+            share = step[i, k]
+            if share != 0.0:
                 for j in range(n):
-                    half[i, j] += step[i, k] * covariance[k, j]
+                    half[i, j] += share * covariance[k, j]
+    transpose(half, across)
+    # rows of the result's transpose, so that neighbours in memory are added
     for i in range(n):
         for j in range(n):
-            if step[i, j] != 0.0:
+            share = step[i, j]
+            if share != 0.0:
                 for k in range(n):
-                    out[k, i] += half[k, j] * step[i, j]
-    return out
+                    out[i, k] += across[j, k] * share
+    transpose(out, half)
+    return half
+
+
+@compiled
+def transpose(matrix: Array, out: Array) -> None:
+    """Put the transpose of a matrix, shape (n, m), in ``out``."""
+    for i in range(matrix.shape[0]):
+        for k in range(matrix.shape[1]):
+            out[k, i] = matrix[i, k]
 
 
 @compiled
@@ -104,7 +117,7 @@ def solve(matrix: Array, sides: Array) -> None:
 
     Both are overwritten: ``sides``, shape (n, k), by the solution.
     """
-    n = len(matrix)
+    n, width = sides.shape
     for i in range(n):
         best = i
         for r in range(i + 1, n):
@@ -113,17 +126,24 @@ def solve(matrix: Array, sides: Array) -> None:
         if best != i:
             for j in range(n):
                 matrix[i, j], matrix[best, j] = matrix[best, j], matrix[i, j]
-            for j in range(sides.shape[1]):
+            for j in range(width):
                 sides[i, j], sides[best, j] = sides[best, j], sides[i, j]
         for r in range(i + 1, n):
             share = matrix[r, i] / matrix[i, i]
             if share != 0.0:
-                matrix[r, i:] -= share * matrix[i, i:]
-                sides[r] -= share * sides[i]
+                for j in range(i, n):
+                    matrix[r, j] -= share * matrix[i, j]
+                for j in range(width):
+                    sides[r, j] -= share * sides[i, j]
     for i in range(n - 1, -1, -1):
         for r in range(i + 1, n):
-            sides[i] -= matrix[i, r] * sides[r]
-        sides[i] /= matrix[i, i]
+            share = matrix[i, r]
+            if share != 0.0:
+                for j in range(width):
+                    sides[i, j] -= share * sides[r, j]
+        pivot = matrix[i, i]
+        for j in range(width):
+            sides[i, j] /= pivot
 
 
 @compiled
@@ -144,24 +164,28 @@ def joseph(
         Shape (n,): rows that keep their estimate.
     """
     n, m = len(covariance), len(pick)
-    across = np.zeros((m, n))
+    across, gain, left = np.zeros((m, n)), np.empty((n, m)), np.zeros((n, n))
     for i in range(m):
         for k in range(n):
-            if pick[i, k] != 0.0:
-                across[i] += pick[i, k] * covariance[k]
+            share = pick[i, k]
+            if share != 0.0:
+                for j in range(n):
+                    across[i, j] += share * covariance[k, j]
     solve(spread.copy(), across)
-    gain = across.T.copy()
-    left = np.eye(n)
+    transpose(across, gain)
     for i in range(n):
-        if kept[i]:
-            gain[i] = 0.0
+        left[i, i] = 1.0
         for k in range(m):
-            left[i] -= gain[i, k] * pick[k]
+            share = 0.0 if kept[i] else gain[i, k]
+            gain[i, k] = share
+            for j in range(n):
+                left[i, j] -= share * pick[k, j]
     after = carry(left, covariance)
     for i in range(n):
         for a in range(m):
             for b in range(m):
-                if noise[a, b] != 0.0:
+                share = gain[i, a] * noise[a, b]
+                if share != 0.0:
                     for j in range(n):
-                        after[i, j] += gain[i, a] * noise[a, b] * gain[j, b]
+                        after[i, j] += share * gain[j, b]
     return gain, after

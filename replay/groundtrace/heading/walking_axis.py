@@ -76,8 +76,10 @@ class WalkingAxis:
 
     def add(self, swing: NDArray[np.complex128]) -> None:
         """Take a step's swing ahead and to the right, as parts of the vertical one, shape (2,)."""
-        along = swing.imag / (1 + float(np.vdot(swing, swing).real))
-        products = np.outer(along, along)
+        ahead, right = swing.tolist()
+        size = 1 + abs(ahead) ** 2 + abs(right) ** 2
+        along = np.array([ahead.imag, right.imag]) / size
+        products = along[:, None] * along
         if self.nominal and abs(_principal(products)) > _REACH_RAD:
             return
         self.scatter = self.keep * self.scatter + products
@@ -112,13 +114,11 @@ def step_swing(
     -------
     Complex parts of the vertical swing, or None where there is no vertical swing.
     """
-    # over two whole steps, in which what repeats with every second step adds up to nothing
-    inside = (phase >= -1.0) & (phase < 1.0)
-    swing = values[:, inside] @ np.exp(-2j * np.pi * phase[inside])
-    size = abs(swing[2])
-    if not size > 0:
-        return None
-    return np.asarray(swing[:2] * np.conj(swing[2]) / size**2)
+    # compiled functions are not imported where pipelines are only listed
+    from ..reckoning.step_kernels import swing
+
+    found, ahead, right = swing(np.ascontiguousarray(values), phase)
+    return np.array([ahead, right]) if found else None
 
 
 def level_axis(up: NDArray[np.float64]) -> Axis:

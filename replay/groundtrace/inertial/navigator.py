@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import TrackPoint
 
     from ..detector import Emits
-    from .stances import Segment
+    from .stances import Segment, SegmentRun
     from .strapdown import Pose
 
 #: A sensor that stands and works measures gravity, at least about half of it.
@@ -66,6 +66,14 @@ class FootNavigator:
         """Begin a track of its own; ``stage`` and ``number`` go into its points."""
         self.stage, self.number = stage, number
         self._walk, self._standing, self._stands = None, [], False
+
+    def go_on(self, segments: SegmentRun, start: int) -> tuple[int, list[TrackPoint]]:
+        """Go on from a segment until one that is to be measured; return it, and what is known."""
+        walk = self._walk
+        if walk is None or self.parameters.magnetometer:
+            return start, []
+        at, self._stands = walk.go_on(segments, start, stands=self._stands)
+        return at, walk.told()
 
     def measure(self, segment: Segment) -> Candidates:
         """Go on by a segment; return the stance that may begin with it, or none."""

@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-import numpy as np
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Self
 
+    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -66,26 +65,16 @@ class Knot(Generic[P]):
 
 def smoothed(knots: Sequence[Knot[P]]) -> list[tuple[P, Array]]:
     """Return pose and covariance at each knot as all knots tell them; the last is the filter's."""
+    # compiled functions are not imported where pipelines are only listed
+    from .smoothing_kernels import gain_of
+
     if not knots:
         return []
     pose, spread = knots[-1].pose, knots[-1].spread
     found = [(pose, spread)]
     for knot, after in zip(knots[-2::-1], knots[:0:-1], strict=True):
-        gain = _gain(knot.spread @ after.transition.T, after.predicted_spread)
+        gain = gain_of(knot.spread, after.transition, after.predicted_spread)
         pose = knot.pose.moved(gain @ pose.error_from(after.predicted))
         spread = knot.spread + gain @ (spread - after.predicted_spread) @ gain.T
         found.append((pose, spread))
     return found[::-1]
-
-
-def _gain(cross: Array, predicted: Array) -> Array:
-    """Return ``cross`` times the inverse of ``predicted``, whose rows differ much in size."""
-    # compiled functions are not imported where pipelines are only listed
-    from ..heading.rotation_kernels import solve
-
-    scale = np.sqrt(np.maximum(np.diag(predicted), 1e-30))
-    even = predicted / np.outer(scale, scale)
-    even[np.diag_indices_from(even)] += 1e-12  # the heading may be known exactly at the start
-    solved = np.ascontiguousarray((cross / scale).T)
-    solve(even, solved)
-    return np.asarray(solved.T / scale)

@@ -17,13 +17,13 @@ from ..nonfinite import Holder
 from ..stage import PluginStage
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
     from .navigator import FootNavigator
-    from .stances import Segment, Segments
+    from .stances import Segment, SegmentRun, Segments
 
 #: Sampled slower, the samples do not tell how fast a foot went between them.
 LEAST_RATE_HZ = 25.0
@@ -138,24 +138,34 @@ class NavigatorStage(PluginStage["FootNavigator"]):
     def _finish(self, run: _Run) -> Iterator[Event]:
         if run.segments is None:
             return
-        yield from self._navigate(run, run.segments.finish())
+        for segments in run.segments.finish():
+            yield from self._navigate(run, segments)
         yield from run.worker.finish()
         if run.holder.count:
             text = f"{run.spec.topic}: {run.holder.count} samples not finite, last value held"
             yield Note(run.holder.last_ns, text, "WARN", self.name)
         run.segments, run.carry, run.holder = None, Carry(), Holder()
 
-    def _navigate(self, run: _Run, segments: Iterable[Segment]) -> Iterator[Event]:
-        for segment in segments:
-            found = run.worker.measure(segment)
-            accepted = None
-            if len(found):
-                block, run.carry = decided_block(
-                    run.spec, found, run.worker, self.parameters, run.carry
-                )
-                yield block
-                accepted = bool(block.accepted[0])
-            yield from run.worker.follow(segment, accepted)
+    def _navigate(self, run: _Run, segments: SegmentRun) -> Iterator[Event]:
+        at = 0
+        while at < len(segments):
+            at, points = run.worker.go_on(segments, at)
+            yield from points
+            if at < len(segments):
+                yield from self._decide(run, segments[at])
+                at += 1
+
+    def _decide(self, run: _Run, segment: Segment) -> Iterator[Event]:
+        """Go on by a segment with which a stance may begin."""
+        found = run.worker.measure(segment)
+        accepted = None
+        if len(found):
+            block, run.carry = decided_block(
+                run.spec, found, run.worker, self.parameters, run.carry
+            )
+            yield block
+            accepted = bool(block.accepted[0])
+        yield from run.worker.follow(segment, accepted)
 
     def _segments(self, rate_hz: float) -> Segments:
         # what filters is not imported where pipelines are only listed

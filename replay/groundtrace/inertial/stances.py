@@ -6,8 +6,9 @@ wait for half a window.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
@@ -16,8 +17,6 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..detectors.zupt import RecentPeak, ZeroVelocityStatistic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from ..detectors.zupt import ZeroVelocityParameters
@@ -58,6 +57,53 @@ class Segment:
     length_s: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentRun(Sequence[Segment]):
+    """Consecutive segments of equal length in columns.
+
+    Attributes
+    ----------
+    time_ns, interval_s, field, statistic, peak, length_s
+        Of each, shapes (n,), (n, m), (n, 3), (n,), (n,), (n,), as those of a segment.
+    rate, force
+        Of all samples, shape (n * m + 1, 3) [rad/s], [m/s2]: neighbours share one.
+    """
+
+    time_ns: NDArray[np.int64]
+    interval_s: Array
+    rate: Array
+    force: Array
+    field: Array
+    statistic: Array
+    peak: Array
+    length_s: Array
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    @overload
+    def __getitem__(self, index: int) -> Segment: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Segment]: ...
+
+    def __getitem__(self, index: int | slice) -> Segment | list[Segment]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        place, samples = range(len(self))[index], self.interval_s.shape[1]
+        both = slice(place * samples, (place + 1) * samples + 1)
+        return Segment(
+            int(self.time_ns[place]),
+            self.interval_s[place],
+            self.rate[both],
+            self.force[both],
+            self.field[place],
+            float(self.statistic[place]),
+            float(self.peak[place]),
+            float(self.length_s[place]),
+        )
+
+
 class Segments:
     """Cuts blocks of any length into segments, counted from the run's first sample.
 
@@ -79,8 +125,8 @@ class Segments:
         self._values = np.empty((0, 2))
         self._skip = self._late
 
-    def add(self, times: NDArray[np.int64], samples: Array) -> Iterator[Segment]:
-        """Take samples, shapes (n,) and (n, 9); yield the segments that are complete by now.
+    def add(self, times: NDArray[np.int64], samples: Array) -> SegmentRun:
+        """Take samples, shapes (n,) and (n, 9); return the segments that are complete by now.
 
         The columns are rate [rad/s], force [m/s2] and field [T], NaN where there is none.
         """
@@ -91,45 +137,41 @@ class Segments:
         self._times = np.concatenate([self._times, times])
         self._samples = np.concatenate([self._samples, samples])
         self._values = np.concatenate([self._values, values[skipped:]])
-        yield from self._cut(self._length)
+        return self._cut(self._length)
 
-    def finish(self) -> Iterator[Segment]:
-        """Yield what is left; the statistic of the last samples is that of the last window."""
+    def finish(self) -> list[SegmentRun]:
+        """Return what is left; the statistic of the last samples is that of the last window.
+
+        The last segment may be shorter than the others.
+        """
         lacking = len(self._times) - len(self._values)
-        if lacking and len(self._values):
-            self._values = np.pad(self._values, ((0, lacking), (0, 0)), mode="edge")
-            yield from self._cut(self._length)
-            left = len(self._times) - 1
-            if left > 0:
-                yield from self._cut(left)
+        if not (lacking and len(self._values)):
+            return []
+        self._values = np.pad(self._values, ((0, lacking), (0, 0)), mode="edge")
+        whole = self._cut(self._length)
+        left = len(self._times) - 1
+        return [whole, self._cut(left)] if left > 0 else [whole]
 
-    def _cut(self, length: int) -> Iterator[Segment]:
-        """Yield all whole segments; the sample that ends one also begins the next."""
+    def _cut(self, length: int) -> SegmentRun:
+        """Return all whole segments; the sample that ends one also begins the next."""
         count = max(0, len(self._values) - 1) // length
-        if not count:
-            return
         end = count * length
-        intervals = (np.diff(self._times[: end + 1]) / NS_PER_S).reshape(count, length)
-        fields = self._samples[1 : end + 1, 6:].reshape(count, length, 3).mean(axis=1)
-        statistic = self._values[:, 0]
-        # of both its ends, the first of which is the last of the segment before
-        largest = np.maximum(
-            statistic[1 : end + 1].reshape(count, length).max(axis=1), statistic[:end:length]
-        )
-        lengths = intervals.sum(axis=1).tolist()
+        times, values = self._times[: end + 1], self._values[: end + 1]
+        intervals = (np.diff(times) / NS_PER_S).reshape(count, length)
+        inner = self._samples[1 : end + 1, 6:].reshape(count, length, 3)
+        statistic = values[1:, 0].reshape(count, length).max(axis=1, initial=0.0)
         # each contiguous, as compiled functions take them
         rate, force = (np.ascontiguousarray(self._samples[: end + 1, k : k + 3]) for k in (0, 3))
-        for index, last in enumerate(range(length, end + 1, length)):
-            both = slice(last - length, last + 1)
-            yield Segment(
-                int(self._times[last]),
-                intervals[index],
-                rate[both],
-                force[both],
-                fields[index],
-                float(largest[index]),
-                float(self._values[last, 1]),
-                lengths[index],
-            )
         self._times, self._samples = self._times[end:], self._samples[end:]
         self._values = self._values[end:]
+        return SegmentRun(
+            times[length::length],
+            intervals,
+            rate,
+            force,
+            inner.mean(axis=1),
+            # of both its ends, the first of which is the last of the segment before
+            np.maximum(statistic, values[:end:length, 0]),
+            np.ascontiguousarray(values[length::length, 1]),
+            intervals.sum(axis=1),
+        )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..heading.rotations import normalised, product
+from ..heading.rotations import normalised
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,6 +48,17 @@ class Pose:
     gyro_bias: Array = field(default_factory=lambda: np.zeros(3))
     force_bias: Array = field(default_factory=lambda: np.zeros(3))
 
+    @property
+    def row(self) -> Array:
+        """All of it, one after the other, shape (16,)."""
+        parts = (self.orientation, self.velocity, self.place, self.gyro_bias, self.force_bias)
+        return np.concatenate(parts)
+
+    @classmethod
+    def of(cls, row: Array) -> Pose:
+        """Return the pose of a row, shape (16,)."""
+        return cls(*np.split(row, [4, 7, 10, 13]))
+
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
         from ..heading.rotation_kernels import turned_by
@@ -58,21 +69,6 @@ class Pose:
             self.place + error[PLACE],
             self.gyro_bias + error[GYRO],
             self.force_bias + error[FORCE],
-        )
-
-    def error_from(self, other: Pose) -> Array:
-        """Return the error state that moves ``other`` here, shape (15,)."""
-        q = product(self.orientation, other.orientation * np.array([1.0, -1.0, -1.0, -1.0]))
-        # small turns: twice the vector part, of the quaternion whose scalar part is positive
-        turned = 2 * q[1:] * np.copysign(1.0, q[0])
-        return np.concatenate(
-            [
-                turned,
-                self.velocity - other.velocity,
-                self.place - other.place,
-                self.gyro_bias - other.gyro_bias,
-                self.force_bias - other.force_bias,
-            ]
         )
 
 

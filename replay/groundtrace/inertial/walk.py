@@ -13,22 +13,24 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..trackers.api import SMOOTHED
 from .compass import Compass, sigma_of
-from .error_state import ErrorStateFilter, SensorNoise
-from .smoothing import Knot, smoothed
-from .strapdown import PLACE, STATES
+from .error_state import LOST_MPS, ErrorStateFilter, SensorNoise
+from .knots import Knots
+from .strapdown import GRAVITY_MPS2, PLACE, STATES, Pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .error_state import Innovation
     from .parameters import FootNavigatorParameters
-    from .stances import Segment
-    from .strapdown import Pose
+    from .stances import Segment, SegmentRun
 
     Array = NDArray[np.float64]
 
 #: Errors of a standing foot's velocity and rate go on for about so long [s].
 CORRELATION_S = 0.1
+#: Where place and velocity of a pose in the plane are, and the place's covariance.
+COLUMNS = [7, 8, 4, 5]
+PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.start + 1] * 2])
 #: Of a point without an update that stands for itself.
 NO_NIS = float("nan")
 
@@ -59,8 +61,9 @@ class Walk:
         self.rested_s = 0.0
         self._pointed_ns = 0
         self._transition = np.eye(STATES)
-        self._knots: list[Knot[Pose]] = []
+        self._knots: list[Knots] = []
         self._compass = Compass()
+        self._told: list[TrackPoint] = []
 
     @property
     def place(self) -> Array:
@@ -70,6 +73,57 @@ class Walk:
     def predict(self, segment: Segment) -> None:
         """Go on by a segment."""
         self._transition = self.filter.predict(segment) @ self._transition
+
+    def go_on(self, segments: SegmentRun, start: int, *, stands: bool) -> tuple[int, bool]:
+        """Go on from a segment until one of which it is to be decided whether a stance begins.
+
+        Parameters
+        ----------
+        segments
+            Not predicted yet.
+        start
+            The first of them that counts.
+        stands
+            Whether the foot stood in the segment before.
+
+        Returns
+        -------
+        The segment where that is, or the number of segments; and whether the foot stood before it.
+        Points wait for :meth:`told`.
+        """
+        # compiled functions are not imported where pipelines are only listed
+        from . import walk_kernels as compiled
+
+        pose, covariance = self.filter.pose.row, self.filter.covariance.copy()
+        since = self._transition.copy()
+        clocks = np.array([self.stood_s, self.swung_s, self.rested_s, float(stands)])
+        s = segments
+        at, self._pointed_ns, *knots = compiled.walk(
+            start,
+            *(s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
+            *(pose, covariance, since, clocks, self._pointed_ns, self._settings()),
+        )
+        if at > start:
+            self.filter.pose, self.filter.covariance = Pose.of(pose), covariance
+            self._transition = since
+            self.stood_s, self.swung_s, self.rested_s, still = clocks.tolist()
+            stands = still > 0
+            self._add(Knots(*(np.array(column) for column in knots)), NO_NIS)
+        return at, stands
+
+    def told(self) -> list[TrackPoint]:
+        """Return the points that are known by now."""
+        told, self._told = self._told, []
+        return told
+
+    def _settings(self) -> Array:
+        """Return the settings as compiled functions lay them out."""
+        n, p = self.filter.noise, self.parameters
+        noise = (n.gyro_walk, n.force_walk, n.gyro_scale, n.force_scale)
+        walks = (n.gyro_bias_walk, n.force_bias_walk)
+        still = (p.sure, p.share, p.sole_m, p.still_mps, p.still_radps, p.rest_s, p.lost_s)
+        last = (p.point_s * NS_PER_S, CORRELATION_S, LOST_MPS, GRAVITY_MPS2, float(p.smooth))
+        return np.array([*noise, *walks, *still, *last])
 
     def stillness(self, segment: Segment) -> Innovation:
         """Return what it says of the velocity if the foot stands in a segment just predicted."""
@@ -103,8 +157,8 @@ class Walk:
         due = segment.time_ns - self._pointed_ns >= self.parameters.point_s * NS_PER_S
         shown = accepted is True or due
         if shown or stands:
-            self._remember(segment.time_ns, shown, predicted, spread)
-        return self._shown(nis) if shown else []
+            self._remember(segment.time_ns, shown, predicted, spread, nis)
+        return self.told()
 
     def _lose(self, accepted: bool | None) -> None:
         """Give the velocity up where it must be wrong: no swing is so long, and rest is rest."""
@@ -117,9 +171,10 @@ class Walk:
     def finish(self) -> list[TrackPoint]:
         """Return where the track ends, and the track smoothed, as far as not said yet."""
         points: list[TrackPoint] = []
-        if self._knots and not self._knots[-1].shown:
-            self._knots[-1] = last = replace(self._knots[-1], shown=True)
-            points.append(self._point(last.time_ns, last.pose, last.spread, self.stage, NO_NIS))
+        if self._knots and not self._knots[-1].shown[-1]:
+            last = self._knots[-1]
+            self._knots[-1:] = [last.rows(0, len(last) - 1), _shown(last.rows(len(last) - 1, None))]
+            points += self._points(self._knots[-1], self.stage, NO_NIS)
         points += self._smoothed()
         self._knots = []
         return points
@@ -139,38 +194,85 @@ class Walk:
             if angle is not None:
                 self.filter.update(self.filter.turned(angle, sigma_of(segment.length_s)))
 
-    def _remember(self, time_ns: int, shown: bool, predicted: Pose, spread: Array) -> None:
+    def _remember(
+        self, time_ns: int, shown: bool, predicted: Pose, spread: Array, nis: float
+    ) -> None:
         now, sure = self.filter.pose, self.filter.covariance
         if self.parameters.smooth or shown:
-            knot = Knot(time_ns, shown, predicted, spread, now, sure, self._transition)
-            self._knots.append(knot)
+            columns = (predicted.row, spread, now.row, sure, self._transition)
+            knot = Knots(
+                np.array([time_ns], np.int64),
+                np.array([shown]),
+                *(np.array(column)[None] for column in columns),
+            )
+            self._pointed_ns = time_ns if shown else self._pointed_ns
+            self._add(knot, nis)
         self._transition = np.eye(STATES)
 
-    def _shown(self, nis: float) -> list[TrackPoint]:
-        """Return the point of the last knot, and those that are smoothed if it is time to."""
-        last = self._knots[-1]
-        self._pointed_ns = last.time_ns
-        points = [self._point(last.time_ns, last.pose, last.spread, self.stage, nis)]
+    def _add(self, knots: Knots, nis: float) -> None:
+        """Keep knots; say the points of those that are shown, and what is smoothed by then."""
+        self._told += self._points(knots, self.stage, nis)
         if not self.parameters.smooth:
-            self._knots.clear()
-        elif last.time_ns - self._knots[0].time_ns > self.parameters.smooth_s * NS_PER_S:
-            points += self._smoothed()[:-1]
-            self._knots = [last]
-        return points
+            return
+        begin = 0
+        for place in np.flatnonzero(knots.shown).tolist():
+            first = self._knots[0].time_ns[0] if self._knots else knots.time_ns[begin]
+            if knots.time_ns[place] - first > self.parameters.smooth_s * NS_PER_S:
+                self._knots.append(knots.rows(begin, place + 1))
+                self._told += self._smoothed()[:-1]
+                self._knots, begin = [knots.rows(place, place + 1)], place + 1
+        if begin < len(knots):
+            self._knots.append(knots.rows(begin, len(knots)))
 
     def _smoothed(self) -> list[TrackPoint]:
-        found = zip(self._knots, smoothed(self._knots), strict=True)
+        """Return the points of all knots that are kept as all of them tell."""
+        from .smoothing_kernels import smooth
+
+        told: list[list[TrackPoint]] = []
+        if not self._knots:
+            return []
+        last = self._knots[-1].rows(len(self._knots[-1]) - 1, None)
+        pose, spread = last.pose[0].copy(), last.spread[0].copy()
+        told.append(self._points(last, self.stage + SMOOTHED, NO_NIS))
+        before = [*self._knots[:-1], self._knots[-1].rows(0, len(self._knots[-1]) - 1)]
+        later = last
+        for part in before[::-1]:
+            if not len(part):
+                continue
+            columns = ("predicted", "predicted_spread", "transition")
+            guesses, wide, moves = (
+                np.concatenate([getattr(part, name)[1:], getattr(later, name)[:1]])
+                for name in columns
+            )
+            found, planar = smooth(part.pose, part.spread, guesses, wide, moves, pose, spread)
+            told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, found, planar))
+            later = part
+        return [point for points in told[::-1] for point in points]
+
+    def _points(
+        self,
+        knots: Knots,
+        stage: str,
+        nis: float,
+        pose: Array | None = None,
+        planar: Array | None = None,
+    ) -> list[TrackPoint]:
+        """Return points where knots are shown, by their own poses or by others."""
+        rows, number = knots.shown, self.number
+        pose = knots.pose if pose is None else pose
+        if planar is None:
+            planar = knots.spread[:, PLANE[0], PLANE[1]]
+        columns = (knots.time_ns[rows], pose[rows][:, COLUMNS], planar[rows])
         return [
-            self._point(knot.time_ns, pose, spread, self.stage + SMOOTHED, NO_NIS)
-            for knot, (pose, spread) in found
-            if knot.shown
+            TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
+            for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(
+                *(column.tolist() for column in columns), strict=True
+            )
         ]
 
-    def _point(self, time_ns: int, pose: Pose, spread: Array, stage: str, nis: float) -> TrackPoint:
-        x, y, _ = pose.place.tolist()
-        vx, vy, _ = pose.velocity.tolist()
-        (xx, xy, _), (_, yy, _), _ = spread[PLACE, PLACE].tolist()
-        return TrackPoint(time_ns, self.number, x, y, vx, vy, (xx, xy, yy), stage, nis)
+
+def _shown(knots: Knots) -> Knots:
+    return replace(knots, shown=np.ones(len(knots), np.bool_))
 
 
 def _lasting(sigma: float, segment: Segment) -> float:

@@ -25,7 +25,7 @@ AVERAGE_S = 1.0
 
 @dataclass(slots=True)
 class Barometer:
-    """Remembers half a minute of pressure, and that of the first step asked for.
+    """Remembers half a minute of pressure before what came last, and that of the first step.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Barometer:
         values = block.values[:, block.stream.columns_of({"pressure"})[0]]
         sound = np.isfinite(values) & (values > 0)
         times = np.concatenate([self._time_ns, block.sample_times()[sound]])
-        keep = times >= block.last_ns - round(MEMORY_S * NS_PER_S)
+        keep = times >= block.start_ns - round(MEMORY_S * NS_PER_S)
         self._time_ns = times[keep]
         self._pressure = np.concatenate([self._pressure, values[sound]])[keep]
 

@@ -6,17 +6,12 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..heading.estimator import axis_of
-from ..heading.rotations import headings_of, mean_matrix
 from ..heading.walking_axis import STEEP, WalkingAxis, level_axis, step_swing
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from groundtrace_codecs.events import StepEvent
 
     from ..heading.walking_axis import Ahead, Axis
@@ -80,34 +75,33 @@ class Facing:
             return
         reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
         motion = sensor.between(step.time_ns - reach_ns, step.time_ns + reach_ns)
+        # compiled functions are not imported where pipelines are only listed
+        from .step_kernels import resolved
+
         reference = self._refer(motion)
         self.steps += 1
         covered = motion.time_ns[-1] - motion.time_ns[0] >= 1.9 * reach_ns
         if not (covered and SHORTEST_S <= interval_s <= LONGEST_S):
             return
         phase = (motion.time_ns - step.time_ns) / reach_ns
-        swing = step_swing(_resolved(motion, reference), phase)
+        values = resolved(motion.orientation, motion.acceleration, axis_of(reference))
+        swing = step_swing(values, phase)
         if swing is not None and (sign := SIGN.get(step.type, 1.0)):
             self._walking.add(sign * swing)
 
     def heading(self, motion: Motion) -> float:
         """Return the mean direction of the reference in the level axes [rad]."""
         assert self.reference is not None  # a step was watched
-        headings = headings_of(motion.orientation, axis_of(self.reference))
-        return float(np.unwrap(headings).mean())
+        from .step_kernels import mean_heading
+
+        return mean_heading(motion.orientation, axis_of(self.reference))
 
     def _refer(self, motion: Motion) -> Axis:
         """Return the reference; another one, and all to be told anew, where it stands upright."""
-        up = mean_matrix(motion.orientation)[2]
+        from .step_kernels import mean_up
+
+        up = mean_up(motion.orientation)
         if self.reference is None or abs(up @ axis_of(self.reference)) > STEEP:
             self.reference, self.steps = level_axis(up), 0
             self._walking = WalkingAxis(nominal=False, keep=KEEP)
         return self.reference
-
-
-def _resolved(motion: Motion, reference: Axis) -> NDArray[np.float64]:
-    """Return the acceleration along the reference, to the right of it and up, shape (3, n)."""
-    heading = headings_of(motion.orientation, axis_of(reference))
-    cos, sin = np.cos(heading), np.sin(heading)
-    east, north, up = motion.acceleration.T
-    return np.stack([cos * east + sin * north, sin * east - cos * north, up])

@@ -74,7 +74,7 @@ class State:
 
 
 class ReckoningFilter:
-    """Follows one walker.
+    """Follows one walker; a change makes a new state and covariance, so that others may keep them.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ class ReckoningFilter:
     @property
     def azimuth_sigma_rad(self) -> float:
         """Standard deviation of an azimuth [rad]."""
-        pick = np.zeros(SIZE)
-        pick[[OFFSET, MOUNT]] = 1.0
-        return min(math.sqrt(max(float(pick @ self.covariance @ pick), 0.0)), math.pi)
+        p = self.covariance
+        variance = p[OFFSET, OFFSET] + p[OFFSET, MOUNT] + p[MOUNT, OFFSET] + p[MOUNT, MOUNT]
+        return min(math.sqrt(max(float(variance), 0.0)), math.pi)
 
     def turn(self, angle_rad: float) -> Array:
         """Turn the walk so far about its beginning; return the matrix that turns a state's errors.
@@ -128,15 +128,18 @@ class ReckoningFilter:
 
     def wait(self, elapsed_s: float) -> Array:
         """Let time pass; return the transition, shape (6, 6)."""
-        step = np.eye(SIZE)
-        step[OFFSET, DRIFT] = elapsed_s
-        self.state = step @ self.state
-        self.covariance = step @ self.covariance @ step.T
-        self.covariance[OFFSET, OFFSET] += GYRO_WALK**2 * elapsed_s + self.noise.wander**2
+        # compiled functions are not imported where pipelines are only listed
+        from . import step_kernels as compiled
+
+        grown = GYRO_WALK**2 * elapsed_s + self.noise.wander**2
+        step, self.state, self.covariance = compiled.wait(
+            self.state, self.covariance, elapsed_s, grown
+        )
         return step
 
     def rest(self, rested_s: float) -> Array:
         """Take it that the gyroscope was zeroed at rest; return the transition, shape (6, 6)."""
+        self.state, self.covariance = self.state.copy(), self.covariance.copy()
         self.state[DRIFT] = 0.0
         self.covariance[DRIFT, :] = self.covariance[:, DRIFT] = 0.0
         left = REST_DRIFT / math.sqrt(rested_s)
@@ -147,18 +150,12 @@ class ReckoningFilter:
 
     def step(self, length_m: float, heading_rad: float) -> Array:
         """Go a step; return the transition, shape (6, 6)."""
-        azimuth = self.azimuth(heading_rad)
-        length = length_m * math.exp(float(self.state[SCALE]))
-        ahead = np.array([math.cos(azimuth), math.sin(azimuth)])
-        aside = np.array([-ahead[1], ahead[0]])
-        step = np.eye(SIZE)
-        step[PLACE, OFFSET] = step[PLACE, MOUNT] = length * aside
-        step[PLACE, SCALE] = length * ahead
-        axes = np.column_stack([ahead, aside])
-        spread = np.diag([(self.noise.length * length) ** 2, (self.noise.way * length) ** 2])
-        self.state[PLACE] += length * ahead
-        self.covariance = step @ self.covariance @ step.T
-        self.covariance[PLACE, PLACE] += axes @ spread @ axes.T
+        from . import step_kernels as compiled
+
+        errors = (self.noise.length, self.noise.way)
+        step, self.state, self.covariance = compiled.go(
+            self.state, self.covariance, length_m, heading_rad, *errors
+        )
         return step
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
@@ -171,13 +168,13 @@ class ReckoningFilter:
         repeats
             How many sights in a row err alike.
         """
+        from . import step_kernels as compiled
+
         off = wrapped(offset_rad - float(self.state[OFFSET]))
         known = float(self.covariance[OFFSET, OFFSET])
         variance = sigma_rad**2 * max(repeats, 1.0)
         variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
-        gain = self.covariance[:, OFFSET] / (known + variance)
-        self.state = self.state + gain * off
-        self.covariance = self.covariance - np.outer(gain, self.covariance[OFFSET])
+        self.state, self.covariance = compiled.sight(self.state, self.covariance, off, variance)
 
     def fix(self, place: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""

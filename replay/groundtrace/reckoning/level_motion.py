@@ -7,7 +7,6 @@ it can be weighed against everything else that is known.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..heading.api import HeadingFrames
 from ..heading.attitude import GRAVITY_MPS2, Attitude, AttitudeNoise
 from ..heading.estimator import HeadingEstimator, joined
 from ..heading.parameters import HeadingParameters
@@ -34,19 +34,6 @@ if TYPE_CHECKING:
 BIAS = 0.004
 #: Steps come no later than this after the signal [s].
 MEMORY_S = 30.0
-
-
-class FreeAttitude(Attitude):
-    """An attitude whose heading is the gyroscope's alone: about the vertical it only integrates.
-
-    That a walker's velocity stays near its mean tells the tilt. About the vertical it would tell
-    something as well, as far as the heading is uncertain, and wrongly at every corner.
-    """
-
-    def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
-        """Take it that the velocity is near its mean, whatever the heading."""
-        self.reset_heading(0.0)
-        Attitude.hold_velocity(self, dt_s, sigma_mps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,27 +90,24 @@ class LevelMotion:
     rate_hz: float
     _estimator: HeadingEstimator = field(init=False)
     _waiting: list[Samples] = field(default_factory=list)
-    _parts: list[Motion] = field(default_factory=list)
-    _rested_s: float = 0.0
+    _motion: Motion | None = None
 
     def __post_init__(self) -> None:
         self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
-        self._estimator.attitude = FreeAttitude(AttitudeNoise(bias_start=BIAS))
+        self._estimator.attitude = Attitude(AttitudeNoise(bias_start=BIAS), free=True)
 
     @property
     def end_ns(self) -> int:
         """Time of the last sample; long ago where there is none [ns]."""
-        return int(self._parts[-1].time_ns[-1]) if self._parts else -(2**62)
+        return -(2**62) if self._motion is None else int(self._motion.time_ns[-1])
 
     def between(self, start_ns: int, stop_ns: int) -> Motion:
         """Return the samples in ``[start_ns, stop_ns)``, at least one; there must be some.
 
         A step later than what is remembered gets the oldest sample.
         """
-        ends = [int(part.time_ns[-1]) for part in self._parts]
-        first = min(bisect_left(ends, start_ns), len(ends) - 1)
-        last = min(bisect_left(ends, stop_ns), len(ends) - 1)
-        return _joined(self._parts[first : last + 1]).between(start_ns, stop_ns)
+        assert self._motion is not None  # a frame was taken
+        return self._motion.between(start_ns, stop_ns)
 
     def add(self, samples: Samples) -> None:
         """Take samples of any number."""
@@ -134,45 +118,42 @@ class LevelMotion:
         """Take in what was held back."""
         self._take(self._estimator.finish())
 
-    def _take(self, frames: Sequence[HeadingFrame]) -> None:
-        if not len(frames):
+    def _take(self, given: Sequence[HeadingFrame]) -> None:
+        if not given:
             return
-        count = sum(len(frame.time_ns) for frame in frames)
+        frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
+        count = len(frames.time_ns)
         waiting = self._waiting[0]
         self._waiting = [waiting.rows(count, len(waiting))]
-        orientation = np.concatenate([frame.orientation for frame in frames])
         samples = waiting.rows(0, count)
-        # one turn for all frames: each of a few samples would cost as much
-        force, field_ = (turned(orientation, x) for x in (samples.force, samples.field))
+        force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= GRAVITY_MPS2
-        first = 0
-        for frame in frames:
-            rows = slice(first, first + len(frame.time_ns))
-            rested = self._rested(frame)
-            self._parts.append(
-                Motion(samples.time_ns[rows], orientation[rows], force[rows], field_[rows], rested)
-            )
-            first = rows.stop
-        self._forget()
+        rested_s = self._rested(frames)
+        new = Motion(samples.time_ns, frames.orientation, force, field_, rested_s)
+        self._motion = new if self._motion is None else _joined(self._kept(new), new)
 
-    def _rested(self, frame: HeadingFrame) -> Array:
-        """Return how long the sensor has been at rest by each sample of a frame [s]."""
-        each_s = float(frame.resting) / self.rate_hz
-        rested: Array = self._rested_s + each_s * np.arange(1.0, len(frame.time_ns) + 1)
-        self._rested_s = float(rested[-1])
-        return rested
+    def _rested(self, frames: HeadingFrames) -> Array:
+        """Return how long the sensor has been at rest by each sample [s]."""
+        before_s = 0.0 if self._motion is None else float(self._motion.rested_s[-1])
+        each_s = np.repeat(frames.resting / self.rate_hz, frames.lengths)
+        return np.cumsum(np.concatenate([[before_s], each_s]))[1:]
 
-    def _forget(self) -> None:
-        """Forget what is older than any step to come."""
-        oldest_ns = self.end_ns - round(MEMORY_S * NS_PER_S)
-        while len(self._parts) > 1 and self._parts[0].time_ns[-1] < oldest_ns:
-            self._parts.pop(0)
+    def _kept(self, new: Motion) -> Motion:
+        """Return what is not older than any step to come, by when the newest portion begins."""
+        assert self._motion is not None  # something came before
+        oldest_ns = int(new.time_ns[0]) - round(MEMORY_S * NS_PER_S)
+        return self._motion.between(oldest_ns, 2**62)
 
 
 def _without_field(samples: Samples) -> Samples:
     return replace(samples, field=np.full_like(samples.field, np.nan))
 
 
-def _joined(parts: Sequence[Motion]) -> Motion:
-    columns = [(p.time_ns, p.orientation, p.acceleration, p.field, p.rested_s) for p in parts]
-    return Motion(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+def _joined(before: Motion, after: Motion) -> Motion:
+    return Motion(
+        np.concatenate([before.time_ns, after.time_ns]),
+        np.concatenate([before.orientation, after.orientation]),
+        np.concatenate([before.acceleration, after.acceleration]),
+        np.concatenate([before.field, after.field]),
+        np.concatenate([before.rested_s, after.rested_s]),
+    )

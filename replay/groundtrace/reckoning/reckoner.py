@@ -88,6 +88,7 @@ class DeadReckoner:
         self._measured: _Measured | None = None
         self._last_ns: int | None = None
         self._rested_s = 0.0
+        self._went = False  # a track before
 
     def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:
         """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
@@ -147,14 +148,14 @@ class DeadReckoner:
             said.append(Note(stride.time_ns, facing.news, source=self.stage))
         return said
 
-    def finish(self) -> list[TrackPoint]:
-        """End the track; return what is still to say of it."""
+    def finish(self, until_ns: int = 2**63) -> list[TrackPoint]:
+        """End the track with what is known until a time; return what is still to say of it."""
         track, self._track = self._track, None
         if track is None:
             return []
-        points = self._take_places(track, 2**63)
+        points = self._take_places(track, until_ns)
         x, y = track.filter.state[:2].tolist()
-        self.origin = (x, y)
+        self.origin, self._went = (x, y), True
         return points + track.finish()
 
     def _interval_s(self, time_ns: int) -> float:
@@ -171,7 +172,10 @@ class DeadReckoner:
         return heading + (0.0 if stride.sight is None else stride.sight.offset_rad)
 
     def _begin(self, time_ns: int) -> list[TrackPoint]:
-        """Begin the track where the walker was seen first, else at the origin, surely."""
+        """Begin where the last track ended, or where the walker was seen first, or at the origin.
+
+        The first and last of these are sure.
+        """
         p = self.parameters
         noise = ReckoningNoise(
             drift=math.radians(p.drift_dps),
@@ -182,7 +186,7 @@ class DeadReckoner:
             wander=ANYHOW if p.azimuth == "compass" else 0.0,
         )
         place, sigma_m = self.origin, 0.0
-        if self._places:
+        if self._places and not self._went:
             seen = next((k for k in self._places[::-1] if k.time_ns <= time_ns), self._places[0])
             away_m = WALK_MPS * abs(seen.time_ns - time_ns) / NS_PER_S
             place, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)

@@ -11,10 +11,11 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..gates import Carry, decided_block, gate_specs
 from ..heading.aligned import PATIENCE_NS, QUANTITIES, columns_of_axes
+from ..rounds import Rounds
 from ..stage import PluginStage
 from .barometer import Barometer
 from .places import TangentPlane, satellite_columns, satellite_fixes, waypoints_of
-from .worn_sensor import WornSensor
+from .worn_sensor import TURNING, WornSensor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -26,8 +27,12 @@ if TYPE_CHECKING:
     from .places import KnownPlace
     from .reckoner import DeadReckoner
 
-#: A step waits until the signal is so far beyond it: streams come in portions.
+#: A step counts satellite fixes up to so long after it.
 LATE_NS = NS_PER_S
+#: It waits until the signal is so far beyond it: streams come in portions, and late.
+WAIT_NS = 3 * NS_PER_S // 2
+#: Fixes from so long before a walker is heard of are remembered.
+KEPT_NS = 60 * NS_PER_S
 #: The one channel of a reckoner's candidates.
 WALKER = ("walker",)
 #: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
@@ -36,15 +41,20 @@ AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
 
 @dataclass(slots=True)
 class _Run:
-    """A reckoner at work on the steps of one topic; the last of its sensors is heard now."""
+    """A reckoner at work on the steps of one topic; the last of its sensors is heard now.
+
+    ``heard_ns`` is how far the topic was heard of, ``known_ns`` until when the worker knows fixes.
+    """
 
     worker: DeadReckoner
     spec: StageSpec
     placement: str
     sensors: list[WornSensor]
+    steps: list[StepEvent]
     barometer: Barometer = field(default_factory=Barometer)
     carry: Carry = field(default_factory=Carry)
-    steps: list[StepEvent] = field(default_factory=list)
+    heard_ns: int = -(2**62)
+    known_ns: int = -(2**62)
 
 
 class ReckoningStage(PluginStage["DeadReckoner"]):
@@ -87,8 +97,10 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
         self._plane = TangentPlane(start)
         self._topics: set[str] = set()
         self._runs: dict[str, _Run] = {}
+        self._rounds = Rounds(TURNING)
         self._early: list[SignalBlock] = []
-        self._seen: list[KnownPlace] = []  # the last satellite fix
+        self._early_steps: dict[str, list[StepEvent]] = {}  # of a topic not heard of yet
+        self._fixes: list[KnownPlace] = []  # in order of time, back to those of the last minute
         self._tracks = 0
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
@@ -100,54 +112,93 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             case StepEvent(stage=stage, topic=topic) if stage == self.stepping:
                 if topic in self._runs:
                     self._runs[topic].steps.append(item)
-                    yield from self._reckon(self._runs[topic])
+                elif topic in self._topics:
+                    self._early_steps.setdefault(topic, []).append(item)
             case SignalBlock() if len(item):
-                yield from self._hear(item)
-            case Gap(bridged=False, topic=topic):
-                for run in self._runs.values():
-                    sensor = run.sensors[-1]
-                    if topic in (run.spec.topic, sensor.topic):
-                        sensor.finish()
-                        run.sensors.append(WornSensor())
+                yield from self._take(self._rounds.add(item))
+            case Gap():
+                yield from self._take(self._rounds.add(item))
 
     def flush(self) -> Iterator[Event]:
         """End all tracks."""
+        yield from self._take(self._rounds.finish())
         for run in self._runs.values():
             run.sensors[-1].finish()
             yield from self._reckon(run, final=True)
+            self._know(run, 2**62)
             yield from run.worker.finish()
             yield from self._notes(run)
 
     def save(self) -> Any:
         """Return a copy of everything that crosses items."""
-        kept = (self._plane, self._topics, self._runs, self._early, self._seen, self._tracks)
-        return copy.deepcopy(kept)
+        kept = (self._plane, self._topics, self._runs, self._rounds)
+        early = (self._early, self._early_steps, self._fixes, self._tracks)
+        return copy.deepcopy((kept, early))
 
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
-        kept = copy.deepcopy(saved)
-        self._plane, self._topics, self._runs, self._early, self._seen, self._tracks = kept
+        kept, early = copy.deepcopy(saved)
+        self._plane, self._topics, self._runs, self._rounds = kept
+        self._early, self._early_steps, self._fixes, self._tracks = early
+
+    def _take(self, items: Sequence[SignalBlock | Gap]) -> Iterator[Event]:
+        """Take a round of all streams: places first, then each sensor's signal."""
+        blocks = [item for item in items if isinstance(item, SignalBlock)]
+        self._see(blocks)
+        for block in blocks:
+            if block.topic in self._topics and block.topic not in self._runs:
+                run = self._runs[block.topic] = self._begin(block)
+                yield run.spec
+                for early in self._early:
+                    self._feed(run, early)
+        for item in items:
+            if isinstance(item, SignalBlock):
+                yield from self._hear(item)
+            elif not item.bridged:
+                self._interrupted(item)
+        if blocks:
+            oldest_ns = blocks[-1].start_ns - PATIENCE_NS
+            self._early = [x for x in [*self._early, *blocks] if x.last_ns >= oldest_ns]
+            for run in self._runs.values():
+                run.sensors[-1].forget()
+
+    def _see(self, blocks: Sequence[SignalBlock]) -> None:
+        """Remember the satellite fixes of a round."""
+        if self.parameters.updates != "gnss":
+            return
+        seen = [block for block in blocks if satellite_columns(block.stream) is not None]
+        if not seen:
+            return
+        seen.sort(key=lambda block: block.start_ns)
+        oldest_ns = seen[0].start_ns - KEPT_NS
+        oldest_ns = min([oldest_ns, *(run.known_ns for run in self._runs.values())])
+        for block in seen:
+            self._fixes += satellite_fixes(block, self._plane, self.parameters.gnss_m)
+        self._fixes.sort(key=lambda fix: fix.time_ns)
+        past = sum(fix.time_ns <= oldest_ns for fix in self._fixes)
+        del self._fixes[: max(past - 1, 0)]
+
+    def _know(self, run: _Run, until_ns: int) -> None:
+        """Give a reckoner the fixes up to a time."""
+        known_ns, run.known_ns = run.known_ns, max(until_ns, run.known_ns)
+        run.worker.know([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
 
     def _hear(self, block: SignalBlock) -> Iterator[Event]:
-        """Begin at the first block of a topic with steps; give every run what is of its sensor."""
-        if block.topic in self._topics and block.topic not in self._runs:
-            run = self._runs[block.topic] = self._begin(block)
-            yield run.spec
-            for early in self._early:
-                self._feed(run, early)
-        self._early.append(block)
-        while self._early[0].last_ns < block.start_ns - PATIENCE_NS:
-            self._early.pop(0)
-        if satellite_columns(block.stream) is not None and self.parameters.updates == "gnss":
-            fixes = satellite_fixes(block, self._plane, self.parameters.gnss_m)
-            for run in self._runs.values():
-                run.worker.know(fixes)
-            self._seen = (self._seen + fixes)[-1:]
         for run in self._runs.values():
             self._feed(run, block)
             yield from self._reckon(run)
 
+    def _interrupted(self, gap: Gap) -> None:
+        """Begin with a new sensor after a gap."""
+        for run in self._runs.values():
+            sensor = run.sensors[-1]
+            if gap.topic in (run.spec.topic, sensor.topic):
+                sensor.finish()
+                run.sensors.append(WornSensor())
+
     def _feed(self, run: _Run, block: SignalBlock) -> None:
+        if block.topic == run.spec.topic:
+            run.heard_ns = block.last_ns
         if block.stream.placement != run.placement:
             return
         if block.stream.columns_of({"pressure"}):
@@ -172,20 +223,22 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
         )
         self._tracks += 1
         worker.start(self.name, self._tracks, self.start)
-        worker.know([*self.waypoints, *self._seen])
-        return _Run(worker, spec, placement, [WornSensor()])
+        worker.know(self.waypoints)
+        early = self._early_steps.pop(block.topic, [])
+        return _Run(worker, spec, placement, [WornSensor()], early)
 
     def _reckon(self, run: _Run, *, final: bool = False) -> Iterator[Event]:
-        """Take the steps whose signal is complete."""
+        """Take the steps around which everything is known."""
         while run.steps:
             step = run.steps[0]
             while len(run.sensors) > 1 and step.time_ns > run.sensors[0].end_ns:
-                yield from self._interrupt(run)
+                yield from self._interrupt(run, step.time_ns)
             sensor = run.sensors[0]
-            complete = len(run.sensors) > 1 or sensor.end_ns >= step.time_ns + LATE_NS
-            if sensor.motion is None or not (final or complete) or sensor.end_ns < 0:
+            known = final or self._complete(run, step.time_ns)
+            if sensor.motion is None or not known or sensor.end_ns < 0:
                 return
             run.steps.pop(0)
+            self._know(run, step.time_ns + LATE_NS)
             height_m = run.barometer.height_m(step.time_ns)
             found = run.worker.measure(step, sensor.motion, height_m)
             block, run.carry = decided_block(
@@ -194,10 +247,19 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             yield block
             yield from run.worker.follow(bool(block.accepted[0]))
 
-    def _interrupt(self, run: _Run) -> Iterator[Event]:
+    def _complete(self, run: _Run, time_ns: int) -> bool:
+        """Return whether no stream can bring more of what counts for a step."""
+        over = len(run.sensors) > 1
+        went_back = over and run.heard_ns < run.sensors[0].end_ns
+        if run.heard_ns < time_ns + WAIT_NS and not went_back:
+            return False
+        return over or run.sensors[0].end_ns >= time_ns + LATE_NS
+
+    def _interrupt(self, run: _Run, time_ns: int) -> Iterator[Event]:
         """Go on with the next sensor: the end of a track, and the beginning of another."""
         run.sensors.pop(0)
-        yield from run.worker.finish()
+        self._know(run, time_ns)
+        yield from run.worker.finish(time_ns)
         self._tracks += 1
         run.worker.start(self.name, self._tracks, run.worker.origin)
 

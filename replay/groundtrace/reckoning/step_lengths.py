@@ -13,13 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from groundtrace_codecs.signals import NS_PER_S
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from .level_motion import Motion
     from .parameters import ReckoningParameters
 
@@ -46,7 +40,7 @@ class StepShape:
 
 
 def shape_of(motion: Motion, margin_ns: int) -> StepShape:
-    """Return the shape of a step.
+    """Return the shape of a step; the body's height is taken to be after it as before it.
 
     Parameters
     ----------
@@ -57,20 +51,10 @@ def shape_of(motion: Motion, margin_ns: int) -> StepShape:
     """
     if len(motion) < 3:
         return StepShape(0.0, 0.0)
-    period_s = float(motion.time_ns[-1] - motion.time_ns[0]) / NS_PER_S / (len(motion) - 1)
-    width = max(1, round(SMOOTH_S / period_s))
-    smooth = np.convolve(motion.acceleration[:, 2], np.full(width, 1 / width), "same")
-    inside = (motion.time_ns >= motion.time_ns[0] + margin_ns) & (
-        motion.time_ns <= motion.time_ns[-1] - margin_ns
-    )
-    up = smooth[inside] if inside.sum() >= 3 else smooth
-    return StepShape(float(np.ptp(up)), float(np.ptp(_height(up, period_s))))
+    # compiled functions are not imported where pipelines are only listed
+    from .step_kernels import shape
 
-
-def _height(up: NDArray[np.float64], period_s: float) -> NDArray[np.float64]:
-    """Return the height of a body that is after a step as before it [m], shape (n,)."""
-    speed = np.cumsum(up - up.mean()) * period_s
-    return np.asarray(np.cumsum(speed - speed.mean()) * period_s)
+    return StepShape(*shape(motion.time_ns, motion.acceleration, margin_ns, SMOOTH_S))
 
 
 def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:

@@ -185,8 +185,12 @@ class Track:
             self._turn(self.filter.angle_to(fix.place, fix.sigma_m) or 0.0)
 
     def _go(self, stride: Stride) -> None:
-        sight, rest = stride.sight, self._rest(stride.rested_s)
-        predicted = self._knot(stride.time_ns, self._wait(stride.time_ns) @ rest, shown=False)
+        sight, forget = stride.sight, None
+        if stride.rested_s > 0:
+            forget = self.filter.rest(stride.rested_s)
+        waited = self._wait(stride.time_ns)
+        waited = waited if forget is None else waited @ forget
+        predicted = self._knot(stride.time_ns, waited, shown=False)
         if sight is not None:
             self.filter.sight(sight.offset_rad, sight.sigma_rad, sight.repeats)
         self._remember(predicted)
@@ -201,24 +205,22 @@ class Track:
         self._remember(predicted)
         return nis
 
-    def _rest(self, rested_s: float) -> Array:
-        return self.filter.rest(rested_s) if rested_s > 0 else np.eye(SIZE)
-
     def _wait(self, time_ns: int) -> Array:
         return self.filter.wait(max(0, time_ns - self.time_ns) / NS_PER_S)
 
     def _knot(self, time_ns: int, transition: Array, *, shown: bool = True) -> Known:
         """Return what the filter says now."""
-        state, spread = State(self.filter.state.copy()), self.filter.covariance.copy()
+        state, spread = State(self.filter.state), self.filter.covariance
         return Knot(time_ns, shown, state, spread, state, spread, transition)
 
     def _remember(self, predicted: Known) -> None:
         """Keep a knot with what the filter has been told since."""
-        state, spread = State(self.filter.state.copy()), self.filter.covariance.copy()
-        knot = replace(predicted, pose=state, spread=spread)
+        k, state, spread = predicted, State(self.filter.state), self.filter.covariance
         if not self.smooth_s:
             self._knots.clear()
-        self._knots.append(knot)
+        self._knots.append(
+            Knot(k.time_ns, k.shown, k.predicted, k.predicted_spread, state, spread, k.transition)
+        )
 
     def _due(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough."""

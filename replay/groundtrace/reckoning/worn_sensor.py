@@ -45,8 +45,6 @@ class WornSensor:
         """Take a block of one of the sensor's streams."""
         if self.motion is None and not columns_of_axes(block.stream, TURNING):
             self._early.append(block)
-            while self._early[0].last_ns < block.start_ns - PATIENCE_NS:
-                self._early.pop(0)
             return
         if self.motion is None:
             self.topic = block.topic
@@ -56,6 +54,12 @@ class WornSensor:
             self._early = []
         self._aligner.hear(block)
         self.motion.add(self._aligner.take())
+
+    def forget(self) -> None:
+        """Forget what lies too long before a gyroscope that is yet to be heard of."""
+        if self._early:
+            oldest_ns = self._early[-1].start_ns - PATIENCE_NS
+            self._early = [block for block in self._early if block.last_ns >= oldest_ns]
 
     def finish(self) -> None:
         """Take in what waited for more."""

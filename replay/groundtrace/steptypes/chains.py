@@ -37,8 +37,12 @@ _TOP = (-0.35, 0.65)
 _NEAR = 0.5
 #: Lateral minima and maxima lie in this part of the range, from its ends.
 _DEEP = 0.3
-#: Span over which ranges are compared [steps].
-_RANGE = 1.5
+#: Where ranges are compared, and where the vertical mean is taken: first and last place.
+_NEAR_CONTACT = (CONTACT - round(1.5 * POINTS), CONTACT + round(1.5 * POINTS))
+_ABOUT = (CONTACT - POINTS, CONTACT + POINTS)
+#: Weights of a point's neighbours.
+_HALF = round(3 * _SMOOTH * POINTS)
+_WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINTS)) ** 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,25 +101,12 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
     step_s
         Time of a step [s].
     """
-    half = round(3 * _SMOOTH * POINTS)
-    weights = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH * POINTS)) ** 2)
-    # the ends have fewer neighbours: nothing beyond the strip is waited for
-    count = np.convolve(np.ones(len(PHASE)), weights, "same")
-    rows = [np.interp(PHASE * step_s, times_s, row) for row in values]
-    return np.stack([np.convolve(row, weights, "same") / count for row in rows])
+    # compiled functions are not imported where pipelines are only listed
+    from . import chain_kernels as compiled
 
-
-def maxima(x: Array, low: float, high: float) -> NDArray[np.intp]:
-    """Return the places of the local maxima whose phase lies in ``[low, high]``."""
-    middle = x[1:-1]
-    found = np.flatnonzero((middle > x[:-2]) & (middle >= x[2:])) + 1
-    return found[(PHASE[found] >= low) & (PHASE[found] <= high)]
-
-
-def range_of(x: Array) -> float:
-    """Return the range of a strip's row near the contact."""
-    near = x[np.abs(PHASE) <= _RANGE]
-    return float(np.ptp(near))
+    out = np.empty((len(values), len(PHASE)))
+    compiled.strip(times_s, np.ascontiguousarray(values), PHASE * step_s, _WEIGHTS, out)
+    return out
 
 
 def frontal(strip: Array, swing: NDArray[np.complex128] | None) -> Frontal:
@@ -129,88 +120,20 @@ def frontal(strip: Array, swing: NDArray[np.complex128] | None) -> Frontal:
         Of the step (:func:`groundtrace.heading.walking_axis.step_swing`); its phase is the lead of
         a step without a frontal maximum of its own.
     """
-    ahead, _, up = strip
-    tops = maxima(up, *_TOP)
-    top = int(tops[np.argmax(up[tops])]) if len(tops) else CONTACT
-    before, own, after = _windows(up - up[np.abs(PHASE) <= 1.0].mean(), top)
-    found = maxima(ahead, PHASE[top] - _NEAR, PHASE[top] + _NEAR)
-    window = (own[1] - own[0]) / POINTS
-    if not len(found):
-        angle = 0.0 if swing is None else float(np.angle(swing[0]))
-        return Frontal(window, angle / (2 * np.pi), 0.0, 0.0)
-    peak = int(found[np.argmax(ahead[found])])
-    first = _lowest(ahead, *(before if peak <= top else own), limit=peak)
-    last = _lowest(ahead, *(own if peak <= top else after), limit=-peak)
-    height = ahead[peak] - 0.5 * (ahead[first] + ahead[last])
-    # a triangle of base n and this height has an area of height n / 2
-    density = 0.5 * float(height) / max(range_of(up), 1e-9)
-    return Frontal(window, (top - peak) / POINTS, density, _slopes(ahead, first, peak, last))
+    from . import chain_kernels as compiled
+
+    window, lead, density, slopes = compiled.frontal(
+        strip, PHASE, CONTACT, _TOP, _NEAR, _ABOUT, POINTS, _NEAR_CONTACT
+    )
+    if np.isnan(lead):
+        lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
+    return Frontal(window, lead, density, slopes)
 
 
 def lateral(strip: Array) -> Lateral:
     """Measure the lateral pattern of a strip."""
-    ahead, right, up = strip
-    low, size = float(right.min()), float(np.ptp(right))
-    other = max(range_of(ahead), 1e-9) * max(range_of(up), 1e-9)
-    share = range_of(right - _stride_mean(right)) / other**0.5
-    deep = maxima(-right, -BEFORE, AFTER)
-    deep = deep[right[deep] <= low + _DEEP * size]
-    first, last = _around(deep)
-    peak = first + int(np.argmax(right[first : last + 1]))
-    if first < deep.min(initial=CONTACT):
-        first = _lowest(right, first, peak)
-    if last > deep.max(initial=CONTACT):
-        last = _lowest(right, peak, last)
-    length = max(last - first, 1)
-    slopes = _slopes(right, first, peak, last)
-    side = 1.0 if slopes > 0 else -1.0
-    lobe = abs((peak - first) / length - 0.5)
-    return Lateral(share, lobe, slopes, side * (CONTACT - peak) / length)
+    from . import chain_kernels as compiled
 
-
-def _stride_mean(x: Array) -> Array:
-    """Return the mean over two steps: what a turn adds to the lateral acceleration."""
-    box = np.ones(2 * POINTS + 1)
-    return np.asarray(np.convolve(x, box, "same") / np.convolve(np.ones(len(x)), box, "same"))
-
-
-def _around(places: NDArray[np.intp]) -> tuple[int, int]:
-    """Return the last place up to the contact and the first after it; the strip's ends if none."""
-    before, after = places[places <= CONTACT], places[places > CONTACT]
-    first = int(before[-1]) if len(before) else 0
-    return first, int(after[0]) if len(after) else len(PHASE) - 1
-
-
-def _lowest(x: Array, first: int, last: int, limit: int | None = None) -> int:
-    """Return the place of the minimum in ``[first, last]``.
-
-    Only up to ``limit`` where it is positive, from ``-limit`` on where it is negative.
-    """
-    if limit is not None and limit < 0:
-        first, last = max(first, -limit), max(last, -limit)
-    elif limit is not None:
-        first, last = min(first, limit), min(last, limit)
-    return first + int(np.argmin(x[first : last + 1]))
-
-
-def _windows(x: Array, top: int) -> tuple[tuple[int, int], tuple[int, int], tuple[int, int]]:
-    """Return where a signal is above 0: around ``top``, and the times before and after that.
-
-    Where it stays below, what lies between is given.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], x > 0, [0]]).astype(np.int8)))
-    spans = [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
-    own = next((s for s in spans if s[0] <= top <= s[1]), (top, top))
-    before = [s for s in spans if s[1] < own[0]]
-    after = [s for s in spans if s[0] > own[1]]
-    end = len(x) - 1
-    return (before[-1] if before else (0, own[0])), own, (after[0] if after else (own[1], end))
-
-
-def _slopes(x: Array, first: int, peak: int, last: int) -> float:
-    """Return the logarithm of the mean slope after a maximum over that before it."""
-    rise = float(x[peak] - x[first]) / max(peak - first, 1)
-    fall = float(x[peak] - x[last]) / max(last - peak, 1)
-    if not (rise > 0 and fall > 0):
-        return 0.0
-    return float(np.log(fall / rise))
+    # over two steps the mean is what a turn adds to the lateral acceleration
+    found = compiled.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
+    return Lateral(*found)

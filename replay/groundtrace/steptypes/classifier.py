@@ -55,7 +55,7 @@ class StepTypeParameters:
     cutoff_hz: Annotated[float, measured("Hz", "Corner of the low-pass.", gt=0)] = 4.0
     late_s: Annotated[
         float, measured("s", "Longest time by which steps are announced late.", ge=2)
-    ] = 12.0
+    ] = 20.0
     share: Annotated[
         float,
         gate(

@@ -1,0 +1,98 @@
+"""The smoothing of a foot's knots, and the gain of any smoothing, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..compiled import compiled
+from ..heading.rotation_kernels import multiply, solve, transpose
+from .walk_kernels import POSE, SIZE, SPEED, move
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+@compiled
+def error_between(pose: Array, other: Array) -> Array:
+    """Return the error state that moves the ``other`` pose to a pose, shape (15,)."""
+    out, back, turned = np.empty(SIZE), np.empty(4), np.empty(4)
+    back[0], back[1], back[2], back[3] = other[0], -other[1], -other[2], -other[3]
+    multiply(pose[:SPEED], back, turned)
+    # small turns: twice the vector part, of the quaternion whose scalar part is positive
+    sign = math.copysign(2.0, turned[0])
+    for i in range(3):
+        out[i] = sign * turned[i + 1]
+    for i in range(3, SIZE):
+        out[i] = pose[i + 1] - other[i + 1]
+    return out
+
+
+@compiled
+def gain_of(spread: Array, step: Array, predicted: Array) -> Array:
+    """Return ``spread @ step.T`` times the inverse of ``predicted``, rows of which differ much."""
+    n = len(spread)
+    sides, even, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    np.dot(step, spread, sides)  # the transpose of what is wanted
+    for i in range(n):
+        scale[i] = math.sqrt(max(predicted[i, i], 1e-30))
+    for i in range(n):
+        for k in range(n):
+            even[i, k] = predicted[i, k] / (scale[i] * scale[k])
+            sides[i, k] /= scale[i]
+        even[i, i] += 1e-12  # the heading may be known exactly at the start
+    solve(even, sides)
+    for i in range(n):
+        for k in range(n):
+            sides[i, k] /= scale[i]
+    gain = np.empty((n, n))
+    transpose(sides, gain)
+    return gain
+
+
+@compiled
+def smooth(
+    poses: Array,
+    spreads: Array,
+    guesses: Array,
+    wide: Array,
+    moves: Array,
+    pose: Array,
+    spread: Array,
+) -> tuple[Array, Array]:
+    """Smooth knots backward; return their poses, shape (n, 16), and covariances' planar parts.
+
+    Parameters
+    ----------
+    poses, spreads
+        Of the knots, shapes (n, 16) and (n, 15, 15).
+    guesses, wide, moves
+        What was predicted of the knot after each, its covariance, and the transition to it.
+    pose, spread
+        Of the knot after the last, smoothed; both go on in place.
+    """
+    count = len(poses)
+    found, planar = np.empty((count, POSE)), np.empty((count, 3))
+    off, half, back = np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE))
+    for i in range(count - 1, -1, -1):
+        gain = gain_of(spreads[i], moves[i], wide[i])
+        error, change = error_between(pose, guesses[i]), np.zeros(SIZE)
+        for r in range(SIZE):
+            for k in range(SIZE):
+                change[r] += gain[r, k] * error[k]
+                off[r, k] = spread[r, k] - wide[i, r, k]
+        pose[:] = poses[i]
+        move(pose, change)
+        np.dot(gain, off, half)
+        transpose(gain, back)
+        np.dot(half, back, off)
+        for r in range(SIZE):
+            for k in range(SIZE):
+                spread[r, k] = spreads[i, r, k] + off[r, k]
+        found[i] = pose
+        planar[i, 0], planar[i, 1], planar[i, 2] = spread[6, 6], spread[6, 7], spread[7, 7]
+    return found, planar
