@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import tempfile
 import time
 from pathlib import Path
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import signal
-from timing import taken_s
+from timing import alone, interleaved
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -176,19 +175,6 @@ def with_timeline(path: Path) -> None:
     whole_replay(path, RerunSink(rrd))
 
 
-def interleaved(
-    cases: dict[str, Callable[[], None]], runs: int, clock: Callable[[], float]
-) -> dict[str, float]:
-    """Run the cases in turn, so that a drift of the machine's speed meets all; return medians."""
-    times: dict[str, list[float]] = {name: [] for name in cases}
-    for case in cases.values():
-        case()
-    for _ in range(runs):
-        for name, case in cases.items():
-            times[name].append(taken_s(case, clock))
-    return {name: statistics.median(each) for name, each in times.items()}
-
-
 def print_table(medians: dict[str, float], seconds: float) -> None:
     """Each case's time, and as a ratio to its peers'."""
     print(f"{'one core, CPU time':34}{'ms per s':>9}{'s per s':>9}", end="")
@@ -216,6 +202,8 @@ def one_core_cases(path: Path, samples: np.ndarray) -> dict[str, Callable[[], No
         REPLAY: lambda: whole_replay(path),
         WITH_POWER: lambda: whole_replay(path, PowerSink()),
         "replay, and results file": lambda: with_results(path),
+        "replay, and .rrd": lambda: with_timeline(path),
+        "room-footsteps, with places": lambda: whole_replay(path, pipeline="room-footsteps"),
     }
 
 
@@ -239,6 +227,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
+    alone()
     everywhere = sorted(os.sched_getaffinity(0))
     one = everywhere[:1]
     with tempfile.TemporaryDirectory() as folder:
@@ -249,15 +238,9 @@ def main() -> None:
         print(f"{CHANNELS} channels x {RATE_HZ:g} Hz, {options.seconds:g} s, zstd, warm, medians")
         os.sched_setaffinity(0, one)
         cases = one_core_cases(path, samples)
-        print_table(interleaved(cases, options.runs, time.process_time), options.seconds)
-        drawn = {"replay, and .rrd": lambda: with_timeline(path)}
-        middle = interleaved(drawn, 1, time.process_time)["replay, and .rrd"]
+        print_table(interleaved(cases, options.runs), options.seconds)
         size = path.with_suffix(".rrd").stat().st_size / samples.size
-        print(f"replay, and .rrd: {1e3 * middle / options.seconds:.1f} ms per s, ", end="")
-        print(f"{size:.2f} bytes per sample")
-        places = {"": lambda: whole_replay(path, pipeline="room-footsteps")}
-        middle = interleaved(places, 1, time.process_time)[""]
-        print(f"room-footsteps, with places: {1e3 * middle / options.seconds:.1f} ms per s")
+        print(f"the .rrd has {size:.2f} bytes per sample")
         os.sched_setaffinity(0, everywhere)
         both = {
             f"{name} on {len(cores)}": on_cores(cores, case)

@@ -14,6 +14,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from timing import alone
+
 from groundtrace.explain.grid import Grid, make_grid, parse_axis
 from groundtrace.explain.measuring import measure_evidence
 from groundtrace.explain.redecide import Redecider
@@ -75,6 +77,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=34.0)
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
+    alone()
     print(
         f"{'':34}{'settings':>10}{'ms per setting':>15}{'recorded s per s':>18}{'times singly':>15}"
     )

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import statistics
+import sys
 import time
 from typing import TYPE_CHECKING
 
+from groundtrace.blas import one_thread
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+    Clock = Callable[[], float]
 
 
-def taken_s(case: Callable[[], object], clock: Callable[[], float] = time.process_time) -> float:
+def alone() -> None:
+    """Begin this program again where libraries of numpy may have started threads.
+
+    The CPU time of a process is that of all its threads, and those wait for work by looking for it
+    again and again, on whatever core: a product of matrices was then seen at ten times its time.
+    """
+    if one_thread():
+        os.execv(sys.executable, sys.orig_argv)
+
+
+def taken_s(case: Callable[[], object], clock: Clock = time.process_time) -> float:
     """Return the time of one run by a clock, by default of the processor [s]."""
     began = clock()
     case()
@@ -21,3 +37,22 @@ def median_s(case: Callable[[], object], runs: int) -> float:
     """Return the median CPU time of some runs after a first one [s]."""
     case()
     return statistics.median(taken_s(case) for _ in range(runs))
+
+
+def least_s(case: Callable[[], object], runs: int) -> float:
+    """Return the least CPU time of some runs after a first one: what nothing else disturbed [s]."""
+    case()
+    return min(taken_s(case) for _ in range(runs))
+
+
+def interleaved(
+    cases: Mapping[str, Callable[[], object]], runs: int, clock: Clock = time.process_time
+) -> dict[str, float]:
+    """Run the cases in turn, so that a drift of the machine's speed meets all; return medians."""
+    times: dict[str, list[float]] = {name: [] for name in cases}
+    for case in cases.values():
+        case()
+    for _ in range(runs):
+        for name, case in cases.items():
+            times[name].append(taken_s(case, clock))
+    return {name: statistics.median(each) for name, each in times.items()}

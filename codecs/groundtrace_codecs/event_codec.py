@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from functools import cache
 from math import prod
 from sys import intern
 from typing import TYPE_CHECKING, Any
@@ -13,9 +12,7 @@ import msgspec
 import numpy as np
 
 from .description import SPEC_KEY
-from .encoders import Output, Packet, protobuf_output
 from .errors import SchemaError
-from .event_mirror import mirror
 from .events import (
     Bearing,
     CandidateBlock,
@@ -26,13 +23,12 @@ from .events import (
     Heading,
     Note,
     Pick,
-    Presence,
     StageSpec,
     StepEvent,
     TraceBlock,
     TrackPoint,
 )
-from .schemas.protobuf import get_time, message_class, parse, set_time
+from .schemas.protobuf import get_time, message_class, parse
 from .traffic import traffic_event
 
 if TYPE_CHECKING:
@@ -60,8 +56,6 @@ TOPICS = {
     "Gap": "/groundtrace/gaps",
     "Note": "/groundtrace/notes",
 }
-
-Encoded = tuple[Output, Packet | None]
 
 
 def candidates_topic(spec: StageSpec) -> str:
@@ -91,76 +85,6 @@ def spec_from_json(text: str, place: str) -> StageSpec:
         return msgspec.convert(json.loads(text), StageSpec)
     except (ValueError, msgspec.ValidationError) as error:
         raise SchemaError(f"{place}: expected a stage, found: {error}") from error
-
-
-@cache
-def _stage_output(spec: StageSpec, name: str) -> Output:
-    topic = candidates_topic(spec) if name == "CandidateBlock" else trace_topic(spec)
-    return protobuf_output(topic, name, ((SPEC_KEY, spec_json(spec)),))
-
-
-def encode_event(event: Event) -> Iterator[Encoded]:
-    """Yield the messages of an event and the channels they go to.
-
-    A stage's description is a channel without a message yet. Blocks without rows yield nothing.
-    """
-    if isinstance(event, StageSpec):
-        yield _stage_output(event, "CandidateBlock"), None
-        yield _stage_output(event, "TraceBlock"), None
-    elif isinstance(event, CandidateBlock):
-        if len(event):
-            yield _stage_output(event.spec, "CandidateBlock"), _candidates(event)
-    elif isinstance(event, TraceBlock):
-        if len(event):
-            yield _stage_output(event.spec, "TraceBlock"), _trace(event)
-    else:
-        yield _single(event)
-        yield from mirror(event)
-
-
-def _packet(message: Any, first_ns: int, last_ns: int) -> Packet:
-    set_time(message.timestamp, first_ns)
-    return Packet(int(last_ns), int(first_ns), 0, message.SerializeToString())
-
-
-def _candidates(block: CandidateBlock) -> Packet:
-    message = message_class("CandidateBlock")(
-        count=len(block),
-        time_ns=block.time_ns.astype("<i8").tobytes(),
-        channel=block.channel.astype("<i4").tobytes(),
-        value=block.value.astype("<f4").tobytes(),
-        gate_value=block.gate_value.astype("<f4").tobytes(),
-        margin=block.margin.astype("<f4").tobytes(),
-        accepted=block.accepted.astype("u1").tobytes(),
-    )
-    return _packet(message, block.time_ns[0], block.time_ns.max())
-
-
-def _trace(block: TraceBlock) -> Packet:
-    message = message_class("TraceBlock")(
-        count=len(block),
-        time_ns=block.time_ns.astype("<i8").tobytes(),
-        value=block.value.astype("<f4").tobytes(),
-    )
-    return _packet(message, block.time_ns[0], block.time_ns.max())
-
-
-@cache
-def _single_kind(name: str) -> tuple[Output, Any, tuple[str, ...]]:
-    kind = message_class(name)
-    own = tuple(f.name for f in kind.DESCRIPTOR.fields if f.name not in ("timestamp", "end"))
-    return protobuf_output(TOPICS[name], name), kind, own
-
-
-def _single(event: SingleEvent) -> Encoded:
-    """Encode a single event: the message's fields are the event's, but for its times."""
-    output, kind, names = _single_kind(type(event).__name__)
-    message = kind(**{name: getattr(event, name) for name in names})
-    start_ns = end_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
-    if isinstance(event, Gap | Disturbance | Presence):
-        set_time(message.end, event.end_ns)
-        end_ns = max(start_ns, event.end_ns)
-    return output, _packet(message, start_ns, end_ns)
 
 
 def _column(data: bytes, dtype: str, shape: tuple[int, ...], place: str) -> NDArray[Any]:

@@ -18,7 +18,7 @@ from .encoders import (
     protobuf_output,
 )
 from .errors import CodecError
-from .event_codec import encode_event
+from .event_encoding import encode_event
 from .label_codec import TRUTH_TOPIC, encode_label
 from .recording import SITE_NAME
 from .schemas.waveform import FORMATS

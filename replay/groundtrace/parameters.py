@@ -10,6 +10,7 @@ import dataclasses
 import math
 import tomllib
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hints
 
 import msgspec
@@ -69,10 +70,21 @@ def describe(parameters: type[Any]) -> tuple[ParameterInfo, ...]:
     PipelineError
         Where a field carries no description: every parameter is documented.
     """
-    hints = get_type_hints(parameters, include_extras=True)
+    kind: Any = parameters
+    return _described(kind)
+
+
+@cache
+def _described(parameters: Any) -> tuple[ParameterInfo, ...]:
+    hints = _hints(parameters)
     return tuple(
         _info(parameters, field, hints[field.name]) for field in dataclasses.fields(parameters)
     )
+
+
+@cache
+def _hints(parameters: Any) -> dict[str, Any]:
+    return get_type_hints(parameters, include_extras=True)
 
 
 def _info(owner: type[Any], field: dataclasses.Field[Any], hint: Any) -> ParameterInfo:
@@ -106,7 +118,8 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
         One line naming the key, what is allowed and what was found.
     """
     known = {info.name: info for info in describe(parameters)}
-    hints = get_type_hints(parameters, include_extras=True)
+    kind: Any = parameters
+    hints = _hints(kind)
     converted: dict[str, Any] = {}
     for key, value in values.items():
         if key not in known:

@@ -201,7 +201,7 @@ class Results:
     annotations: tuple[Annotation, ...] = ()
 
 
-def read_results(path: Path, *, blocks: bool = True) -> Results:
+def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> Results:
     """Read a results file.
 
     Parameters
@@ -210,6 +210,9 @@ def read_results(path: Path, *, blocks: bool = True) -> Results:
         The file.
     blocks
         Whether candidates and decision functions are among the events.
+    evidence
+        Whether the events are only what decisions are explained by, many candidates to a block:
+        their memory is a fraction.
 
     Raises
     ------
@@ -232,7 +235,12 @@ def read_results(path: Path, *, blocks: bool = True) -> Results:
             )
         provenance = _provenance(run.get("json", ""), path.name)
         labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
-        events = tuple(events_of(recording.file, blocks=blocks))
+        if evidence:
+            from .explain.evidence import KINDS, joined
+
+            events = tuple(joined(events_of(recording.file, only=KINDS)))
+        else:
+            events = tuple(events_of(recording.file, blocks=blocks))
         return Results(
             path.name, provenance, labels, recording.geometry, events, recording.annotations
         )

@@ -13,11 +13,11 @@ from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.event_codec import (
     decode_candidates,
     decode_trace,
-    encode_event,
     events_of,
     spec_from_json,
     spec_json,
 )
+from groundtrace_codecs.event_encoding import encode_event
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,

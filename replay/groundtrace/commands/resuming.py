@@ -69,9 +69,9 @@ def say_stopped(keeper: Keeper, session: Session, at_s: float) -> None:
     say(f"stopped at {at_s:.1f} s of {length_s:.1f} s: results are whole up to there{going_on}")
 
 
-def results_at(path: Path, *, blocks: bool = True) -> Results:
+def results_at(path: Path, *, blocks: bool = True, evidence: bool = False) -> Results:
     """Read results; say so where they are of a replay that was stopped."""
-    found = read_results(path, blocks=blocks)
+    found = read_results(path, blocks=blocks, evidence=evidence)
     origin = found.provenance
     if origin.stopped_ns is not None:
         at_s = (origin.stopped_ns - origin.start_ns) / NS_PER_S

@@ -117,7 +117,7 @@ def _measured(
 
 
 def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject:
-    result = results_at(path)
+    result = results_at(path, evidence=True)
     origin = result.provenance
     evidence = evidence_of(result, truth_of(result, path, truth))
     part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)

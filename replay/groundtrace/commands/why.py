@@ -90,8 +90,7 @@ def why(
     chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
-    result = results_at(results)
-    evidence = evidence_of(result, truth_of(result, results, truth))
+    evidence = _evidence(results, truth)
     at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
     if chosen == "steps" and kind is None and step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
@@ -102,12 +101,18 @@ def why(
     elif chosen == "picks":
         time_ns, page = explain_picks(evidence, stage, tolerance_ms / 1e3, pick, at_ns, json=json)
     else:
-        time_ns, page = _explain_steps(evidence, result.name, step, at_ns, tolerance, json=json)
+        time_ns, page = _explain_steps(evidence, results.name, step, at_ns, tolerance, json=json)
     if rrd is not None or spawn:
         show = load("views", "why")
         show(evidence, page, path=rrd, spawn=spawn, at_ns=time_ns, tolerance_s=tolerance)
     if rrd is not None:
         say(f"timeline: {rrd} (open it with: rerun {rrd})")
+
+
+def _evidence(results: Path, truth: Path | None) -> Evidence:
+    """Read what decisions are explained by; it lives on without what it was read from."""
+    result = results_at(results, evidence=True)
+    return evidence_of(result, truth_of(result, results, truth))
 
 
 def _kind(kind: Kind | None, numbers: dict[Kind, int | None]) -> Kind:

@@ -7,6 +7,7 @@ that passed the gates before it: a gate looks at no others.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -58,6 +59,12 @@ class Sieve:
         self.candidates = candidates
         self._last: list[tuple[float, Candidates]] = []
 
+    def within(self, start_ns: int, end_ns: int) -> Sieve:
+        """Return the same of the candidates with start <= time <= end."""
+        times = self.candidates.time_ns
+        rows = np.flatnonzero((times >= start_ns) & (times <= end_ns))
+        return Sieve(self.spec, self.gates, self.candidates.rows(rows))
+
     def passed(self, parameters: Any) -> Candidates:
         """Return the candidates that pass every gate."""
         found = self.candidates
@@ -93,14 +100,14 @@ class Link:
         #: Places in a setting of this stage's values, what changes most first.
         self.own = sorted(own, key=lambda item: rank.get(item[1], 0))
         self._measured = [i for i, name in own if name not in gates]
-        self._sieves: list[Sieve] = []
+        self.sieves: list[Sieve] = []
         self._values: tuple[Any, ...] | None = None
         self._passed: list[Passed] = []
         self._before: tuple[Any, ...] | None = None
 
     def load(self, sieves: list[Sieve]) -> None:
         """Take the candidates to decide on."""
-        self._sieves = sieves
+        self.sieves = sieves
 
     def run(self, setting: Sequence[Any]) -> list[Passed]:
         """Return what passes, topic by topic; the same list where nothing changed."""
@@ -108,7 +115,7 @@ class Link:
         if values != self._values:
             self._values = values
             parameters = self.parameters(setting)
-            self._passed = [(sieve.spec, sieve.passed(parameters)) for sieve in self._sieves]
+            self._passed = [(sieve.spec, sieve.passed(parameters)) for sieve in self.sieves]
         return self._passed
 
     def parameters(self, setting: Sequence[Any]) -> Any:
@@ -142,7 +149,7 @@ class Link:
 
 def _picks(
     passed: list[Passed], gates: tuple[GateSpec, ...]
-) -> Iterator[tuple[StageSpec, list[Pick]]]:
+) -> Iterator[tuple[StageSpec, Iterator[Pick]]]:
     """Yield the picks that accepted candidates stand for."""
     for spec, found in passed:
         none = np.empty((len(found), 0), np.float32)
@@ -155,7 +162,7 @@ def _picks(
             none,
             np.ones(len(found), np.bool_),
         )
-        yield block.spec, [e for e in accepted_events(block, "pick") if isinstance(e, Pick)]
+        yield block.spec, (e for e in accepted_events(block, "pick") if isinstance(e, Pick))
 
 
 class StepChain:
@@ -180,6 +187,7 @@ class StepChain:
 
     def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
         self._redecider = Redecider(evidence)
+        self._axes = axes
         self._stages = [(s, *find(STAGE_GROUPS, s.use)) for s in evidence.config.stage]
         self._check(axes)
         self.links: list[Link] = []
@@ -194,6 +202,13 @@ class StepChain:
                 link.load([Sieve(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)])
                 break
             needed = self._picking_before(index)
+
+    def within(self, start_ns: int, end_ns: int) -> StepChain:
+        """Return a chain that decides only about candidates with start <= time <= end."""
+        found = copy.copy(self)
+        found.links = [Link(link.stage, link.kind, self._axes) for link in self.links]
+        found.links[0].load([sieve.within(start_ns, end_ns) for sieve in self.links[0].sieves])
+        return found
 
     @property
     def associates(self) -> bool:

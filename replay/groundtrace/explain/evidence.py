@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ..gates import Candidates
 from ..pipeline import parse_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 
     from ..pipeline import PipelineConfig
     from ..results import Results
+
+
+#: Messages that evidence is made of.
+KINDS = frozenset({"CandidateBlock", "TraceBlock", "Gap", "TrackPoint"})
+#: So many blocks of a stage are joined.
+JOINED = 256
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +128,33 @@ def evidence_of(results: Results, labels: tuple[Label, ...] | None = None) -> Ev
         results.geometry,
         _last_track(results.events),
     )
+
+
+def joined(events: Iterable[Event]) -> Iterator[Event]:
+    """Yield events, the candidates and frames of each stage and topic many to a block.
+
+    An hour has a hundred thousand blocks of a few candidates, and each block its own arrays.
+    """
+    waiting: dict[tuple[type[Event], int], list[Any]] = {}
+    for event in events:
+        if not isinstance(event, CandidateBlock | TraceBlock):
+            yield event
+            continue
+        parts = waiting.setdefault((type(event), id(event.spec)), [])
+        parts.append(event)
+        if len(parts) == JOINED:
+            yield _one_block(parts)
+            parts.clear()
+    for parts in waiting.values():
+        if parts:
+            yield _one_block(parts)
+
+
+def _one_block(parts: Sequence[Any]) -> Event:
+    """Return blocks of one kind, stage and topic as one."""
+    columns = (field.name for field in fields(parts[0]) if field.name != "spec")
+    joint = (np.concatenate([getattr(part, name) for part in parts]) for name in columns)
+    return cast("Event", type(parts[0])(parts[0].spec, *joint))
 
 
 def _last_track(events: Iterable[Event]) -> tuple[TrackPoint, ...]:

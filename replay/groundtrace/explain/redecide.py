@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec, StepEvent
+from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
 from ..associator_stage import AssociatorStage
 from ..errors import PipelineError
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.labels import Label
 
     from ..pipeline import StageConfig
     from ..score import StepMatch
@@ -123,20 +122,11 @@ class Redecider:
                     events.append(item)
         return Outcome(tuple(blocks), tuple(events))
 
-    def matching(
-        self,
-        settings: Settings | None = None,
-        tolerance_s: float = 0.12,
-        span_ns: tuple[int, int] | None = None,
-    ) -> StepMatch:
-        """Decide, and match the steps to the truth; only inside ``span_ns`` where given."""
+    def matching(self, settings: Settings | None = None, tolerance_s: float = 0.12) -> StepMatch:
+        """Decide, and match the steps to the truth."""
         e = self.evidence
-        times = self.outcome(settings, span_ns).step_times()
-        truth: Sequence[Label] = e.labels
-        if span_ns is not None:
-            low, high = span_ns
-            truth = [x for x in truth if x.kind != "step" or low <= x.time_ns <= high]
-        return match_steps(truth, times, e.start_ns, e.end_ns, tolerance_s)
+        times = self.outcome(settings).step_times()
+        return match_steps(e.labels, times, e.start_ns, e.end_ns, tolerance_s)
 
     def whole_numbers(self, stage: str) -> set[str]:
         """Return the parameters of a stage that are integers."""
@@ -208,7 +198,7 @@ def _sources(
 
 
 def associated(
-    runner: AssociatorStage, sources: Iterable[tuple[StageSpec, Sequence[Pick]]]
+    runner: AssociatorStage, sources: Iterable[tuple[StageSpec, Iterable[Pick]]]
 ) -> Iterator[Event]:
     """Feed the picks of a stage to a fresh associator, topic by topic.
 
@@ -223,48 +213,8 @@ def associated(
     -------
     Its decided candidates, one block for each topic, then their events.
     """
-    gathered: dict[str, list[CandidateBlock]] = {}
-    singles: list[Event] = []
-    specs: dict[str, StageSpec] = {}
-    for spec, picks in sources:
-        items: list[Event] = [spec, *picks]
-        for item in items:
-            for made in runner.process(item):
-                _sort_in(made, gathered, singles, specs)
-    for made in runner.flush():
-        _sort_in(made, gathered, singles, specs)
-    for topic, spec in specs.items():
-        yield joined_block(spec, gathered.get(topic, []))
-    yield from singles
-
-
-def _sort_in(
-    event: Event,
-    blocks: dict[str, list[CandidateBlock]],
-    singles: list[Event],
-    specs: dict[str, StageSpec],
-) -> None:
-    if isinstance(event, StageSpec):
-        specs[event.topic] = event
-    elif isinstance(event, CandidateBlock):
-        blocks.setdefault(event.spec.topic, []).append(event)
-    elif not isinstance(event, Gap):
-        singles.append(event)
-
-
-def joined_block(spec: StageSpec, parts: Sequence[CandidateBlock]) -> CandidateBlock:
-    """Return the blocks of one stage and topic as one."""
-    none = Candidates.empty(len(spec.columns))
-    gates = np.empty((0, len(spec.gates)), np.float32)
-    found = Candidates.concatenate(
-        [none, *(Candidates(b.time_ns, b.channel, b.value) for b in parts)]
-    )
-    return CandidateBlock(
-        spec,
-        found.time_ns,
-        found.channel,
-        found.value,
-        np.concatenate([gates, *(b.gate_value for b in parts)]),
-        np.concatenate([gates, *(b.margin for b in parts)]),
-        np.concatenate([np.empty(0, np.bool_), *(b.accepted for b in parts)]),
-    )
+    blocks = [runner.at_once(spec, picks) for spec, picks in sources]
+    decided = [block for block in blocks if block is not None]
+    yield from decided
+    for block in decided:
+        yield from accepted_events(block, runner.kind.emits)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,17 +11,28 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import PipelineError
+from ..score.step_matching import TrueSteps
+from .counted import StepTruth, times_of
 from .redecide import Counts
+from .tries import Tries
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import GateSpec
 
-    from ..score import StepMatch
-    from .redecide import Redecider, Settings
+    from .bootstrap import Verdicts
+    from .evidence import StageEvidence
+    from .redecide import Redecider
+
+    #: Whether a change does what is wanted, by the true steps and how it does on them.
+    Works = Callable[[TrueSteps, Verdicts], bool]
+    #: Stage, parameter, old value, new values by size of the change.
+    Proposal = tuple[str, str, float, list[float]]
+    #: Stage, parameter, new value.
+    Change = tuple[str, str, float]
 
 #: Other candidates of at most this many values are tried for each parameter.
 TRIES = 12
@@ -33,6 +44,8 @@ FAR_TRIES = 100
 NEIGHBOURS = 6
 #: Time around a step in which a change is tried first [s].
 NEARBY_S = 4.0
+#: So many changes of the whole recording are remembered.
+REMEMBERED = 1000
 DIGITS = 4
 
 
@@ -82,32 +95,32 @@ class Healer:
     def __init__(self, redecider: Redecider, tolerance_s: float) -> None:
         self.redecider = redecider
         self.tolerance_s = tolerance_s
-        self._tried: dict[tuple[str, str, float], StepMatch | None] = {}
-        self.matching = redecider.matching(tolerance_s=tolerance_s)
+        evidence = redecider.evidence
+        truth = TrueSteps.of(evidence.labels, evidence.start_ns, evidence.end_ns, tolerance_s)
+        self._truth = StepTruth(truth)
+        self._tries = Tries.of(redecider)
+        self._tried: dict[Change, Verdicts | None] = {}
+        self._far: list[Proposal] | None = None
+        self.matching = truth.match(times_of(self._tries.unchanged() if self._tries else []))
         self.before = Counts.of(self.matching)
 
     def recover(self, truth_ns: int) -> Remedy | None:
         """Return the smallest change that finds the step at ``truth_ns``, or None."""
-
-        def found(matching: StepMatch) -> bool:
-            hits = matching.truth_ns[matching.pairs[:, 0]]
-            return bool((hits == truth_ns).any())
-
-        return self._smallest(truth_ns, found)
+        return self._smallest(truth_ns, lambda true, found: truth_ns in true.truth_ns[found.hit])
 
     def remove(self, found_ns: int) -> Remedy | None:
         """Return the smallest change that makes the false step at ``found_ns`` go, or None."""
+        return self._smallest(found_ns, lambda _, found: found_ns not in found.false_ns)
 
-        def gone(matching: StepMatch) -> bool:
-            return not (matching.found_ns[matching.false] == found_ns).any()
-
-        return self._smallest(found_ns, gone)
-
-    def _smallest(self, time_ns: int, works: Callable[[StepMatch], bool]) -> Remedy | None:
+    def _smallest(self, time_ns: int, works: Works) -> Remedy | None:
         """Return the smallest change that works by what is near, else through a long chain."""
-        near = self._best(self._proposals(time_ns), works, time_ns)
+        if self._tries is None:
+            return None
+        near = self._best(self._tries, self._proposals(time_ns), works, time_ns)
         if near is None and self._may_be_held_off(time_ns):
-            return self._best(self._far_proposals(), works, None)
+            if self._far is None:
+                self._far = list(self._far_proposals())
+            return self._best(self._tries, self._far, works, None)
         return near
 
     def _may_be_held_off(self, time_ns: int) -> bool:
@@ -126,58 +139,52 @@ class Healer:
         return False
 
     def _best(
-        self,
-        proposals: Iterator[tuple[str, str, float, list[float]]],
-        works: Callable[[StepMatch], bool],
-        near_ns: int | None,
+        self, tries: Tries, proposals: Iterable[Proposal], works: Works, near_ns: int | None
     ) -> Remedy | None:
+        """Return the smallest change that works; about ``near_ns`` first, as that is faster."""
         best: Remedy | None = None
+        near = None if near_ns is None else self._about(tries, near_ns)
         for stage, parameter, old, values in proposals:
             for new in values:
                 size = abs(new - old) / max(abs(old), 1e-9)
                 if best is not None and size >= best.change:
                     break
                 change = (stage, parameter, new)
-                if near_ns is not None and not self._works_nearby(*change, near_ns, works):
+                if near is not None and not _helps(works, near[1], _judged(*near, change)):
                     continue
-                matching = self._matching(*change)
-                if matching is not None and works(matching):
-                    after = Counts.of(matching)
-                    best = Remedy(stage, parameter, old, new, self.before, after)
+                found = self._whole(tries, change)
+                if found is not None and works(self._truth.steps, found):
+                    best = Remedy(stage, parameter, old, new, self.before, _counts(found))
                     break
         return best
 
-    def _works_nearby(
-        self,
-        stage: str,
-        parameter: str,
-        value: float,
-        time_ns: int,
-        works: Callable[[StepMatch], bool],
-    ) -> bool:
-        """Try a change on the time around a step first: the whole takes much longer."""
+    def _about(self, tries: Tries, time_ns: int) -> tuple[Tries, StepTruth]:
+        """Return the candidates and the true steps around a time."""
         reach = round(NEARBY_S * NS_PER_S)
-        span = (time_ns - reach, time_ns + reach)
-        settings: Settings = {(stage, parameter): value}
-        try:
-            return works(self.redecider.matching(settings, self.tolerance_s, span))
-        except PipelineError:
-            return False
+        steps = self._truth.steps
+        first, last = np.searchsorted(steps.truth_ns, (time_ns - reach, time_ns + reach + 1))
+        near = replace(
+            steps, truth_ns=steps.truth_ns[first:last], truth_s=steps.truth_s[first:last]
+        )
+        return tries.within(time_ns - reach, time_ns + reach), StepTruth(near)
 
-    def _matching(self, stage: str, parameter: str, value: float) -> StepMatch | None:
-        """Decide with one parameter changed; None where that needs a replay."""
-        key = (stage, parameter, value)
-        if key not in self._tried:
-            settings: Settings = {(stage, parameter): value}
-            try:
-                self._tried[key] = self.redecider.matching(settings, self.tolerance_s)
-            except PipelineError:
-                self._tried[key] = None
-        return self._tried[key]
+    def _whole(self, tries: Tries, change: Change) -> Verdicts | None:
+        """Return how a change does on the whole recording."""
+        if change not in self._tried:
+            if len(self._tried) >= REMEMBERED:
+                self._tried.clear()
+            self._tried[change] = _judged(tries, self._truth, change)
+        return self._tried[change]
 
-    def _proposals(self, time_ns: int) -> Iterator[tuple[str, str, float, list[float]]]:
-        """Yield (stage, parameter, old value, new values by size of the change)."""
+    def _parts(self) -> Iterator[StageEvidence]:
+        """Yield the evidence of the stages that steps depend on."""
         for part in self.redecider.evidence.stages:
+            if self._tries is not None and part.spec.stage in self._tries.stages:
+                yield part
+
+    def _proposals(self, time_ns: int) -> Iterator[Proposal]:
+        """Yield thresholds on either side of candidates around a time."""
+        for part in self._parts():
             reach = round((INFLUENCE_S + self.tolerance_s) * NS_PER_S)
             rows = part.between(time_ns - reach, time_ns + reach)
             whole = self.redecider.whole_numbers(part.spec.stage)
@@ -187,9 +194,9 @@ class Healer:
                 if values:
                     yield part.spec.stage, gate.parameter, gate.threshold, values[:TRIES]
 
-    def _far_proposals(self) -> Iterator[tuple[str, str, float, list[float]]]:
+    def _far_proposals(self) -> Iterator[Proposal]:
         """Yield the same from all candidates: a chain of refractory times reaches far."""
-        for part in self.redecider.evidence.stages:
+        for part in self._parts():
             whole = self.redecider.whole_numbers(part.spec.stage)
             for index, gate in enumerate(part.spec.gates):
                 found = part.gate_value[:, index].astype(np.float64)
@@ -199,6 +206,23 @@ class Healer:
                 if values:
                     kept = values[:: math.ceil(len(values) / FAR_TRIES)]
                     yield part.spec.stage, gate.parameter, gate.threshold, kept
+
+
+def _judged(tries: Tries, truth: StepTruth, change: Change) -> Verdicts | None:
+    """Return how a change does; None where it cannot be decided from what was stored."""
+    try:
+        return truth.verdicts(tries.passed(*change))
+    except PipelineError:
+        return None
+
+
+def _helps(works: Works, truth: StepTruth, found: Verdicts | None) -> bool:
+    return found is not None and works(truth.steps, found)
+
+
+def _counts(found: Verdicts) -> Counts:
+    right = int(found.hit.sum())
+    return Counts(right, len(found.false_ns), len(found.hit) - right)
 
 
 def _spacings(time_ns: NDArray[np.int64]) -> NDArray[np.float64]:

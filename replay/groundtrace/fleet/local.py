@@ -12,6 +12,8 @@ from multiprocessing import get_context
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..blas import one_thread
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from multiprocessing.connection import Connection
@@ -20,8 +22,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 R = TypeVar("R")
 
-#: Libraries that would start a thread for each processor in every process.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 #: How often a task may lose its worker.
 _TRIES = 2
 
@@ -119,8 +119,7 @@ def _end(worker: _Worker) -> None:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Let processes start with one thread of their own, deaf to Ctrl-C, which is ours to answer."""
-    unset = [name for name in _THREADS if name not in os.environ]
-    os.environ.update(dict.fromkeys(unset, "1"))
+    unset = one_thread()
     ours = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
     try:

@@ -1,0 +1,81 @@
+"""Explaining a result, against the replay that made it: the same span, in the same process.
+
+A simulated room with nine sensors at 20 kHz, once with every step found, once with thresholds under
+which a quarter is missed: each missed step is given its reason, and the smallest change of one
+parameter that finds it. CPU time, both timed in turn, medians; peak memory: bench/file_speed.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from timing import alone, interleaved
+
+from groundtrace.engine import replay
+from groundtrace.explain import evidence_of
+from groundtrace.explain.account import account
+from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
+from groundtrace.results import Provenance, ResultsSink, read_results
+from groundtrace.simulate import RoomOptions, simulate_room, write
+from groundtrace.sinks import Session
+from groundtrace.source import Source
+from groundtrace_codecs.recording import Recording
+
+if TYPE_CHECKING:
+    from groundtrace.explain.account import Account
+
+#: What is set so that steps are missed.
+SETTINGS = {"all found": [], "many missed": ["picks.ratio=9", "steps.min_channels=8"]}
+
+
+def replayed(path: Path, out: Path, settings: list[str]) -> None:
+    """From the recording to its results file."""
+    with Recording.open(path) as recording:
+        config = with_settings(load_pipeline("room-steps"), settings)
+        chain = build_pipeline(config, recording.geometry)
+        times = (recording.start_ns, recording.end_ns)
+        site = (recording.streams, recording.geometry, recording.labels)
+        recipe = chain.recipe()
+        sink = ResultsSink(out, Provenance(path.name, "", *times, recipe), force=True)
+        sink.open(Session(path.name, "room", *times, *site, recipe))
+        replay(Source(recording), chain, [sink])
+        sink.close()
+
+
+def explained(results: Path) -> Account:
+    """From the results file to the account of all wrong decisions."""
+    return account(evidence_of(read_results(results, evidence=True)))
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=120.0)
+    parser.add_argument("--runs", type=int, default=5)
+    options = parser.parse_args()
+    alone()
+    print(f"{options.seconds:g} s of 9 channels, CPU time on one core")
+    print(f"{'':14}{'steps':>6}{'missed':>8}{'replay [s]':>12}{'why [s]':>9}{'why / replay':>14}")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "room.mcap"
+        write(simulate_room(RoomOptions(duration_s=options.seconds, snr=12.0)), path)
+        for name, settings in SETTINGS.items():
+            results = Path(folder) / f"{name}.mcap"
+            replayed(path, results, settings)
+            found = explained(results)
+            cases = {
+                "replay": partial(replayed, path, Path(folder) / "again.mcap", settings),
+                "why": partial(explained, results),
+            }
+            took = interleaved(cases, options.runs)
+            steps = found.counts.tp + found.counts.fn
+            print(f"{name:14}{steps:6}{found.counts.fn:8}{took['replay']:12.2f}", end="")
+            print(f"{took['why']:9.2f}{took['why'] / took['replay']:14.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

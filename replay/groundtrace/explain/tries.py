@@ -1,0 +1,78 @@
+"""Steps of a result with one threshold changed, again and again: all of them, or about a moment."""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+from .chain import StepChain
+from .counted import counted_kind
+from .grid import Axis
+
+if TYPE_CHECKING:
+    from .chain import Passed
+    from .redecide import Redecider
+
+
+class Tries:
+    """Decides with one parameter changed.
+
+    Parameters
+    ----------
+    redecider
+        Says what can be decided from what was stored.
+
+    Raises
+    ------
+    RecordingError
+        Where no stage finds steps.
+    """
+
+    def __init__(self, redecider: Redecider) -> None:
+        evidence = redecider.evidence
+        self._redecider = redecider
+        self._stages = {stage.key: (stage, kind) for stage, _, kind in redecider.stages}
+        stood = {name: redecider.parameters(*stage, {}) for name, stage in self._stages.items()}
+        #: Every gate's parameter as it stood.
+        self._base = {
+            (part.spec.stage, gate.parameter): getattr(stood[part.spec.stage], gate.parameter)
+            for part in evidence.stages
+            if part.spec.stage in stood
+            for gate in part.spec.gates
+        }
+        axes = [Axis(*key, "", (value,), False, False) for key, value in self._base.items()]
+        self._chain = StepChain(evidence, axes)
+
+    @classmethod
+    def of(cls, redecider: Redecider) -> Tries | None:
+        """Return the tries of a result; None where it has no steps to decide."""
+        evidence = redecider.evidence
+        steps = any(part.spec.emits == "step" for part in evidence.stages)
+        return cls(redecider) if steps and counted_kind(evidence.config) == "step" else None
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages that steps depend on."""
+        return tuple(link.stage.key for link in self._chain.links)
+
+    def within(self, start_ns: int, end_ns: int) -> Tries:
+        """Return the tries of candidates with start <= time <= end."""
+        found = copy.copy(self)
+        found._chain = self._chain.within(start_ns, end_ns)
+        return found
+
+    def passed(self, stage: str, parameter: str, value: Any) -> list[Passed]:
+        """Return the steps with one parameter changed, topic by topic.
+
+        Raises
+        ------
+        PipelineError
+            Where the value is not allowed, or needs a replay.
+        """
+        key = (stage, parameter)
+        self._redecider.parameters(*self._stages[stage], {key: value})
+        return self._chain.passed([*(self._base | {key: value}).values()])
+
+    def unchanged(self) -> list[Passed]:
+        """Return the steps as they stood, topic by topic."""
+        return self._chain.passed([*self._base.values()])
