@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from groundtrace_codecs.events import Gap, Pick, StageSpec
 
 from .detector import Associator
-from .gates import Carry, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs
 from .stage import PluginStage, TopicRun
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
-    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.events import CandidateBlock, Event
     from groundtrace_codecs.signals import SignalBlock
 
 
@@ -44,20 +44,39 @@ class AssociatorStage(PluginStage[Associator]):
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
         """Begin at the stage that picks, then feed its picks; begin anew where the clock steps."""
-        if isinstance(item, Gap):
-            run = self._runs.get(item.topic)
-            if run is not None and item.reason == "clock step" and not item.bridged:
-                yield from run.decide(run.worker.finish(), self.parameters)
-                run.carry = Carry()
-        if not isinstance(item, StageSpec | Pick) or item.stage != (self.source or item.stage):
-            return
-        if isinstance(item, StageSpec):
-            if self.allowed(item.topic):
-                self._runs[item.topic] = run = self._begin(item)
-                yield run.spec
-        elif item.topic in self._runs:
-            run = self._runs[item.topic]
-            yield from run.decide(run.worker.associate(item), self.parameters)
+        yield from self.process_all([item])[0]
+
+    def process_all(self, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:
+        """Take items in their order; groups that picks in succession complete are decided at once.
+
+        Returns
+        -------
+        What each item brings about.
+        """
+        given: list[list[Event]] = [[] for _ in items]
+        waiting: dict[str, list[tuple[int, Candidates]]] = {}
+        for place, item in enumerate(items):
+            if isinstance(item, Pick):
+                run = self._runs.get(item.topic)
+                if run is not None and (not self.source or item.stage == self.source):
+                    found = run.worker.associate(item)
+                    if len(found):
+                        waiting.setdefault(item.topic, []).append((place, found))
+            elif isinstance(item, Gap | StageSpec):
+                self._decide(waiting, given)
+                given[place] += self._told(item)
+        self._decide(waiting, given)
+        return given
+
+    def at_once(self, source: StageSpec, picks: Iterable[Pick]) -> CandidateBlock | None:
+        """Return what all picks of a topic come to, decided at once; None where it may not run."""
+        if not self.allowed(source.topic):
+            return None
+        run = self._begin(source)
+        parts = [found for pick in picks if len(found := run.worker.associate(pick))]
+        none = Candidates.empty(len(run.spec.columns))
+        found = Candidates.concatenate([none, *parts, run.worker.finish()])
+        return decided_block(run.spec, found, run.worker, self.parameters)[0]
 
     def flush(self) -> Iterator[Event]:
         """Yield the groups held back."""
@@ -71,6 +90,29 @@ class AssociatorStage(PluginStage[Associator]):
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
         self._runs = copy.deepcopy(saved)
+
+    def _told(self, item: Gap | StageSpec) -> Iterator[Event]:
+        """Begin at the stage that picks; begin anew where the clock steps."""
+        if isinstance(item, StageSpec):
+            if item.stage == (self.source or item.stage) and self.allowed(item.topic):
+                self._runs[item.topic] = begun = self._begin(item)
+                yield begun.spec
+            return
+        run = self._runs.get(item.topic)
+        if run is not None and item.reason == "clock step" and not item.bridged:
+            yield from run.decide(run.worker.finish(), self.parameters)
+            run.carry = Carry()
+
+    def _decide(
+        self, waiting: dict[str, list[tuple[int, Candidates]]], given: list[list[Event]]
+    ) -> None:
+        """Decide the groups that wait, topic by topic; give what they bring about to its place."""
+        for topic, groups in waiting.items():
+            parts = [found for _, found in groups]
+            decided = self._runs[topic].decide_all(parts, self.parameters)
+            for (place, _), events in zip(groups, decided, strict=True):
+                given[place] += events
+        waiting.clear()
 
     def _begin(self, source: StageSpec) -> TopicRun[Associator]:
         worker = self.kind(self.parameters)

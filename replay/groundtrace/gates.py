@@ -143,25 +143,21 @@ class Refractory:
         carry: Carry,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where there was none."""
-        from .gate_kernels import time_since_passed
+        from .gate_kernels import NEVER, time_since_passed
 
         last = carry.last_ns.setdefault(self.name, {})
         if not len(candidates):
             return np.empty(0)
-        width = 1 + max(int(candidates.channel.max()), max(last, default=0))
-        times, known = np.zeros(width, np.int64), np.zeros(width, np.bool_)
-        if last:
-            times[list(last)] = list(last.values())
-            known[list(last)] = True
-        since_s = time_since_passed(
+        since_s, times = time_since_passed(
             np.ascontiguousarray(candidates.time_ns),
             np.ascontiguousarray(candidates.channel),
             alive,
             threshold,
-            times,
-            known,
+            np.array([*last, *last.values()], np.int64),
         )
-        last.update((i, int(times[i])) for i in np.flatnonzero(known).tolist())
+        for channel, time_ns in enumerate(times.tolist()):
+            if time_ns != NEVER:
+                last[channel] = time_ns
         return since_s
 
 
@@ -210,18 +206,18 @@ def decide(
     -------
     Decisions and what to carry on. Deciding in parts equals deciding at once.
     """
+    from .gate_kernels import judge
+
     carry = Carry() if carry is None else carry.copy()
     n = len(candidates)
-    alive = np.ones(n, np.bool_)
+    alive = np.empty(n, np.bool_)
+    alive.fill(True)
     value = np.empty((n, len(gates)), np.float32)
     margin = np.empty((n, len(gates)), np.float32)
     for column, gate in enumerate(gates):
         threshold = float(getattr(parameters, gate.parameter))
         seen = gate.values(candidates, columns, alive, threshold, carry)
-        distance = seen - threshold if gate.at_least else threshold - seen
-        value[:, column] = seen
-        margin[:, column] = distance
-        alive = alive & (distance >= 0)
+        alive = judge(seen, threshold, gate.at_least, alive, value[:, column], margin[:, column])
     return Decisions(value, margin, alive), carry
 
 

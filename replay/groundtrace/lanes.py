@@ -2,16 +2,18 @@
 
 A compiler finds by itself that a loop over channels can be done at once, but not that what the loop
 keeps from one sample to the next may stay in registers. A :class:`Lanes` value is such a row: it is
-read from an array of shape (n, LANES), counted with by ``+``, ``-``, ``*``, ``/`` and the
-functions here, and written back. Each lane is rounded as float64 is; products and sums are not
-fused.
+read from an array of shape (n, LANES), or (n, LANES_32) of float32, counted with by ``+``, ``-``,
+``*``, ``/`` and the functions here, and written back. Each lane is rounded as its type is; products
+and sums are not fused.
 """
 
 from __future__ import annotations
 
 import operator
+from math import prod
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
@@ -21,44 +23,84 @@ from numba.core.typing.templates import ConcreteTemplate, infer_global
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Numbers in a row.
-LANES = 8
+    from numpy.typing import NDArray
+
+#: Numbers in a row, of float64 and of float32: as many bytes.
+LANES, LANES_32 = 8, 16
 
 _INT = ir.IntType(32)
 _ROW = ir.VectorType(ir.DoubleType(), LANES)
+_ROW_32 = ir.VectorType(ir.FloatType(), LANES_32)
+
+
+def zero_rows(*shape: int) -> NDArray[np.float64]:
+    """Return zeros of shape (..., LANES), no row of which lies in two lines of the cache."""
+    size = prod(shape) * LANES
+    whole = np.zeros(size + LANES)
+    begin = -whole.__array_interface__["data"][0] // whole.itemsize % LANES
+    return whole[begin : begin + size].reshape(*shape, LANES)
+
+
+def in_lanes(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return numbers, shape (n,), as rows of shape (-(-n // LANES), 1, LANES), filled up by 0."""
+    rows = zero_rows(-(-len(values) // LANES), 1)
+    rows.ravel()[: len(values)] = values
+    return rows
 
 
 class Lanes(types.Type):
-    """The type of a row of numbers."""
+    """The type of a row of numbers: of float64, or of float32."""
 
-    def __init__(self) -> None:
-        super().__init__(name="Lanes")
+    def __init__(self, number: Any) -> None:
+        super().__init__(name=f"Lanes({number})")
+        self.vector = _ROW if number == types.float64 else _ROW_32
 
 
-_lanes = Lanes()
+#: The type of a row of float64.
+ROWS = _lanes = Lanes(types.float64)
+_lanes_32 = Lanes(types.float32)
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _ROW)
+        super().__init__(manager, kind, kind.vector)
 
 
-def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
-    """Return the address of a row of an array that is contiguous."""
+def _kind(number: Any) -> Lanes:
+    """Return the type of rows of such numbers."""
+    return _lanes if number == types.float64 else _lanes_32
+
+
+def _address(context: Any, builder: Any, array_type: Any, array: Any, first: Any) -> Any:
+    """Return the address of the row that begins with an element of an array that is contiguous."""
     data = context.make_array(array_type)(context, builder, array).data
-    start = builder.mul(index, ir.Constant(index.type, LANES))
-    return builder.bitcast(builder.gep(data, [start]), _ROW.as_pointer())
+    vector = _kind(array_type.dtype).vector
+    return builder.bitcast(builder.gep(data, [first]), vector.as_pointer())
+
+
+def _begin(builder: Any, array_type: Any, index: Any) -> Any:
+    """Return the first element of row ``index``."""
+    return builder.mul(index, ir.Constant(index.type, _kind(array_type.dtype).vector.count))
 
 
 def _row(typing: Any, array: Any, index: Any) -> Any:  # noqa: ARG001
     """Return row ``index`` of an array of shape (n, LANES)."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        address = _address(context, builder, signature.args[0], *given)
-        return builder.load(address, align=8)
+        first = _begin(builder, signature.args[0], given[1])
+        return builder.load(_address(context, builder, signature.args[0], given[0], first), align=4)
 
-    return _lanes(array, types.intp), generate
+    return _kind(array.dtype)(array, types.intp), generate
+
+
+def _row_from(typing: Any, array: Any, first: Any) -> Any:  # noqa: ARG001
+    """Return the row that begins with element ``first`` of an array, rows counted through."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        return builder.load(_address(context, builder, signature.args[0], *given), align=4)
+
+    return _kind(array.dtype)(array, types.intp), generate
 
 
 def _column(typing: Any, array: Any, first: Any, index: Any) -> Any:  # noqa: ARG001
@@ -92,23 +134,42 @@ def _put_row(typing: Any, array: Any, index: Any, value: Any) -> Any:  # noqa: A
     """Write a row of an array of shape (n, LANES)."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        address = _address(context, builder, signature.args[0], *given[:2])
-        builder.store(given[2], address, align=8)
+        first = _begin(builder, signature.args[0], given[1])
+        address = _address(context, builder, signature.args[0], given[0], first)
+        builder.store(given[2], address, align=4)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, _lanes), generate
+    return types.void(array, types.intp, _kind(array.dtype)), generate
 
 
 def _every(typing: Any, value: Any) -> Any:  # noqa: ARG001
     """Return a row that has one number in every lane."""
+    number = types.float32 if value == types.float32 else types.float64
+    kind = _kind(number)
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
-        nothing = ir.Constant(_ROW, ir.Undefined)
+        nothing = ir.Constant(kind.vector, ir.Undefined)
         one = builder.insert_element(nothing, given[0], ir.Constant(_INT, 0))
-        first = ir.Constant(ir.VectorType(_INT, LANES), [0] * LANES)
+        width = kind.vector.count
+        first = ir.Constant(ir.VectorType(_INT, width), [0] * width)
         return builder.shuffle_vector(one, nothing, first)
 
-    return _lanes(types.float64), generate
+    return kind(number), generate
+
+
+def _size(builder: Any, value: Any) -> Any:
+    whole = ir.VectorType(ir.IntType(64), LANES)
+    unsigned = ir.Constant(whole, [(1 << 63) - 1] * LANES)
+    return builder.bitcast(builder.and_(builder.bitcast(value, whole), unsigned), _ROW)
+
+
+def _absolute(typing: Any, value: Any) -> Any:  # noqa: ARG001
+    """Return the absolute values of a row."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
+        return _size(builder, given[0])
+
+    return _lanes(_lanes), generate
 
 
 def _of_two(emit: Callable[[Any, Any, Any], Any]) -> Any:
@@ -131,71 +192,30 @@ def _lesser(builder: Any, one: Any, other: Any) -> Any:
     return builder.select(builder.fcmp_ordered("<", one, other), one, other)
 
 
-#: Row of an array of shape (n, LANES); write one; an element of successive rows; one number in
-#: every lane; the natural logarithm.
+def _cut_off(builder: Any, one: Any, other: Any) -> Any:
+    small = builder.fcmp_ordered("<", _size(builder, one), other)
+    return builder.select(small, ir.Constant(_ROW, [0.0] * LANES), one)
+
+
+#: Row of an array of shape (n, LANES), or from any element on; write one; an element of successive
+#: rows; one number in every lane; absolute values. Of float64 alone: ``column`` and those from
+#: here on.
 row: Any = intrinsic(_row)
+row_from: Any = intrinsic(_row_from)
 put_row: Any = intrinsic(_put_row)
 column: Any = intrinsic(_column)
 every: Any = intrinsic(_every)
+absolute: Any = intrinsic(_absolute)
 #: The greater, the lesser of two rows, lane by lane; of numbers that cannot be compared the second.
 greater, lesser = _of_two(_greater), _of_two(_lesser)
-
-#: Coefficients of the series of log((1 + s) / (1 - s)) in s squared, and log 2 in two parts.
-_SERIES = (
-    6.666666666666735130e-01,
-    3.999999999940941908e-01,
-    2.857142874366239149e-01,
-    2.222219843214978396e-01,
-    1.818357216161805012e-01,
-    1.531383769920937332e-01,
-    1.479819860511658591e-01,
-)
-_LOG_2 = (6.93147180369123816490e-01, 1.90821492927058770002e-10)
-
-
-def _logarithm(typing: Any, value: Any) -> Any:  # noqa: ARG001
-    """Return the natural logarithm of a row of numbers of at least 1e-300, to the last digit or so.
-
-    Source: the method and coefficients of ``log`` in FDLIBM (Sun Microsystems 1993).
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
-        b, whole = builder, ir.VectorType(ir.IntType(64), LANES)
-
-        def number(x: float) -> Any:
-            return ir.Constant(_ROW, [x] * LANES)
-
-        def bits(x: int) -> Any:
-            return ir.Constant(whole, [x] * LANES)
-
-        stored = b.bitcast(given[0], whole)
-        power = b.sub(b.lshr(stored, bits(52)), bits(1023))
-        fraction = b.or_(b.and_(stored, bits((1 << 52) - 1)), bits(1023 << 52))
-        mantissa = b.bitcast(fraction, _ROW)
-        large = b.fcmp_ordered(">", mantissa, number(2.0**0.5))
-        mantissa = b.select(large, b.fmul(mantissa, number(0.5)), mantissa)
-        power = b.select(large, b.add(power, bits(1)), power)
-        exponent = b.sitofp(b.trunc(power, ir.VectorType(_INT, LANES)), _ROW)
-        f = b.fsub(mantissa, number(1.0))
-        s = b.fdiv(f, b.fadd(f, number(2.0)))
-        z = b.fmul(s, s)
-        series = number(_SERIES[-1])
-        for coefficient in reversed(_SERIES[:-1]):
-            series = b.fadd(b.fmul(series, z), number(coefficient))
-        half = b.fmul(b.fmul(f, f), number(0.5))
-        rest = b.fmul(s, b.fadd(half, b.fmul(z, series)))
-        small = b.fadd(rest, b.fmul(exponent, number(_LOG_2[1])))
-        return b.fsub(b.fmul(exponent, number(_LOG_2[0])), b.fsub(b.fsub(half, small), f))
-
-    return _lanes(_lanes), generate
-
-
-logarithm: Any = intrinsic(_logarithm)
+#: The first of two rows, but nothing where it is of less size than the second.
+cut_off: Any = _of_two(_cut_off)
 
 
 def _operate(operation: Any, instruction: str) -> None:
     """Let compiled functions write an operation on two rows as Python does."""
-    template: Any = type("Rows", (ConcreteTemplate,), {"cases": (_lanes(_lanes, _lanes),)})
+    cases = tuple(kind(kind, kind) for kind in (_lanes, _lanes_32))
+    template: Any = type("Rows", (ConcreteTemplate,), {"cases": cases})
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
         return getattr(builder, instruction)(*given)

@@ -15,11 +15,12 @@ from groundtrace_codecs.signals import SignalBlock
 from .array_stage import ArrayStage
 from .errors import PipelineError
 from .parameters import build, describe, parse_value
+from .passing import Made, pass_on
 from .plugins import find
 from .wiring import Before
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
@@ -192,20 +193,25 @@ class Pipeline:
         """Return the pipeline as TOML, every parameter with its value and unit."""
         return self._resolved
 
-    def process(self, item: SignalBlock | Event) -> Iterator[Event]:
-        """Feed an item; yield the events of all stages."""
+    def process(self, item: SignalBlock | Event) -> list[Event]:
+        """Feed an item; return the events of all stages, each before what is made of it."""
         if isinstance(item, SignalBlock):
             for stage in self.stages:
                 if isinstance(stage, ArrayStage):
                     stage.remember(item)
-        yield from self._through(self.stages, item)
+        whole = Made(item)
+        pass_on([whole], self.stages)
+        return whole.events()
 
-    def flush(self) -> Iterator[Event]:
-        """End of the recording: yield what the stages held back."""
+    def flush(self) -> list[Event]:
+        """End of the recording: return what the stages held back."""
+        found: list[Event] = []
         for index, stage in enumerate(self.stages):
-            for event in stage.flush():
-                yield event
-                yield from self._through(self.stages[index + 1 :], event)
+            held = [Made(event) for event in stage.flush()]
+            pass_on(held, self.stages[index + 1 :])
+            for made in held:
+                found += [made.item, *made.events()]
+        return found
 
     def save(self) -> tuple[Any, ...]:
         """Return a copy of everything that crosses items, stage by stage."""
@@ -215,12 +221,6 @@ class Pipeline:
         """Go on from what :meth:`save` returned."""
         for stage, state in zip(self.stages, saved, strict=True):
             stage.restore(state)
-
-    def _through(self, stages: Sequence[Stage], item: SignalBlock | Event) -> Iterator[Event]:
-        for index, stage in enumerate(stages):
-            for event in stage.process(item):
-                yield event
-                yield from self._through(stages[index + 1 :], event)
 
 
 def build_pipeline(

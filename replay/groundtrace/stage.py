@@ -5,9 +5,8 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
-
-import numpy as np
 
 from groundtrace_codecs.events import (
     CandidateBlock,
@@ -35,10 +34,15 @@ if TYPE_CHECKING:
 
 W = TypeVar("W", bound=Detector | Associator)
 K = TypeVar("K")
+NAN = float("nan")
 
 
 class Stage(Protocol):
-    """A step of a pipeline: items in, events out."""
+    """A step of a pipeline: items in, events out.
+
+    One that does better with many items at once has a method ``process_all`` as well: it takes
+    items that come one after the other, and returns a list of what each brings about.
+    """
 
     name: str
 
@@ -69,14 +73,19 @@ class TopicRun(Generic[W]):
 
     def decide(self, found: Candidates, parameters: Any) -> Iterator[Event]:
         """Yield the decided candidates and the events that the accepted ones stand for."""
-        if not len(found):
-            return
+        if len(found):
+            yield from self.decide_all([found], parameters)[0]
+
+    def decide_all(self, parts: Sequence[Candidates], parameters: Any) -> list[list[Event]]:
+        """Decide candidates that came one after the other; return of each part what it gives."""
+        found = Candidates.concatenate(parts) if len(parts) > 1 else parts[0]
         block, self.carry = decided_block(self.spec, found, self.worker, parameters, self.carry)
-        yield block
+        return [self._events(part) for part in _parted(block, [len(part) for part in parts])]
+
+    def _events(self, block: CandidateBlock) -> list[Event]:
         if self.worker.emits == "presence":
-            yield from self.spans.take(block)
-        else:
-            yield from accepted_events(block, self.worker.emits)
+            return [block, *self.spans.take(block)]
+        return [block, *accepted_events(block, self.worker.emits)]
 
 
 class PluginStage(Generic[K]):
@@ -231,28 +240,45 @@ class DetectorStage(PluginStage[Detector]):
 
 def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | StepEvent]:
     """Yield the events that the accepted candidates of a block stand for."""
+    rows = block.accepted.nonzero()[0]
+    if not len(rows):
+        return
     names = [c.name for c in block.spec.columns]
     sigma = names.index("uncertainty") if "uncertainty" in names else None
     count = names.index("channels") if "channels" in names else None
-    rows = np.flatnonzero(block.accepted)
-    times, channels = block.time_ns[rows].tolist(), block.channel[rows].tolist()
-    for time_ns, channel, value in zip(times, channels, block.value[rows].tolist(), strict=True):
+    channels, topic, stage = block.spec.channels, block.spec.topic, block.spec.stage
+    columns = (block.time_ns, block.channel, block.value)
+    for time_ns, channel, value in zip(*(c[rows].tolist() for c in columns), strict=True):
         if emits == "pick":
-            yield Pick(
-                time_ns=time_ns,
-                channel=block.spec.channels[channel],
-                topic=block.spec.topic,
-                stage=block.spec.stage,
-                uncertainty_s=float("nan") if sigma is None else value[sigma],
-                value=value[0],
-            )
+            spread_s = NAN if sigma is None else value[sigma]
+            yield Pick(time_ns, channels[channel], topic, stage, spread_s, value[0])
         else:
             yield StepEvent(
                 time_ns=time_ns,
                 kind=emits,
                 foot="",
-                topic=block.spec.topic,
-                stage=block.spec.stage,
+                topic=topic,
+                stage=stage,
                 value=value[0],
                 channels=1 if count is None else int(value[count]),
             )
+
+
+def _parted(block: CandidateBlock, lengths: Sequence[int]) -> list[CandidateBlock]:
+    """Return a block of candidates as blocks of these lengths."""
+    if len(lengths) == 1:
+        return [block]
+    ends = list(accumulate(lengths, initial=0))
+    return [_rows_of(block, slice(*span)) for span in pairwise(ends)]
+
+
+def _rows_of(block: CandidateBlock, rows: slice) -> CandidateBlock:
+    return CandidateBlock(
+        block.spec,
+        block.time_ns[rows],
+        block.channel[rows],
+        block.value[rows],
+        block.gate_value[rows],
+        block.margin[rows],
+        block.accepted[rows],
+    )

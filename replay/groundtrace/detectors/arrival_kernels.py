@@ -1,8 +1,8 @@
 """The loops of arrival pickers, compiled: what is done with every sample and every cell.
 
 Samples lie side by side in lanes, :data:`LANES` channels to a row, so that one instruction takes
-several channels; a channel without samples is a lane of zeros. Every sum runs in the order of time,
-whatever the blocks, so that parts give exactly what the whole gives.
+several channels; what a lane without a channel holds counts for nothing. Every sum runs in the
+order of time, whatever the blocks, so that parts give exactly what the whole gives.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiled import compiled
-from ..lanes import LANES, column, every, greater, lesser, put_row, row
+from ..lanes import LANES, absolute, column, cut_off, every, greater, lesser, put_row, row
+from ..tiles import TILE, turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,29 +22,36 @@ if TYPE_CHECKING:
 
 #: Second-order sections of the band-pass; a filter with fewer is filled up by unit sections.
 SECTIONS = 2
+#: Coefficients of that many sections, those that are 1 left out.
+COEFFICIENTS = 5 * SECTIONS
+#: Rows of scaled samples that are filtered while they are in the nearest cache.
+PART = 16 * TILE
 #: What an open cell holds of each lane: level, peak, power, highest, lowest sample.
 OPEN = 5
-#: A filter's memory below this is nothing: it would go on through numbers that are slow to count.
+#: A filter's memory below this, at the end of a cell, is nothing: it would go on through numbers
+#: that are slow to count.
 NOTHING = 1e-140
 
 
 @compiled
-def load(samples: NDArray[Any], scales: Array, first: int, start: int, rows: Array) -> None:
-    """Put samples into rows, shape (n, LANES), scaled.
+def load(samples: NDArray[Any], first: int, start: int, rows: Array) -> None:
+    """Put samples into rows, shape (n, LANES).
 
     Parameters
     ----------
-    samples, scales
-        Shape (n_channels, n_samples), of any type, and (n_channels,).
+    samples
+        Shape (n_channels, n_samples), of any type.
     first, start
         Channel of the first lane, sample of the first row.
     rows
-        Where to.
+        Where to; a lane without a channel gets the samples of the last one.
     """
-    for lane in range(min(LANES, len(samples) - first)):
-        scale = scales[first + lane]
-        for i in range(len(rows)):
-            rows[i, lane] = samples[first + lane, start + i] * scale
+    channels, n = samples.shape
+    turned = len(rows) - len(rows) % TILE if first + LANES <= channels else 0
+    for i in range(0, turned, TILE):
+        turn(samples, first * n + start + i, n, rows, i * LANES, LANES)
+    for i in range(turned, len(rows)):
+        put_row(rows, i, column(samples, first, start + i))
 
 
 @compiled
@@ -68,83 +76,77 @@ def _take_extremes(rows: Array, start: int, stop: int, cell: Array) -> None:
 
 
 @compiled
-def _gather(
-    samples: NDArray[Any],
-    scales: Array,
-    first: int,
-    rows: Array,
-    start: int,
-    stop: int,
-    cell: Array,
-) -> None:
-    scale, high, low = row(scales, 0), row(cell, 3), row(cell, 4)
-    for i in range(start, stop):
-        x = column(samples, first, i) * scale
-        high = greater(x, high)
-        low = lesser(x, low)
-        put_row(rows, i, x)
-    put_row(cell, 3, high)
-    put_row(cell, 4, low)
+def spread(sos: Array, coefficients: Array) -> None:
+    """Write the coefficients of two sections into rows, in the order in which they are needed."""
+    order = ((0, 0), (0, 1), (0, 4), (0, 2), (0, 5), (1, 0), (1, 1), (1, 4), (1, 2), (1, 5))
+    for k in range(len(order)):
+        put_row(coefficients, k, every(sos[order[k]]))
 
 
 @compiled
-def _filter(rows: Array, start: int, stop: int, sos: Array, memory: Array) -> None:
-    """Filter rows in place: two sections, transposed direct form II, as scipy's ``sosfilt``.
+def _filter(
+    recorded: Array,
+    scales: Array,
+    rows: Array,
+    start: int,
+    stop: int,
+    c: Array,
+    memory: Array,
+    least: float,
+    cell: Array,
+) -> None:
+    """Scale and filter rows: two sections, transposed direct form II, as scipy's ``sosfilt``.
 
-    ``memory`` has shape (2 * SECTIONS, LANES).
+    ``c`` are the coefficients as :func:`spread` has them, read again for each row: those that were
+    kept would push the filter's memory out of the registers, and each row waits for that.
+    ``memory`` has shape (2 * SECTIONS, LANES); what is below ``least`` then is nothing.
     """
-    b0, b1, b2 = every(sos[0, 0]), every(sos[0, 1]), every(sos[0, 2])
-    d0, d1, d2 = every(sos[1, 0]), every(sos[1, 1]), every(sos[1, 2])
-    a1, a2, e1, e2 = every(sos[0, 4]), every(sos[0, 5]), every(sos[1, 4]), every(sos[1, 5])
     p, q, r, s = row(memory, 0), row(memory, 1), row(memory, 2), row(memory, 3)
+    high, low = row(cell, 3), row(cell, 4)
     for i in range(start, stop):
-        x = row(rows, i)
-        y = b0 * x + p
-        p = b1 * x - a1 * y + q
-        q = b2 * x - a2 * y
-        z = d0 * y + r
-        r = d1 * y - e1 * z + s
-        s = d2 * y - e2 * z
+        x = row(recorded, i) * row(scales, 0)
+        high = greater(x, high)
+        low = lesser(x, low)
+        y = row(c, 0) * x + p
+        p = row(c, 1) * x - row(c, 2) * y + q
+        q = row(c, 3) * x - row(c, 4) * y
+        z = row(c, 5) * y + r
+        r = row(c, 6) * y - row(c, 7) * z + s
+        s = row(c, 8) * y - row(c, 9) * z
         put_row(rows, i, z)
-    put_row(memory, 0, p)
-    put_row(memory, 1, q)
-    put_row(memory, 2, r)
-    put_row(memory, 3, s)
+    put_row(cell, 3, high)
+    put_row(cell, 4, low)
+    put_row(memory, 0, cut_off(p, every(least)))
+    put_row(memory, 1, cut_off(q, every(least)))
+    put_row(memory, 2, cut_off(r, every(least)))
+    put_row(memory, 3, cut_off(s, every(least)))
 
 
 @compiled
 def _take_variance(
-    rows: Array, start: int, stop: int, alpha: float, mean: Array, cell: Array
+    rows: Array, start: int, stop: int, alpha: float, mean: Array, least: float, cell: Array
 ) -> None:
-    new, keep, nothing = every(alpha), every(1.0 - alpha), every(0.0)
+    new, keep = every(alpha), every(1.0 - alpha)
     level, most, peak, total = row(mean, 0), row(cell, 0), row(cell, 1), row(cell, 2)
     for i in range(start, stop):
         x = row(rows, i)
         power = x * x
         level = new * power + keep * level
         most = greater(level, most)
-        peak = greater(greater(x, nothing - x), peak)
+        peak = greater(absolute(x), peak)
         total = total + power
-    put_row(mean, 0, level)
+    put_row(mean, 0, cut_off(level, every(least)))
     put_row(cell, 0, most)
     put_row(cell, 1, peak)
     put_row(cell, 2, total)
 
 
 @compiled
-def _flush(values: Array) -> None:
-    for k in range(len(values)):
-        for lane in range(LANES):
-            if abs(values[k, lane]) < NOTHING:
-                values[k, lane] = 0.0
-
-
-@compiled
 def _close_cell(cell: Array, length: int, cells: Array, index: int) -> None:
-    for lane in range(cells.shape[1]):
-        for k in range(OPEN):
+    put_row(cell, 2, row(cell, 2) / every(length * 1.0))
+    for k in range(OPEN):
+        for lane in range(cells.shape[1]):
             cells[k, lane, index] = cell[k, lane]
-        cells[2, lane, index] /= length
     empty_cell(cell)
 
 
@@ -154,7 +156,7 @@ def variance_cells(
     scales: Array,
     first: int,
     rows: Array,
-    sos: Array,
+    coefficients: Array,
     memory: Array,
     alpha: float,
     mean: Array,
@@ -174,8 +176,8 @@ def variance_cells(
         Channel of the first lane.
     rows
         Shape (n, LANES): gets the filtered samples.
-    sos, memory
-        Shape (SECTIONS, 6) and (2 * SECTIONS, LANES): the filter.
+    coefficients, memory
+        As :func:`spread` has them, and of shape (2 * SECTIONS, LANES): the filter.
     alpha, mean
         Coefficient and state, shape (1, LANES), of the moving average.
     at_cell
@@ -187,31 +189,32 @@ def variance_cells(
     cells
         Shape (OPEN, lanes in use, n_cells): gets the cells.
     """
-    index, start = 0, 0
-    while start < len(rows):
-        stop = min(len(rows), start + length - filled)
-        _gather(samples, scales, first, rows, start, stop, cell)
-        _filter(rows, start, stop, sos, memory)
-        _take_variance(rows, start, stop, alpha, mean, cell)
-        filled += stop - start
-        start = stop
-        if filled == length:
-            _close_cell(cell, length, cells, index)
-            _flush(memory)
-            _flush(mean)
-            put_row(at_cell, 0, row(mean, 0))
-            index += 1
-            filled = 0
+    index, recorded = 0, np.empty((PART, LANES))
+    for begin in range(0, len(rows), PART):
+        part = rows[begin : begin + PART]
+        load(samples, first, begin, recorded[: len(part)])
+        start = 0
+        while start < len(part):
+            stop = min(len(part), start + length - filled)
+            filled += stop - start
+            least = NOTHING if filled == length else 0.0
+            _filter(recorded, scales, part, start, stop, coefficients, memory, least, cell)
+            _take_variance(part, start, stop, alpha, mean, least, cell)
+            start = stop
+            if filled == length:
+                _close_cell(cell, length, cells, index)
+                put_row(at_cell, 0, row(mean, 0))
+                index += 1
+                filled = 0
 
 
 @compiled
 def _take_level(filtered: Array, level: Array, start: int, stop: int, cell: Array) -> None:
-    nothing = every(0.0)
     most, peak, total = row(cell, 0), row(cell, 1), row(cell, 2)
     for i in range(start, stop):
         x = row(filtered, i)
         most = greater(row(level, i), most)
-        peak = greater(greater(x, nothing - x), peak)
+        peak = greater(absolute(x), peak)
         total = total + x * x
     put_row(cell, 0, most)
     put_row(cell, 1, peak)

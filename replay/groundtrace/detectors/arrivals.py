@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S
 
 from ..detector import Curve, Measured
 from ..gates import Candidates
@@ -21,7 +20,7 @@ from ..lanes import LANES
 from .cells import CELL_S, LocalMaxima, NoiseLevel, NoiseRatio, Rises
 from .frames import FrameTrace
 from .lane_history import LaneHistory, SampleClock
-from .onset import lane_onsets
+from .onset import mean_onsets, timed_onsets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -148,9 +147,9 @@ class ArrivalTracker:
         self._waiting = Rises.none()  # maxima whose AIC windows are open
         self._held = NOTHING
         self._back = round(settings.back_s * rate_hz)
-        self._windows = [(round(a * rate_hz), round(b * rate_hz)) for a, b in settings.windows_s]
-        self._before = self._back + max(a for a, _ in self._windows)
-        self._after = max(b for _, b in self._windows)
+        self._windows = np.rint(np.array(settings.windows_s) * rate_hz).astype(np.intp)
+        before, self._after = (int(most) for most in self._windows.max(axis=0))
+        self._before = self._back + before
 
     def take(self, cells: Cells) -> Measured:
         """Take the cells that are complete by now, after the samples were added to the history."""
@@ -159,10 +158,9 @@ class ArrivalTracker:
             return Measured(NOTHING, self._trace.nothing())
         ratio = self._ratio(cells.level)
         self._reached = (cells, ratio)
-        begins = (cells.first + np.arange(len(cells))) * self._length
-        frames = self._trace.add(
-            self.clock.at(begins), ratio, cells.peak, cells.power, cells.high, cells.low
-        )
+        begins = np.arange(cells.first, cells.first + len(cells))[self._trace.begins(len(cells))]
+        rows = (ratio, cells.peak, cells.power, cells.high, cells.low)
+        frames = self._trace.take(self.clock.at(begins * self._length), *rows)
         return Measured(self._candidates(ratio, final=False), frames)
 
     def curve(self, level: Callable[[int, int], NDArray[np.float64]]) -> Curve | None:
@@ -197,7 +195,9 @@ class ArrivalTracker:
         ready = len(waiting.peak) if final else ready
         self._waiting = waiting.part(slice(ready, None))
         if ready:
-            held = Candidates.concatenate([self._held, self._refined(waiting.part(slice(ready)))])
+            held = self._refined(waiting.part(slice(ready)))
+            if len(self._held):
+                held = Candidates.concatenate([self._held, held])
             self._held = held.rows(np.lexsort((held.channel, held.time_ns)))
         return self._held if final else self._release()
 
@@ -208,7 +208,7 @@ class ArrivalTracker:
         earliest = next_cell * self._length - self._before - 1
         if earliest <= self.history.first:
             return NOTHING
-        horizon_ns = self.clock.at(np.array([earliest]))[0]
+        horizon_ns = self.clock.time_of(earliest)
         self.history.drop_before(earliest)
         self.clock.forget_before(min(earliest, self._reached_from()))
         count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
@@ -224,17 +224,12 @@ class ArrivalTracker:
     def _refined(self, rises: Rises) -> Candidates:
         """Return candidates at the onsets of rises."""
         channel = rises.channel
+        history, correlation = self.history, self.settings.correlation_s * self.rate_hz
+        span = history.first, history.end
         anchor = self._anchors(rises)
-        parts = [self._onsets(anchor, channel, before, after) for before, after in self._windows]
-        onset = sum(p[0] for p in parts) / len(parts)
-        deviation = np.sqrt(sum(p[1] ** 2 for p in parts) / len(parts)) / self.rate_hz
-        whole = np.floor(onset).astype(np.intp)
-        fraction_ns = np.rint((onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
-        return Candidates(
-            self.clock.at(whole) + fraction_ns,
-            channel.astype(np.int32),
-            np.stack([rises.value, deviation], axis=1).astype(np.float32),
-        )
+        found = mean_onsets(history.rows(), span, anchor, channel, self._windows, correlation)
+        whole, past_ns, value = timed_onsets(found, rises.value, self.rate_hz)
+        return Candidates(self.clock.at(whole) + past_ns, channel.astype(np.int32), value)
 
     def _anchors(self, rises: Rises) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""
@@ -248,17 +243,3 @@ class ArrivalTracker:
         places = (channel[:, None] // LANES, index - self.history.first, channel[:, None] % LANES)
         drive = np.abs(self.history.rows(-1)[places])
         return np.asarray(index[np.arange(len(stop)), drive.argmax(axis=1)])
-
-    def _onsets(
-        self, anchor: NDArray[np.intp], channel: NDArray[np.intp], before: int, after: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return onset index and deviation [samples] by AIC around the anchors.
-
-        A window that reaches over the start or end of the run is shorter, not padded.
-        """
-        history = self.history
-        start = np.maximum(anchor - before, history.first)
-        length = np.minimum(anchor + 1 + after, history.end) - start
-        correlation = self.settings.correlation_s * self.rate_hz
-        found = lane_onsets(history.rows(), start - history.first, length, channel, correlation)
-        return start + found[0], found[1]

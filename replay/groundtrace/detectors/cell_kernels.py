@@ -1,8 +1,8 @@
-"""The loops of cells, compiled: maxima of noise, ratios to it, local maxima, frames."""
+"""The loops of cells, compiled: maxima of noise, ratios to it, local maxima, times."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,51 +15,75 @@ if TYPE_CHECKING:
 
 #: Noise up to this is none: a filter's memory of what was before the silence.
 SILENCE = 1e-140
-#: What an open frame holds of each channel: decision, peak, power, highest and lowest sample; how
-#: often the signal stood still at the highest and the lowest; the column before, NaN if it moved.
-FRAME = 8
 
 
 @compiled
-def window_maxima(line: Array, width: int) -> Array:
-    """Return the maximum of every ``width`` neighbours of shape (rows, n): (rows, n - width + 1).
+def _larger(one: Array, other: Array, found: Array) -> None:
+    for i in range(len(found)):
+        found[i] = one[i] if one[i] > other[i] else other[i]
 
-    Source: van Herk 1992, Gil and Werman 1993: maxima from the left and from the right over parts
-    of ``width``, of which any window meets two.
-    """
-    rows, n = line.shape
-    found = np.empty((rows, n - width + 1))
-    right = np.empty(n)
+
+@compiled
+def _joined(tail: Array, values: Array) -> Array:
+    rows, before = tail.shape
+    line = np.empty((rows, before + values.shape[1]))
     for row in range(rows):
-        x = line[row]
-        for i in range(n - 1, -1, -1):
-            ends = i == n - 1 or (i + 1) % width == 0
-            right[i] = x[i] if ends or x[i] > right[i + 1] else right[i + 1]
-        left = x[0]
-        for i in range(n):
-            left = x[i] if i % width == 0 or x[i] > left else left
-            first = i - width + 1
-            if first >= 0:
-                found[row, first] = left if left > right[first] else right[first]
-    return found
+        line[row, :before] = tail[row]
+        line[row, before:] = values[row]
+    return line
 
 
 @compiled
-def ratio_to_noise(level: Array, noise: Array, known: int, warm_up: float) -> Array:
-    """Return levels, shape (rows, n), over the noise of the same places, as far as it is trusted.
+def window_maxima(tail: Array, values: Array) -> tuple[Array, Array]:
+    """Return of shape (rows, n) the maximum of each value and those before it, and the next tail.
 
-    ``known`` is for how many cells the noise of the first place was there; 0 or less: not at all.
+    ``tail`` are the values before, shape (rows, reach): each maximum is of 1 + reach values. The
+    maximum of twice as many neighbours is that of two maxima, again and again; what overlaps counts
+    twice without harm.
+    """
+    line, width = _joined(tail, values), tail.shape[1] + 1
+    rows, n = line.shape
+    found, last = np.empty(values.shape), line[:, values.shape[1] :].copy()
+    more = np.empty(n)
+    for row in range(rows):
+        some, other = line[row], more
+        reach = 1
+        while 2 * reach < width:
+            _larger(some, some[reach:], other[: n - 2 * reach + 1])
+            some, other = other, some
+            reach *= 2
+        _larger(some, some[width - reach :], found[row])
+    return found, last
+
+
+@compiled
+def ratio_to_noise(
+    level: Array, tail: Array, noise: Array, known: int, warm_up: float
+) -> tuple[Array, Array]:
+    """Return levels over the noise some cells earlier, as far as it is trusted, and the next tail.
+
+    Parameters
+    ----------
+    level, noise
+        Shape (rows, n).
+    tail
+        Shape (rows, gap): the noise of the cells before; the ratio is to the noise a gap earlier.
+    known
+        For how many cells the noise of the first place was there; 0 or less: not at all.
+    warm_up
+        As :class:`~groundtrace.detectors.cells.NoiseRatio` takes it.
     """
     rows, n = level.shape
-    ratio = np.zeros((rows, n))
-    for i in range(n):
-        seen = max(known + i, 0.0)
-        trust = seen / (seen + warm_up)
-        for row in range(rows):
+    line = _joined(tail, noise)
+    ratio, trust = np.empty((rows, n)), np.zeros(n)
+    for i in range(max(0, 1 - known), n):
+        trust[i] = (known + i) / (known + i + warm_up)
+    for row in range(rows):
+        one, other, found = level[row], line[row], ratio[row]
+        for i in range(n):
             # over digital silence nothing has a ratio: a sensor coming alive is not an arrival
-            if seen > 0.0 and noise[row, i] > SILENCE:
-                ratio[row, i] = level[row, i] / noise[row, i] * trust
-    return ratio
+            found[i] = one[i] / other[i] * trust[i] if other[i] > SILENCE else 0.0
+    return ratio, line[:, n:].copy()
 
 
 @compiled
@@ -88,89 +112,80 @@ def local_maxima(
 
     Returns
     -------
-    Begin of the rise, maximum and row, shape (m, 3), by column and row; values, shape (m,).
+    Begin of the rise, maximum and row, shape (3, m), by column and row; values, shape (m,).
     """
     rows = len(line)
     most = rows * ((stop - start) // (reach + 1) + 1)
-    place, value = np.empty((most, 3), np.intp), np.empty(most)
+    place, value = np.empty((3, most), np.intp), np.empty(most)
+    top = line[0, start:stop].copy()
+    for row in range(1, rows):
+        _larger(top, line[row, start:stop], top)
     count = 0
     for i in range(start, stop):
-        for row in range(rows):
+        for row in range(rows if top[i - start] > floor else 0):
             if line[row, i] > floor and _is_maximum(line[row], i, reach):
                 begin = i
                 while begin > i - back and line[row, begin - 1] > floor:
                     begin -= 1
-                place[count, 0], place[count, 1], place[count, 2] = begin, i, row
+                place[0, count], place[1, count], place[2, count] = begin, i, row
                 value[count] = line[row, i]
                 count += 1
-    return place[:count], value[:count]
+    return place[:, :count], value[:count]
 
 
 @compiled
-def open_frame(state: Array) -> None:
-    """Begin a frame: shape (rows, FRAME)."""
-    for row in range(len(state)):
-        state[row, 0] = state[row, 1] = state[row, 3] = -np.inf
-        state[row, 2] = state[row, 5] = state[row, 6] = 0.0
-        state[row, 4] = np.inf
-        state[row, 7] = np.nan
+def settled_maxima(
+    tail: Array, values: Array, keep: int, rule: tuple[int, float, int], final: bool
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Find the maxima that no later column can change.
 
-
-@compiled
-def _extend_frame(s: Array, decision: float, peak: float, power: float, x: Any) -> None:
-    """Take a column into the frame of one channel; ``x`` is the highest and lowest sample."""
-    high, low = x
-    s[0] = decision if decision > s[0] else s[0]
-    s[1] = peak if peak > s[1] else s[1]
-    s[2] += power
-    if high > s[3]:
-        s[3], s[5] = high, 0.0
-    if low < s[4]:
-        s[4], s[6] = low, 0.0
-    still = high == low
-    if still and s[7] == high:  # as in the column before
-        s[5] += 1.0 if high == s[3] else 0.0
-        s[6] += 1.0 if low == s[4] else 0.0
-    s[7] = high if still else np.nan
-
-
-@compiled
-def close_frame(s: Array, columns: int, found: Array) -> None:
-    """Write decision, peak, effective value, swing and columns stood still of one channel."""
-    found[0], found[1] = s[0], s[1]
-    found[2] = np.sqrt(s[2] / columns)
-    found[3] = (s[3] - s[4]) / 2.0
-    found[4] = s[5] if s[3] == s[4] else s[5] + s[6]
-
-
-@compiled
-def fold_frames(
-    decision: Array,
-    peak: Array,
-    power: Array,
-    high: Array,
-    low: Array,
-    state: Array,
-    filled: int,
-    length: int,
-) -> Array:
-    """Take columns, each shape (rows, n), into frames of ``length`` columns.
+    Parameters
+    ----------
+    tail, values
+        Shape (rows, n): columns from ``keep`` before the first that is not settled on, and new
+        ones.
+    keep
+        Columns looked back at.
+    rule
+        Reach, floor and back, as :func:`local_maxima` takes them.
+    final
+        Whether nothing follows.
 
     Returns
     -------
-    What :func:`close_frame` writes of the frames that are complete, shape (frames, rows, 5).
+    As :func:`local_maxima`, places counted from the first column that was not settled; next tail.
     """
-    rows, n = decision.shape
-    found = np.empty(((filled + n) // length, rows, 5))
-    for row in range(rows):
-        own, columns, index = state[row], filled, 0
-        for i in range(n):
-            extremes = (high[row, i], low[row, i])
-            _extend_frame(own, decision[row, i], peak[row, i], power[row, i], extremes)
-            columns += 1
-            if columns == length:
-                close_frame(own, length, found[index, row])
-                open_frame(state[row : row + 1])
-                columns = 0
-                index += 1
+    reach, floor, back = rule
+    line = _joined(tail, values)
+    if final:
+        line = _joined(line, np.full((len(line), reach), -np.inf))
+    count = max(0, line.shape[1] - keep - reach)
+    place, value = local_maxima(line, keep, keep + count, reach, floor, back)
+    place[:2] -= keep
+    return place, value, line[:, count:].copy()
+
+
+@compiled
+def times_of(
+    index: NDArray[np.intp], anchors: NDArray[np.int64], period_ns: float
+) -> NDArray[np.int64]:
+    """Return the times of samples [ns].
+
+    Parameters
+    ----------
+    index
+        Shape (n,): samples of the run.
+    anchors
+        Shape (k, 3): from which sample on an anchor holds, its time [ns], and which sample before
+        the run's first it counts from.
+    period_ns
+        Time between two samples [ns].
+    """
+    found = np.empty(len(index), np.int64)
+    for i in range(len(index)):
+        own = len(anchors) - 1
+        while own > 0 and anchors[own, 0] > index[i]:
+            own -= 1
+        place = np.rint((index[i] + anchors[own, 2]) * period_ns)
+        found[i] = anchors[own, 1] + np.int64(place)
     return found

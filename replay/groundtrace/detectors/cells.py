@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..lanes import LANES
+from ..lanes import LANES, zero_rows
 from .arrival_kernels import OPEN, empty_cell, load, reduce_cells
-from .cell_kernels import local_maxima, ratio_to_noise, window_maxima
+from .cell_kernels import ratio_to_noise, settled_maxima, window_maxima
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,9 +37,7 @@ class RunningMaximum:
         """Return the maximum up to and including each cell, shape (n_channels, n)."""
         if self._tail is None:
             self._tail = np.zeros((level.shape[0], self.cells - 1))
-        line = np.concatenate([self._tail, level], axis=1)
-        self._tail = line[:, level.shape[1] :]
-        found: NDArray[np.float64] = window_maxima(line, self.cells)
+        found, self._tail = window_maxima(self._tail, level)
         return found
 
 
@@ -113,7 +111,6 @@ class CellReducer:
 
     def __init__(self, rate_hz: float, channels: int) -> None:
         self._open = OpenCells(rate_hz, channels)
-        self._scales = np.ones(channels)
         self._levels = np.empty((channels, 0))  # from the last block's first cell on
         self._first = 0  # sample of the run that they begin with
 
@@ -125,13 +122,12 @@ class CellReducer:
         self._first += tail
         found = cells.room(n)
         for group in range(cells.groups):
-            rows = np.zeros((len(signals), n, LANES))
+            rows = zero_rows(len(signals), n)
             for signal, lanes in zip(signals, rows, strict=True):
-                load(np.ascontiguousarray(signal), self._scales, group * LANES, 0, lanes)
-            part = cells.lanes(found, group)
+                load(np.ascontiguousarray(signal), group * LANES, 0, lanes)
             recorded, filtered, level = rows
             state = (cells.cell[group], cells.filled, cells.length)
-            reduce_cells(recorded, filtered, level, *state, part)
+            reduce_cells(recorded, filtered, level, *state, cells.lanes(found, group))
         return cells.done(found, n)
 
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:
@@ -173,12 +169,9 @@ class NoiseRatio:
         noise = self._noise(level)
         if self._tail is None:
             self._tail = np.repeat(noise[:, :1], self.gap, axis=1)
-        line = np.concatenate([self._tail, noise], axis=1)
-        self._tail = line[:, n:]
         known, self._count = self._count - self.gap + 1, self._count + n
-        before = np.ascontiguousarray(line[:, :n])
-        now = np.ascontiguousarray(level)
-        ratio: NDArray[np.float64] = ratio_to_noise(now, before, known, self.warm_up)
+        level, noise = np.ascontiguousarray(level), np.ascontiguousarray(noise)
+        ratio, self._tail = ratio_to_noise(level, self._tail, noise, known, self.warm_up)
         return ratio
 
 
@@ -198,6 +191,8 @@ class Rises(NamedTuple):
 
     def and_then(self, later: Rises) -> Rises:
         """Return these maxima and later ones."""
+        if not len(self.begin):
+            return later
         return Rises(
             np.concatenate([self.begin, later.begin]),
             np.concatenate([self.peak, later.peak]),
@@ -235,17 +230,10 @@ class LocalMaxima:
 
     def add(self, values: NDArray[np.float64], *, final: bool = False) -> Rises:
         """Take the values of new cells; return the settled maxima, by cell and channel."""
-        r, keep = self.reach, self._keep
-        line = np.concatenate([self._tail, values], axis=1)
-        if final:
-            line = np.concatenate([line, np.full((len(line), r), -np.inf)], axis=1)
-        count = line.shape[1] - keep - r
-        if count <= 0:
-            self._tail = line
-            return Rises.none()
-        place, value = local_maxima(line, keep, keep + count, r, self.floor, self.back)
-        place[:, :2] += self.settled - keep
-        self.settled += count
-        self._tail = line[:, count:]
-        begin, peak, channel = np.ascontiguousarray(place.T)
+        rule, before = (self.reach, self.floor, self.back), self._tail.shape[1]
+        found = settled_maxima(self._tail, values, self._keep, rule, final)
+        (begin, peak, channel), value, self._tail = found
+        begin, peak = begin + self.settled, peak + self.settled
+        after = self.reach if final else 0
+        self.settled += before + values.shape[1] + after - self._tail.shape[1]
         return Rises(begin, peak, channel, value)

@@ -119,6 +119,8 @@ class Coincidence:
         self.parameters = parameters
         self.state = _State()
         self._most = 0
+        self._window_ns = parameters.window_s * NS_PER_S
+        self._sharp_ns = parameters.sharp_s * NS_PER_S
 
     def start(self, spec: StageSpec) -> tuple[str, ...]:
         """Begin; an impact is not of one channel."""
@@ -128,13 +130,16 @@ class Coincidence:
 
     def associate(self, pick: Pick) -> Candidates:
         """Take a pick; return the groups before it whose window is over."""
-        state, time_ns = self.state, pick.time_ns
-        if state.front and time_ns - state.front.last_ns > self.parameters.sharp_s * NS_PER_S:
-            self._close(state.front)
-            state.front = None
-        front = state.front = state.front or _Group(time_ns, time_ns, set())
-        front.last_ns = time_ns
-        front.channels.add(pick.channel)
+        state, time_ns, front = self.state, pick.time_ns, self.state.front
+        if front is not None and time_ns - front.last_ns <= self._sharp_ns:
+            front.last_ns = time_ns
+            front.channels.add(pick.channel)
+            return NOTHING
+        if front is not None:
+            self._close(front)
+        front = state.front = _Group(time_ns, time_ns, {pick.channel})
+        if not state.groups or self._within(state.groups[0], front):
+            return NOTHING
         over = [group for group in state.groups if not self._within(group, front)]
         state.groups = state.groups[len(over) :]
         return self._candidates(over)
@@ -148,8 +153,8 @@ class Coincidence:
 
     def _close(self, front: _Group) -> None:
         """Let a sharp front that nearly all channels saw stand alone, and join the others."""
-        sharp_s, groups = self.parameters.sharp_s, self.state.groups
-        short = sharp_s > 0 and front.last_ns - front.first_ns <= sharp_s * NS_PER_S
+        groups = self.state.groups
+        short = self._sharp_ns > 0 and front.last_ns - front.first_ns <= self._sharp_ns
         front.sharp = short and len(front.channels) >= self._most
         if front.sharp or not groups or groups[-1].sharp or not self._within(groups[-1], front):
             groups.append(front)
@@ -158,7 +163,7 @@ class Coincidence:
             groups[-1].channels |= front.channels
 
     def _within(self, group: _Group, front: _Group) -> bool:
-        return front.first_ns - group.first_ns <= self.parameters.window_s * NS_PER_S
+        return front.first_ns - group.first_ns <= self._window_ns
 
     def _candidates(self, groups: Sequence[_Group]) -> Candidates:
         if not groups:

@@ -1,11 +1,14 @@
-"""Filters that run on blocks of any length and give the same samples as one run over the whole."""
+"""Filters that run on blocks of any length and give the same samples as one run over the whole.
+
+scipy.signal is imported by what filters: who decides again, from what was stored, needs none of its
+60 MB.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import signal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,12 +65,16 @@ def bandpass(low_hz: float, high_hz: float, rate_hz: float, order: int = 2) -> N
         edges, kind = high_hz, "lowpass"
     else:
         return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    from scipy import signal
+
     sos: NDArray[np.float64] = signal.butter(order, edges, kind, fs=rate_hz, output="sos")
     return sos
 
 
 def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
     """Return by how much ``sos`` delays a sinusoid of ``frequency_hz`` [s]."""
+    from scipy import signal
+
     _, response = signal.freqz_sos(sos, worN=[frequency_hz], fs=rate_hz)
     return float(-np.angle(response[0]) / (2 * np.pi * frequency_hz))
 
@@ -89,6 +96,8 @@ class StreamingFilter:
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Filter a block, shape (n_channels, n_samples); return the same shape."""
+        from scipy import signal
+
         if x.shape[1] == 0:
             return x
         if self.zi is None:
@@ -113,6 +122,8 @@ class ExponentialMean:
 
     def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Average a block, shape (n_channels, n_samples)."""
+        from scipy import signal
+
         if x.shape[1] == 0:  # lfilter would lose its state
             return x
         if self.zi is None:
@@ -177,6 +188,8 @@ class SmoothedSlope:
         Signal and slope of the samples whose slope is complete, aligned; before the run the signal
         is taken to have been constant.
         """
+        from scipy import signal
+
         if x.shape[1] == 0:  # lfilter would lose its state
             return x, x
         if self._zi is None:

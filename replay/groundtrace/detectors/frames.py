@@ -13,7 +13,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 
 from ..detector import Frames
-from .cell_kernels import FRAME, close_frame, fold_frames, open_frame, window_maxima
+from .frame_kernels import FRAME, close_frame, fold_frames, frame_values, open_frame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,13 +77,20 @@ class FrameTrace:
         """
         if not len(times):
             return self.nothing()
+        return self.take(times[self.begins(len(times))], *rows)
+
+    def begins(self, columns: int) -> slice:
+        """Return which of the next columns begin a frame."""
+        return slice(-self._filled % self.length, columns, self.length)
+
+    def take(self, begins: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
+        """Take columns as :meth:`add` does, but the times of those alone that begin a frame."""
         decision, peak, power, high, low = (np.ascontiguousarray(r, np.float64) for r in rows)
         state = (self._state, self._filled, self.length)
         folded = fold_frames(decision, peak, power, high, low, *state)
-        begins = times[-self._filled % self.length :: self.length]
         if self._filled:
             begins = np.concatenate([[self._begin_ns], begins])
-        self._filled = (self._filled + len(times)) % self.length
+        self._filled = (self._filled + decision.shape[1]) % self.length
         self._begin_ns = int(begins[-1])
         return self._frames(begins[: len(folded)], folded)
 
@@ -104,19 +111,5 @@ class FrameTrace:
 
     def _frames(self, times: NDArray[np.int64], folded: NDArray[np.float64]) -> Frames:
         """Return frames with the quietest of the last 5 s beside each."""
-        count, channels, _ = folded.shape
-        if not count:
-            return self.nothing()
-        levels = folded[:, :, 2:4].T.reshape(2 * channels, count)
-        # a dead stretch says nothing about the noise
-        past = np.concatenate([self._past, np.where(levels > 0, -levels, -np.inf)], axis=1)
-        quiet = -window_maxima(past, self.history)
-        self._past = past[:, count:]
-        quiet = np.where(np.isfinite(quiet), quiet, 0.0).reshape(2, channels, count).T
-        value = np.empty((count, channels, 6), np.float32)
-        value[:, :, :2] = folded[:, :, :2]
-        value[:, :, 2] = quiet[:, :, 0]
-        value[:, :, 3] = folded[:, :, 3]
-        value[:, :, 4] = quiet[:, :, 1]
-        value[:, :, 5] = folded[:, :, 4] / self.rate_hz
+        value, self._past = frame_values(folded, self._past, self.rate_hz)
         return Frames(times, value)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..lanes import LANES
+from ..lanes import LANES, zero_rows
 from .arrival_kernels import load
+from .cell_kernels import times_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,33 +28,36 @@ class SampleClock:
         self._period_ns = 0.0
         self._starts = [0]  # index from which an anchor holds
         self._anchors = [(0, 0)]  # time of the anchor, and which index before ours it counts from
+        self._table = np.zeros((1, 3), np.int64)  # both, for compiled functions
 
     def add(self, block: SignalBlock) -> None:
         """Count in a block of the run."""
         anchor = (block.anchor_ns, block.first - self._count)
         self._period_ns = block.stream.period_ns
-        if not self._count:
-            self._anchors = [anchor]
-        elif self._anchors[-1] != anchor:
-            self._starts.append(self._count)
-            self._anchors.append(anchor)
+        if not self._count or self._anchors[-1] != anchor:
+            kept = len(self._anchors) if self._count else 0
+            self._starts[kept:], self._anchors[kept:] = [self._count], [anchor]
+            self._tabulate()
         self._count += len(block)
 
     def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the times of samples [ns], shape (n,), as their blocks have them."""
-        if len(self._starts) == 1:
-            return self._timed(index, np.array(self._anchors[0]))
-        anchor = np.searchsorted(self._starts, index, side="right") - 1
-        return self._timed(index, np.array(self._anchors).T[:, np.maximum(anchor, 0)])
+        return times_of(np.asarray(index, np.intp), self._table, self._period_ns)
+
+    def time_of(self, index: int) -> int:
+        """Return the time of one sample [ns]."""
+        anchor = self._anchors[max(0, bisect_right(self._starts, index) - 1)]
+        return anchor[0] + round((index + anchor[1]) * self._period_ns)
 
     def forget_before(self, index: int) -> None:
         """Forget anchors of samples before one."""
         while len(self._starts) > 1 and self._starts[1] <= index:
             del self._starts[0], self._anchors[0]
+            self._tabulate()
 
-    def _timed(self, index: NDArray[np.intp], anchor: NDArray[np.int64]) -> NDArray[np.int64]:
-        place = (index + anchor[1]).astype(np.float64) * self._period_ns
-        return np.asarray(anchor[0] + np.rint(place).astype(np.int64))
+    def _tabulate(self) -> None:
+        rows = [(start, *anchor) for start, anchor in zip(self._starts, self._anchors, strict=True)]
+        self._table = np.array(rows, np.int64)
 
 
 class LaneHistory:
@@ -75,15 +80,18 @@ class LaneHistory:
         self.first = 0
         self.end = 0
         self._begin = 0  # row of the first sample kept
-        self._rows = np.zeros((signals, -(-channels // LANES), 0, LANES))
-        self._scales = np.ones(channels)
+        groups = -(-channels // LANES)
+        self._channels = channels
+        self._rows = zero_rows(signals, groups, 0)
 
     def extend(self, samples: int) -> None:
         """Make room for some more samples; they are written by :meth:`recent`."""
         kept = self.end - self.first
         if self._begin + kept + samples > self._rows.shape[2]:
-            shape = (*self._rows.shape[:2], max(self._rows.shape[2], 2 * (kept + samples)), LANES)
-            rows = self._rows if shape == self._rows.shape else np.zeros(shape)
+            signals, groups, room, _ = self._rows.shape
+            # little more than a block stays near in the caches, and yet what is kept moves seldom
+            wanted = max(room, 4 * kept + samples)
+            rows = self._rows if wanted == room else zero_rows(signals, groups, wanted)
             rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept].copy()
             self._rows, self._begin = rows, 0
         self.end += samples
@@ -95,7 +103,7 @@ class LaneHistory:
         for index, signal in enumerate(signals):
             for group in range(self._rows.shape[1]):
                 rows = self.recent(n, group, index)
-                load(np.ascontiguousarray(signal), self._scales, group * LANES, 0, rows)
+                load(np.ascontiguousarray(signal), group * LANES, 0, rows)
 
     def recent(self, samples: int, group: int, signal: int = 0) -> NDArray[np.float64]:
         """Return the last samples of a group of channels, shape (n, LANES): a view."""
@@ -114,7 +122,7 @@ class LaneHistory:
         begin = self._begin + start - self.first
         rows = self._rows[signal, :, begin : begin + stop - start]
         flat = rows.transpose(0, 2, 1).reshape(len(rows) * LANES, stop - start)
-        return np.asarray(flat[: len(self._scales)])
+        return np.asarray(flat[: self._channels])
 
     def drop_before(self, index: int) -> None:
         """Drop the samples before one; they are there until more samples come."""

@@ -12,8 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from groundtrace_codecs.signals import NS_PER_S
+
 from ..compiled import compiled
-from ..lanes import LANES, every, greater, logarithm, put_row, row
+from ..lanes import LANES, every, greater, put_row, row
+from ..logarithms import ROUGHNESS, logarithm, rough_logarithm
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,10 +43,30 @@ def _cut(line: Array, index: int, value: Any, end: int) -> Any:
 
 
 @compiled
-def criterion_of(window: Array, sums: Array, found: Array) -> None:
+def _rows_near_the_least(line: Array, n: int, margin: float) -> tuple[int, int]:
+    """Return which rows, first and after the last, may have an AIC within a margin of the least.
+
+    ``line`` are rough ones of a window of n samples, none of them above the true one.
+    """
+    first, last = EDGE, n - 2 - EDGE
+    least = line[first]
+    for i in range(first, last + 1):
+        least = line[i] if line[i] < least else least
+    limit = least + n * ROUGHNESS + margin
+    while line[first] > limit:
+        first += 1
+    while line[last] > limit:
+        last -= 1
+    return first // LANES, last // LANES + 1
+
+
+@compiled
+def criterion_of(window: Array, sums: Array, found: Array, margin: float) -> None:
     """Write AIC(k) for k = 1 ... n-1 of a window of n samples into ``found``.
 
     ``found`` and the rows of ``sums``, shape (5, at least n / LANES, LANES), are used as lines.
+    What is more than ``margin`` above the least, and lies before or after all that is not, is known
+    roughly only: still above it, but up to n * ROUGHNESS too low.
     """
     n = len(window)
     total, square = sums[0].reshape(-1), sums[1].reshape(-1)
@@ -68,9 +91,14 @@ def criterion_of(window: Array, sums: Array, found: Array) -> None:
     put_row(found, 0, most)
     least = every(max(1e-8 * found[0].max(), LEAST))
     for i in range(rows):
-        k = row(sums[4], i)
-        before, after = logarithm(row(sums[2], i) + least), logarithm(row(sums[3], i) + least)
-        put_row(found, i, k * before + (count - k) * after)
+        k, before, after = row(sums[4], i), row(sums[2], i) + least, row(sums[3], i) + least
+        put_row(sums[2], i, before)
+        put_row(sums[3], i, after)
+        put_row(found, i, k * rough_logarithm(before) + (count - k) * rough_logarithm(after))
+    first_row, end = _rows_near_the_least(found.reshape(-1), n, margin)
+    for i in range(first_row, end):
+        k, before, after = row(sums[4], i), row(sums[2], i), row(sums[3], i)
+        put_row(found, i, k * logarithm(before) + (count - k) * logarithm(after))
 
 
 @compiled
@@ -84,22 +112,24 @@ def memory_of(n: int) -> Array:
 
 
 @compiled
-def _weighted(criterion: Array, correlation: float) -> tuple[float, float]:
-    """Return mean and standard deviation of k under the weights of AIC(k), k = 1 ... n-1."""
-    last = len(criterion) - EDGE
-    scale = 1.0 / (2.0 * max(correlation, 1.0))
+def _weighted(criterion: Array, scale: float) -> tuple[float, float]:
+    """Return mean and deviation of k under the weights exp(-scale AIC(k)), k = 1 ... n-1."""
+    stop = len(criterion) - EDGE
     least = criterion[EDGE]
-    for i in range(EDGE, last):
+    for i in range(EDGE, stop):
         least = criterion[i] if criterion[i] < least else least
     mass = place = 0.0
-    for i in range(EDGE, last):
+    first, last = stop, EDGE
+    for i in range(EDGE, stop):
         distance = (criterion[i] - least) * scale
-        weight = np.exp(-distance) if distance < WEIGHTLESS else 0.0
-        criterion[i] = weight
-        mass += weight
-        place += weight * (i + 1)
+        criterion[i] = 0.0
+        if distance < WEIGHTLESS:
+            first, last = min(i, first), i
+            criterion[i] = weight = np.exp(-distance)
+            mass += weight
+            place += weight * (i + 1)
     onset, spread = place / mass, 0.0
-    for i in range(EDGE, last):
+    for i in range(first, last + 1):
         spread += criterion[i] * (i + 1 - onset) ** 2
     return onset, np.sqrt(spread / mass)
 
@@ -120,7 +150,7 @@ def lane_onsets(
     correlation
         Correlation length of the signal [samples].
     """
-    result = np.empty((2, len(start)))
+    result, scale = np.empty((2, len(start))), 1.0 / (2.0 * max(correlation, 1.0))
     most = 0
     for i in range(len(length)):
         most = max(most, length[i])
@@ -133,6 +163,60 @@ def lane_onsets(
             continue
         for k in range(n):
             window[k] = rows[group, start[i] + k, lane]
-        criterion_of(window[:n], sums, criterion)
-        result[0, i], result[1, i] = _weighted(criterion.reshape(-1)[: n - 1], correlation)
+        criterion_of(window[:n], sums, criterion, WEIGHTLESS / scale)
+        result[0, i], result[1, i] = _weighted(criterion.reshape(-1)[: n - 1], scale)
     return result
+
+
+@compiled
+def mean_onsets(
+    rows: Array,
+    span: tuple[int, int],
+    anchor: Indices,
+    channel: Indices,
+    windows: Indices,
+    correlation: float,
+) -> Array:
+    """Return onset and deviation, the mean over windows around each anchor: shape (2, m), samples.
+
+    Parameters
+    ----------
+    rows, span
+        Shape (n_groups, n, LANES), and which samples of the run they are: first, and after the
+        last. A window that reaches over them is shorter, not padded.
+    anchor, channel
+        Shape (m,): a sample of the run, and its channel.
+    windows
+        Shape (k, 2): how many samples before and after the anchor.
+    correlation
+        Correlation length of the signal [samples].
+    """
+    begin, end = span
+    found = np.zeros((2, len(anchor)))
+    for before, after in windows:
+        start = np.maximum(anchor - before, begin)
+        length = np.minimum(anchor + 1 + after, end) - start
+        onset, deviation = lane_onsets(rows, start - begin, length, channel, correlation)
+        found[0] += start + onset
+        found[1] += deviation**2
+    found[0] /= len(windows)
+    found[1] = np.sqrt(found[1] / len(windows))
+    return found
+
+
+@compiled
+def timed_onsets(
+    found: Array, ratio: Array, rate_hz: float
+) -> tuple[Indices, NDArray[np.int64], NDArray[np.float32]]:
+    """Return the sample of each onset, the time past it [ns], and ratio and deviation [s], (m, 2).
+
+    ``found`` is as :func:`mean_onsets` has it.
+    """
+    m = len(ratio)
+    whole, past_ns = np.empty(m, np.intp), np.empty(m, np.int64)
+    value = np.empty((m, 2), np.float32)
+    for i in range(m):
+        whole[i] = np.intp(np.floor(found[0, i]))
+        past_ns[i] = np.int64(np.rint((found[0, i] - whole[i]) * NS_PER_S / rate_hz))
+        value[i, 0], value[i, 1] = ratio[i], found[1, i] / rate_hz
+    return whole, past_ns, value

@@ -17,16 +17,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from scipy.signal import sosfilt_zi
 
 from groundtrace_codecs.cores import side_by_side
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..gates import Level, Refractory
-from ..lanes import LANES
+from ..lanes import LANES, in_lanes, zero_rows
 from ..parameters import gate, measured
-from .arrival_kernels import SECTIONS, variance_cells
+from .arrival_kernels import COEFFICIENTS, SECTIONS, spread, variance_cells
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import OpenCells, RunningMaximum
 from .filters import ExponentialMean, bandpass, planar_as_stored
@@ -76,14 +75,15 @@ class _Variance:
     def __init__(self, stream: Stream, sos: NDArray[np.float64], alpha: float) -> None:
         unit = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * (SECTIONS - len(sos))
         self._sos = np.concatenate([sos, np.array(unit).reshape(-1, 6)])
+        self._coefficients = zero_rows(COEFFICIENTS)
+        spread(self._sos, self._coefficients)
         self._alpha = alpha
         self._cells = OpenCells(stream.rate_hz, len(stream.channels))
         groups = self._cells.groups
-        self._scales = np.zeros((groups, 1, LANES))
-        self._scales.ravel()[: len(stream.channels)] = stream.scales
+        self._scales = in_lanes(stream.scales)
         self._memory: NDArray[np.float64] | None = None
-        self._mean = np.zeros((groups, 1, LANES))
-        self._at_cell = np.zeros((groups, 1, LANES))  # the mean at the end of the last cell
+        self._mean = zero_rows(groups, 1)
+        self._at_cell = zero_rows(groups, 1)  # the mean at the end of the last cell
         self._before = self._at_cell  # and at the end of the one before the last block's
 
     def __call__(self, block: SignalBlock, history: LaneHistory) -> Cells:
@@ -120,7 +120,7 @@ class _Variance:
             self._scales[group],
             group * LANES,
             history.recent(samples.shape[1], group),
-            self._sos,
+            self._coefficients,
             memory[group],
             self._alpha,
             self._mean[group],
@@ -133,10 +133,10 @@ class _Variance:
 
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
+        from scipy.signal import sosfilt_zi
+
         steady = sosfilt_zi(self._sos).reshape(-1, 1)
-        lanes = np.zeros((self._cells.groups, LANES))
-        lanes.ravel()[: len(first)] = first
-        return np.ascontiguousarray(steady * lanes[:, None, :])
+        return np.ascontiguousarray(steady * in_lanes(first))
 
 
 @dataclass(slots=True)

@@ -1,0 +1,57 @@
+"""How events go along the stages of a pipeline: each stage takes many of them at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .stage import Stage
+
+
+@dataclass(slots=True)
+class Made:
+    """An item, and what stages made of it, one stage after the other."""
+
+    item: Any
+    born: list[Made] = field(default_factory=list)
+
+    def events(self) -> list[Event]:
+        """Return what was made of the item, each event before what was made of that."""
+        found: list[Event] = []
+        for made in self.born:
+            found.append(made.item)
+            if made.born:
+                found += made.events()
+        return found
+
+
+def pass_on(line: list[Made], stages: Sequence[Stage]) -> None:
+    """Let every stage take what comes along the line; what it makes of an item goes before it.
+
+    So later stages see items in the order in which they would if each went through all stages
+    before the next one came, while a stage that can takes many of them at once.
+    """
+    for stage in stages:
+        items = [made.item for made in line]
+        longer: list[Made] = []
+        for made, events in zip(line, _made_by(stage, items), strict=True):
+            if events:
+                born = [Made(event) for event in events]
+                made.born += born
+                longer += born
+            longer.append(made)
+        line = longer
+
+
+def _made_by(stage: Stage, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:
+    """Return what a stage makes of each of items that come one after the other."""
+    at_once: Callable[..., list[list[Event]]] | None = getattr(stage, "process_all", None)
+    if at_once is not None:
+        return at_once(items)
+    return [list(stage.process(item)) for item in items]
