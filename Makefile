@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check test build wheel bench fuzz big accept proto screenshot clean
+.PHONY: demo dev fmt check warm test build wheel bench fuzz big accept proto screenshot clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -34,8 +34,16 @@ check: dev
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+warm: dev ## what replays run is compiled once, before those who would compile it at the same time
+	mkdir -p build/warm
+	for pair in room-walk:room-footsteps waist-walk:pedestrian waist-walk:foot-inertial \
+	  waist-walk:step-types vehicle-pass:vehicle-tracks; do \
+	  $(BIN)/groundtrace replay recordings/groundtrace_recordings/$${pair%:*}.mcap --force \
+	    --pipeline $${pair#*:} --no-viewer --out build/warm/$${pair#*:}.results.mcap || exit 1; \
+	done
+
 test: dev
-	$(BIN)/python -m pytest -n auto
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 
 build: dev
 	$(BIN)/python -m build --wheel --outdir dist .
@@ -51,6 +59,7 @@ bench: dev
 	$(BIN)/python bench/replay_speed.py
 	$(BIN)/python bench/file_speed.py
 	$(BIN)/python bench/sweep_speed.py
+	$(BIN)/python bench/why_speed.py
 	$(BIN)/python bench/localizers_speed.py
 	$(BIN)/python bench/imu_speed.py
 	$(BIN)/python bench/growth.py

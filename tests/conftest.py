@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from shared_viewer import SharedViewer
 
 # the first call of a compiled function takes seconds in a fresh clone
 settings.register_profile("groundtrace", deadline=None)
@@ -29,3 +35,11 @@ def data() -> Path:
     if not folder.is_dir():
         skip_or_fail("data", "the real recordings are absent; set GROUNDTRACE_DATA to their folder")
     return folder.resolve()
+
+
+@pytest.fixture(scope="session")
+def viewer() -> Iterator[SharedViewer]:
+    """Return the viewer without a screen that all tests of pictures share."""
+    from shared_viewer import running_viewer
+
+    yield from running_viewer("1280x720")

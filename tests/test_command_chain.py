@@ -225,8 +225,10 @@ def test_a_printed_pipeline_is_a_pipeline_that_decides_the_same(
     Path("mine.toml").write_text(printed, "utf-8")
     assert load_pipeline("mine.toml").name == name
     assert done(capsys, "pipelines", "mine.toml").out == printed
+    span = ("--to", 16) if recording == WALK else ()  # 20 of its 74 steps
     for pipeline, out in ((name, "named.mcap"), ("mine.toml", "printed.mcap")):
-        done(capsys, "replay", recording, "--pipeline", pipeline, "--no-viewer", "--out", out)
+        replay = ("replay", recording, "--pipeline", pipeline, *span)
+        done(capsys, *replay, "--no-viewer", "--out", out)
     assert_same_decisions(Path("named.mcap"), Path("printed.mcap"))
     assert read_results(Path("printed.mcap")).provenance.pipeline == printed
 

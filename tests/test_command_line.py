@@ -52,10 +52,17 @@ def pressure(path: Path) -> Path:
     return path
 
 
-def test_exit_codes_are_0_done_1_known_error_2_wrong_usage() -> None:
-    good = in_a_process("replay", WALK, "--no-viewer", "--to", 3)
+def test_a_replay_in_a_process_ends_with_0_and_results_without_its_folders() -> None:
+    out = ("--out", Path.cwd() / "r.mcap")
+    good = in_a_process("replay", WALK, "--no-viewer", "--to", 3, *out)
     assert (good.returncode, good.stderr) == (0, "")
     assert "waist-steps" in good.stdout
+    told = read_results(Path("r.mcap")).provenance
+    options = ("--no-viewer", "--to", "3", "--out", "r.mcap")
+    assert told.arguments == ("replay", "waist-walk.mcap", *options)
+
+
+def test_exit_codes_are_1_known_error_2_wrong_usage() -> None:
     known = in_a_process("info", "nowhere.mcap")
     assert (known.returncode, known.stdout) == (1, "")
     found = "groundtrace: nowhere.mcap: expected a recording, found no such file\n"
@@ -63,13 +70,6 @@ def test_exit_codes_are_0_done_1_known_error_2_wrong_usage() -> None:
     wrong = in_a_process("replay", "--speed", "3")
     assert (wrong.returncode, wrong.stdout) == (2, "")
     assert "--speed" in wrong.stderr
-
-
-def test_results_tell_the_command_without_its_folders() -> None:
-    in_a_process("replay", WALK, "--no-viewer", "--to", 3, "--out", Path.cwd() / "r.mcap")
-    told = read_results(Path("r.mcap")).provenance
-    options = ("--no-viewer", "--to", "3", "--out", "r.mcap")
-    assert told.arguments == ("replay", "waist-walk.mcap", *options)
 
 
 def test_help_imports_nothing_heavy() -> None:

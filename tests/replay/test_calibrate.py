@@ -104,7 +104,7 @@ def test_scale_exponent_and_error_of_arrivals_come_out(ignore: bool) -> None:
 
 
 def test_a_recording_with_unsynchronised_clocks_becomes_locatable() -> None:
-    events, labels = walked(offsets_s=CLOCKS)
+    events, labels = walked(24, offsets_s=CLOCKS)
     found = calibrate(gather(events, site(), []), site())
     assert found.offsets_estimated
     assert found.positions is None
@@ -133,7 +133,7 @@ def correlated(events: list[Event], onset_s: float, error_s: float) -> list[Even
 
 
 def test_clocks_are_told_by_onsets_where_correlation_fails_and_the_floor_is_left_alone() -> None:
-    events, _ = walked(offsets_s=CLOCKS)
+    events, _ = walked(24, offsets_s=CLOCKS)
     found = calibrate_once(correlated(events, 0.0, 5e-3), site(), [], Choices())
     off = np.array([o.offset_s for o in found.offsets]) - CLOCKS
     assert np.abs(off).max() < 4e-4
@@ -145,7 +145,7 @@ def test_clocks_are_told_by_onsets_where_correlation_fails_and_the_floor_is_left
 
 
 def test_a_recording_is_replayed_with_the_clocks_found_until_they_settle() -> None:
-    events, _ = walked(offsets_s=CLOCKS)
+    events, _ = walked(24, offsets_s=CLOCKS)
     seen: list[Geometry] = []
 
     def replayed(geometry: Geometry) -> list[Event]:

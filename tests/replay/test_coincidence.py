@@ -124,6 +124,25 @@ def test_topics_are_associated_apart():
     assert [e.topic for e in steps_of(run(chosen, [SPEC, other, *mixed]))] == ["/s"]
 
 
+def told(event) -> tuple:
+    """Return an event as something that can be compared."""
+    if not isinstance(event, CandidateBlock):
+        return (event,)
+    columns = (event.value, event.gate_value, event.margin, event.accepted)
+    return (event.spec, event.time_ns.tolist(), *(c.tolist() for c in columns))
+
+
+def test_many_items_at_once_bring_about_what_each_does_by_itself():
+    other = StageSpec("picks", "toa-cv", "/t", SPEC.channels, SPEC.columns, SPEC.gates, (), "pick")
+    picks = [*impact(0), *impact(2, 4, "/t"), *impact(400), *impact(900), *impact(901, 5, "/t")]
+    picks = sorted(picks, key=lambda p: p.time_ns)
+    items = [SPEC, other, *picks, Gap("/s", 0, 0, "clock step", 0), *impact(100), *impact(500)]
+    one, at_once = stage(), stage()
+    expected = [[told(e) for e in one.process(item)] for item in items]
+    assert [[told(e) for e in events] for events in at_once.process_all(items)] == expected
+    assert [told(e) for e in at_once.flush()] == [told(e) for e in one.flush()]
+
+
 def test_picks_of_an_unknown_topic_are_left_alone():
     assert run(stage(), impact(0)) == []
 

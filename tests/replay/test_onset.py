@@ -15,7 +15,7 @@ def aic(windows: np.ndarray) -> np.ndarray:
     found, sums = np.empty((m, n - 1)), memory_of(n)
     criterion = np.empty(sums[0].shape)
     for window, own in zip(np.ascontiguousarray(windows), found, strict=True):
-        criterion_of(window, sums, criterion)
+        criterion_of(window, sums, criterion, np.inf)
         own[:] = criterion.ravel()[: n - 1]
     return found
 
@@ -72,6 +72,19 @@ def test_the_criterion_is_maedas_formula():
     # a side of a few samples may have hardly any variance, which is bounded below: left out
     inner = slice(EDGE, -EDGE)
     assert np.allclose(aic(windows)[:, 1:-1][:, inner], np.array(expected)[:, inner], atol=1e-3)
+
+
+def test_far_from_the_least_the_criterion_is_rough_but_above_what_matters():
+    (window,) = bursts(1, 200, 120, 20.0)
+    (exact,), sums, margin = aic(window[None, :]), memory_of(200), 30.0
+    found = np.empty(sums[0].shape)
+    criterion_of(window, sums, found, margin)
+    inner = slice(EDGE, -EDGE)
+    exact, rough = exact[inner], found.ravel()[:199][inner]
+    near = exact <= exact.min() + margin
+    assert np.array_equal(rough[near], exact[near])
+    assert (rough[~near] > exact.min() + margin).all()
+    assert (rough != exact).any()
 
 
 def test_the_criterion_does_not_depend_on_an_offset():

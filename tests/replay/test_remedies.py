@@ -19,6 +19,8 @@ TWO_GATES = (
     ("steps.height=2.0", "steps.refractory_s=0.7"),
 )
 ALL_OPEN = ("steps.height=0.05", "steps.swing=0", "steps.activity=0", "steps.refractory_s=0")
+#: So many remedies of a setting are tried at most, from the first step to the last.
+MOST = 8
 PARAMETERS = ("height", "swing", "activity", "refractory_s")
 
 
@@ -40,7 +42,7 @@ def test_a_fresh_replay_with_the_remedy_recovers_the_step_with_the_printed_figur
     assert found.counts == walk.counts(*settings)
     remedies = [(m, m.remedy) for m in found.missed if m.remedy is not None]
     assert remedies
-    for missed, remedy in remedies:
+    for missed, remedy in remedies[:: -(-len(remedies) // MOST)]:
         again = walk.matching(*settings, remedy.setting)
         hits = seconds(again.truth_ns[again.pairs[:, 0]])
         assert np.isclose(hits, missed.time_s, atol=1e-6).any(), (missed.step, remedy.setting)

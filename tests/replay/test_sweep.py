@@ -132,7 +132,7 @@ def test_a_parameter_of_the_signal_path_is_measured_again_as_a_replay_does(waist
     grid = make_grid(axes)
     done: list[int] = []
     subject = Subject(waist.evidence, (path_of("waist-walk.mcap"),))
-    counted = count([subject], grid, jobs=2, done=lambda: done.append(1))
+    counted = count([subject], grid, jobs=1, done=lambda: done.append(1))
     assert len(done) == counted.rate.measurements == 2  # 3 Hz is what was stored
     e = waist.evidence
     for row, values in enumerate(grid.rows):

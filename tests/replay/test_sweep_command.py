@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shutil
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -13,6 +15,7 @@ import pytest
 from command_runs import Ran, done, run
 from jsonschema import Draft202012Validator, ValidationError
 
+from groundtrace.commands import main
 from groundtrace.pipeline import load_pipeline
 from groundtrace_recordings import path_of
 
@@ -29,11 +32,21 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the bundled walk and its results."""
+    folder = tmp_path_factory.mktemp("replayed")
+    shutil.copy(path_of("waist-walk.mcap"), folder / "walk.mcap")
+    with chdir(folder), redirect_stdout(io.StringIO()):
+        main(["replay", "walk.mcap", "--pipeline", "waist-peaks", "--no-viewer"])
+    return folder
+
+
 @pytest.fixture
-def walk(capsys: pytest.CaptureFixture[str]) -> Path:
+def walk(replayed: Path) -> Path:
     """Results of the bundled walk, the recording beside them."""
-    shutil.copy(path_of("waist-walk.mcap"), "walk.mcap")
-    done(capsys, "replay", "walk.mcap", "--pipeline", "waist-peaks", "--no-viewer")
+    for name in ("walk.mcap", "walk.results.mcap"):
+        shutil.copy(replayed / name, name)
     return Path("walk.results.mcap")
 
 

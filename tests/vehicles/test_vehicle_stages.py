@@ -40,12 +40,11 @@ def stations() -> list[Event]:
 
 
 def test_blocks_of_any_size_give_the_same_tracks(car: list[Event]) -> None:
-    assert told(replayed(CAR, "vehicle-tracks", samples=333)) == told(car)
+    assert told(replayed(CAR, "vehicle-tracks", samples=33)) == told(car)
 
 
-@pytest.mark.parametrize("samples", [77, 5000])
-def test_blocks_of_any_size_give_the_same_passes(stations: list[Event], samples: int) -> None:
-    assert told(replayed(STATIONS, "vehicle-passes", samples=samples)) == told(stations)
+def test_blocks_of_any_size_give_the_same_passes(stations: list[Event]) -> None:
+    assert told(replayed(STATIONS, "vehicle-passes", samples=77)) == told(stations)
 
 
 def test_the_direct_course_is_within_a_metre_of_the_way(car: list[Event]) -> None:

@@ -34,10 +34,24 @@ def replayed(
     options: VehicleOptions,
     pipeline: str,
     settings: Sequence[str] = (),
-    samples: int = 1000,
+    samples: int = 200,
     stages: int | None = None,
 ) -> list[Event]:
-    """Return the events of a pipeline, or its first stages, in blocks of so many samples."""
+    """Return the events of a pipeline, or its first stages, in blocks of so many samples.
+
+    Blocks are those of a second that are simulated, or smaller. The same is replayed once.
+    """
+    return list(_replayed(options, pipeline, tuple(settings), samples, stages))
+
+
+@cache
+def _replayed(
+    options: VehicleOptions,
+    pipeline: str,
+    settings: tuple[str, ...],
+    samples: int,
+    stages: int | None,
+) -> tuple[Event, ...]:
     simulation, blocks = road(options)
     config = with_settings(load_pipeline(pipeline), settings)
     config = replace(config, stage=config.stage[:stages])
@@ -45,7 +59,7 @@ def replayed(
     events: list[Event] = []
     for block in rechunked(blocks, samples):
         events += chain.process(block)
-    return [*events, *chain.flush()]
+    return (*events, *chain.flush())
 
 
 def told(events: Sequence[Event]) -> list[tuple[object, ...]]:

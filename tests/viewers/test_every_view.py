@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,8 +9,7 @@ import numpy as np
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
-from conftest import skip_or_fail
-from PIL import Image
+from shared_viewer import pixels, running_viewer
 from shot_sessions import shot_labels, write_shots
 
 from groundtrace.engine import replay
@@ -30,21 +27,18 @@ from groundtrace.sinks import Session
 from groundtrace.source import Source
 from groundtrace_codecs.recording import Recording
 from groundtrace_viewers.blueprint import blueprint
-from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.picture import wait_for_recording
-from groundtrace_viewers.serve import connect, free_port, start_viewer
 from groundtrace_viewers.sink import RerunSink
 from groundtrace_viewers.timeline import TIMELINE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from rerun.experimental import ViewerClient
+    from shared_viewer import SharedViewer
 
     from groundtrace.simulate import Simulation
 
-#: A view has loaded what it shows when two pictures in a row are equal, or after so long [s].
-SETTLE_S = 10.0
 #: What stations beside a road have, and the pipeline of antennas has not.
 PASSES = '[[stage]]\nname = "passes"\nuse = "vehicle-passes"\n'
 
@@ -59,27 +53,34 @@ class Case:
     more: str = ""
 
 
-def cases() -> dict[str, Case]:
-    # longer than the viewer shows at first: it has views that shorter ones have not
-    room = RoomOptions(seed=4, duration_s=61.0, channels=4, rate_hz=4000.0)
-    stations = RoomOptions(seed=4, duration_s=5.0, channels=4, triaxial=True)
-    walk = WalkOptions(seed=3, duration_s=14.0, gnss=True)
+def case(kind: str) -> Case:
+    if kind == "room":
+        # longer than the viewer shows at first: it has views that shorter ones have not
+        room = RoomOptions(seed=4, duration_s=61.0, channels=4, rate_hz=4000.0)
+        return Case("room-footsteps", simulate_room(room))
+    if kind == "bearings":
+        stations = RoomOptions(seed=4, duration_s=5.0, channels=4, triaxial=True)
+        return Case("room-bearings", simulate_room(stations))
+    if kind == "walker":
+        walk = WalkOptions(seed=3, duration_s=14.0, gnss=True)
+        return Case("pedestrian", simulate_walk(walk), map_tiles=True)
     car = VehicleOptions(rate_hz=100.0, duration_s=24.0)
-    return {
-        "vehicle": Case("vehicle-tracks", simulate_vehicle(car), more=PASSES),
-        "room": Case("room-footsteps", simulate_room(room)),
-        "bearings": Case("room-bearings", simulate_room(stations)),
-        "walker": Case("pedestrian", simulate_walk(walk), map_tiles=True),
-    }
+    return Case("vehicle-tracks", simulate_vehicle(car), more=PASSES)
+
+
+@pytest.fixture
+def viewer() -> Iterator[SharedViewer]:
+    """Return a viewer whose window is small: each picture of a view draws all of it."""
+    yield from running_viewer("800x520")
 
 
 def side_by_side(*args: Any, **options: Any) -> rrb.Blueprint:
     """Return a layout's views without tabs: what no tab shows has no picture."""
     found = blueprint(*args, **options)
-    panel = rrb.TimePanel(timeline=TIMELINE, play_state="paused")
-    return rrb.Blueprint(
-        rrb.Grid(*views_of(found.root_container)), panel, auto_views=False, auto_layout=False
-    )
+    time = rrb.TimePanel(state="hidden", timeline=TIMELINE, play_state="paused")
+    panels = (rrb.BlueprintPanel(state="hidden"), rrb.SelectionPanel(state="hidden"), time)
+    views = rrb.Grid(*views_of(found.root_container))
+    return rrb.Blueprint(views, *panels, auto_views=False, auto_layout=False)
 
 
 def views_of(part: Any) -> list[rrb.View]:
@@ -129,19 +130,10 @@ def without_data(folder: Path, rrd: Path) -> Path:
     return folder / "empty.rrd"
 
 
-def pictures(client: ViewerClient, at_s: float) -> dict[str, np.ndarray]:
-    """Return a picture of every view, taken when nothing changes any more."""
-    client.set_time(TIMELINE, duration=at_s, play_state="paused")
-    deadline = time.monotonic() + SETTLE_S
-    before = b""
-    while time.monotonic() < deadline and (now := client.take_screenshot()) != before:
-        before = now
-        time.sleep(0.3)
-    found = {}
-    for view in client.get_state().views:
-        with Image.open(io.BytesIO(client.take_screenshot(view.view_id))) as image:
-            found[view.name] = np.asarray(image.convert("RGB"), np.int16)
-    return found
+def pictures(client: ViewerClient) -> dict[str, np.ndarray]:
+    """Return a picture of every view."""
+    views = client.get_state().views
+    return {view.name: pixels(client.take_screenshot(view.view_id)) for view in views}
 
 
 def changed(one: np.ndarray, other: np.ndarray) -> float:
@@ -151,24 +143,15 @@ def changed(one: np.ndarray, other: np.ndarray) -> float:
     return float((apart.max(axis=2) > 24).mean())
 
 
-def complaints_and_sameness(rrd: Path, empty: Path, at_s: float) -> tuple[dict, list[str], int]:
+def complaints_and_sameness(
+    viewer: SharedViewer, rrd: Path, empty: Path, at_s: float
+) -> tuple[dict, list[str], int]:
     """Return complaints of views, views that look the same without data, and how many there are."""
-    port = free_port()
-    window = ["--headless", "--window-size", "1200x800", "--hide-welcome-screen"]
-    process = start_viewer([*window, str(rrd)], port)
-    try:
-        client = connect(process, port)
-        wait_for_recording(client, rrd)
-        shown = pictures(client, at_s)
-        views = client.get_state().views
-        client.open(str(empty))
-        time.sleep(1.0)
-        nothing = pictures(client, at_s)
-    except (ViewerError, RuntimeError) as error:
-        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
-    finally:
-        process.terminate()
-        process.wait(10)
+    viewer.open(rrd, at_s)
+    shown = pictures(viewer.client)
+    views = viewer.client.get_state().views
+    viewer.open_beside(empty, at_s)
+    nothing = pictures(viewer.client)
     assert shown.keys() == nothing.keys(), "one layout for both"
     reports = {v.name: [r.summary for r in v.reports] for v in views if v.reports}
     same = [name for name, picture in shown.items() if changed(picture, nothing[name]) < 1e-3]
@@ -177,14 +160,14 @@ def complaints_and_sameness(rrd: Path, empty: Path, at_s: float) -> tuple[dict, 
 
 @pytest.mark.parametrize("kind", ["room", "bearings", "walker", "shots", "vehicle"])
 def test_every_view_shows_its_data_and_none_complains(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, viewer: SharedViewer
 ) -> None:
     monkeypatch.setattr("groundtrace_viewers.sink.blueprint", side_by_side)
     if kind == "shots":
         rrd, at_s = write_shots(tmp_path / "r.rrd", shot_labels()), 1.05
     else:
-        rrd, at_s = replayed(tmp_path, cases()[kind])
-    reports, same, views = complaints_and_sameness(rrd, without_data(tmp_path, rrd), at_s)
+        rrd, at_s = replayed(tmp_path, case(kind))
+    reports, same, views = complaints_and_sameness(viewer, rrd, without_data(tmp_path, rrd), at_s)
     assert reports == {}
     assert same == []
     assert views >= 8

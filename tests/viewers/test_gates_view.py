@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from conftest import skip_or_fail
-from PIL import Image
 from viewer_sessions import read_back
 
 from groundtrace.explain import Evidence, evidence_of
@@ -26,13 +25,14 @@ from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.evidence import Focus
 from groundtrace_viewers.gates import BEHIND, FIRST, PASSED, gate_top, verdicts_of, why_view
 from groundtrace_viewers.moment import recording_at
-from groundtrace_viewers.picture import ViewerState, screenshot
 from groundtrace_viewers.serve import connect, open_viewer, viewer_program
 from groundtrace_viewers.sides import compare_view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from shared_viewer import SharedViewer
 
 #: A step of the walk that a threshold of 2 m/s2 loses, and its candidate [s].
 MISSED_S, CANDIDATE_S, HEIGHT = 33.741, 33.7704, 0.8383
@@ -69,16 +69,6 @@ def rrd(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shown = evidence("steps.height=2.0")
     why_view(shown, "# why", path=path, at_ns=at(shown, MISSED_S))
     return path
-
-
-def picture(rrd: Path, at_s: float | None = None) -> tuple[ViewerState, np.ndarray]:
-    png = rrd.with_suffix(".png")
-    try:
-        state = screenshot(rrd, png, at_s=at_s, size=(1280, 800))
-    except ViewerError as error:
-        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
-    with Image.open(png) as image:
-        return state, np.asarray(image.convert("RGB"), np.int16)
 
 
 def near(pixels: np.ndarray, colour: int) -> int:
@@ -154,13 +144,14 @@ def test_the_lanes_say_what_each_gate_and_the_score_made_of_it(rrd: Path) -> Non
     assert {s[0] for s in states} == {PASSED, FIRST, ""}
 
 
-@pytest.fixture
-def both(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("both") / "both.rrd"
     a, b = results("steps.height=2.0"), results("steps.height=0.4")
     found = compare(a, b, a.labels)
     sides = evidence("steps.height=2.0"), evidence("steps.height=0.4")
-    compare_view(*sides, found, "# both", path=tmp_path / "both.rrd")
-    return tmp_path / "both.rrd"
+    compare_view(*sides, found, "# both", path=path)
+    return path
 
 
 def test_both_sides_and_their_differences_are_in_one_file(both: Path) -> None:
@@ -181,10 +172,12 @@ def test_the_viewers_program_verifies_the_files(rrd: Path, both: Path) -> None:
         assert ran.returncode == 0, ran.stderr
 
 
-def test_a_miss_is_drawn_without_complaint_and_with_its_colours(rrd: Path) -> None:
+def test_a_miss_is_drawn_without_complaint_and_with_its_colours(
+    rrd: Path, viewer: SharedViewer
+) -> None:
     from groundtrace_viewers.gates import GATE_COLOURS
 
-    state, pixels = picture(rrd)
+    state, pixels = viewer.show(rrd)
     assert {v.name: v.reports for v in state.views if v.reports} == {}
     kinds = [v.kind for v in state.views]
     assert (kinds.count("TimeSeries"), kinds.count("StateTimeline")) == (5, 1)
@@ -193,13 +186,13 @@ def test_a_miss_is_drawn_without_complaint_and_with_its_colours(rrd: Path) -> No
 
 
 def test_a_whole_result_a_room_and_aboth_are_drawn_without_complaint(
-    tmp_path: Path, both: Path
+    tmp_path: Path, both: Path, viewer: SharedViewer
 ) -> None:
     why_view(evidence("steps.height=2.0"), "# all", path=tmp_path / "all.rrd")
     room = evidence("picks.ratio=800")
     why_view(room, "# room", path=tmp_path / "room.rrd", at_ns=at(room, 0.8))
     for path in (tmp_path / "all.rrd", tmp_path / "room.rrd", both):
-        state, _ = picture(path, 1.0)
+        state, _ = viewer.show(path, 1.0)
         assert {v.name: v.reports for v in state.views if v.reports} == {}, path.name
 
 

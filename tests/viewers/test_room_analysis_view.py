@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import rerun as rr
-from conftest import skip_or_fail
 
 from groundtrace.analyze.layout import layout_of
 from groundtrace.analyze.room import RoomAnalysis, Settings, analyze_room
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
-from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.headless import screenshot
 from groundtrace_viewers.room_analysis import _coloured, room_page, room_view
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from shared_viewer import SharedViewer
 
 PLACES = ((0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0), (2.0, 1.0))
 
@@ -54,11 +53,10 @@ def test_pixels_outside_the_room_are_clear() -> None:
     assert pixels[0, 1, :3].sum() > pixels[0, 0, :3].sum()
 
 
-def test_all_maps_are_drawn_without_complaint(found: RoomAnalysis, tmp_path: Path) -> None:
+def test_all_maps_are_drawn_without_complaint(
+    found: RoomAnalysis, tmp_path: Path, viewer: SharedViewer
+) -> None:
     room_view(found, path=tmp_path / "room.rrd")
-    try:
-        state = screenshot(tmp_path / "room.rrd", tmp_path / "room.png", size=(1280, 720))
-    except ViewerError as error:
-        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
+    state, _ = viewer.show(tmp_path / "room.rrd")
     assert {v.name: v.reports for v in state.views if v.reports} == {}
     assert sorted(v.kind for v in state.views) == ["2D"] * 6 + ["TextDocument"]

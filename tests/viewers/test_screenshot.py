@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import skip_or_fail
 from PIL import Image
+from shared_viewer import pixels
 from shot_sessions import shot_labels, write_shots
 from viewer_sessions import (
     SEISMIC,
@@ -19,7 +20,7 @@ from viewer_sessions import (
 )
 
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.headless import ViewerState, main, screenshot
+from groundtrace_viewers.headless import main, screenshot
 from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment
 from groundtrace_viewers.sink import RerunSink
 
@@ -27,47 +28,49 @@ if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
 
-
-def picture(rrd: Path, at_s: float) -> tuple[ViewerState, np.ndarray]:
-    png = rrd.with_suffix(".png")
-    try:
-        state = screenshot(rrd, png, at_s=at_s, size=(1280, 720))
-    except ViewerError as error:
-        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
-    with Image.open(png) as image:
-        return state, np.asarray(image.convert("RGB"), np.int16)
+    from shared_viewer import SharedViewer
 
 
 def test_all_views_of_a_room_are_drawn_without_complaint(tmp_path: Path) -> None:
-    state, pixels = picture(write_room(tmp_path / "room.rrd"), 2.65)
+    png = tmp_path / "room.png"
+    try:
+        state = screenshot(write_room(tmp_path / "room.rrd"), png, at_s=2.65, size=(1280, 720))
+    except ViewerError as error:
+        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
     assert {v.name: v.reports for v in state.views if v.reports} == {}
     kinds = [v.kind for v in state.views]
     assert kinds.count("2D") == 1
     assert kinds.count("StateTimeline") == 1
     assert kinds.count("TimeSeries") >= 5
     assert state.cursor_ns == 2_650_000_000
-    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 1000
+    shown = pixels(png.read_bytes())
+    assert shown.shape == (720, 1280, 3)
+    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 1000
 
 
-def test_the_picture_shows_the_data_and_not_only_the_layout(tmp_path: Path) -> None:
+def test_the_picture_shows_the_data_and_not_only_the_layout(
+    tmp_path: Path, viewer: SharedViewer
+) -> None:
     sink = RerunSink(tmp_path / "empty.rrd")
     sink.open(room_session())
     for event in decisions():
         sink.write(event)
     sink.close()
-    _, without = picture(tmp_path / "empty.rrd", 2.65)
-    _, with_data = picture(write_room(tmp_path / "room.rrd"), 2.65)
+    _, without = viewer.show(tmp_path / "empty.rrd", 2.65)
+    _, with_data = viewer.show(write_room(tmp_path / "room.rrd"), 2.65)
     changed = np.abs(with_data - without).max(axis=2) > 40
     assert changed.mean() > 0.03
 
 
-def test_a_walker_without_places_has_no_map(tmp_path: Path) -> None:
-    state, _ = picture(write_walker(tmp_path / "walker.rrd"), 2.0)
+def test_a_walker_without_places_has_no_map(tmp_path: Path, viewer: SharedViewer) -> None:
+    state, _ = viewer.show(write_walker(tmp_path / "walker.rrd"), 2.0)
     assert [v for v in state.views if v.kind == "2D" or v.reports] == []
 
 
-def test_a_section_of_shots_is_drawn_without_complaint(tmp_path: Path) -> None:
-    state, _ = picture(write_shots(tmp_path / "shots.rrd", shot_labels()), 1.0)
+def test_a_section_of_shots_is_drawn_without_complaint(
+    tmp_path: Path, viewer: SharedViewer
+) -> None:
+    state, _ = viewer.show(write_shots(tmp_path / "shots.rrd", shot_labels()), 1.0)
     assert {v.name: v.reports for v in state.views if v.reports} == {}
     assert [v.name for v in state.views if v.origin == "/section/seismic"] == [
         "Section /seismic: each trace scaled to its own maximum, offset by channel "

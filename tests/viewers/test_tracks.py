@@ -6,13 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from conftest import skip_or_fail
 from viewer_sessions import SEISMIC, START_NS, at, blocks, read_back, room_session, seismic_samples
 
 from groundtrace_codecs.events import TrackPoint
-from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.fixes import CORNERS
-from groundtrace_viewers.headless import screenshot
 from groundtrace_viewers.palette import FILTERED_TRACK, SMOOTHED_TRACK
 from groundtrace_viewers.sensor_map import bounds
 from groundtrace_viewers.sink import RerunSink
@@ -22,6 +19,8 @@ from groundtrace_viewers.views import site
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from shared_viewer import SharedViewer
 
 SPREAD = (0.09, 0.02, 0.04)
 
@@ -104,9 +103,6 @@ def test_the_map_shows_all_of_a_track_before_the_cursor() -> None:
     assert list(view.visualizer_overrides) == [path]
 
 
-def test_a_map_with_tracks_is_drawn_without_complaint(walked: Path) -> None:
-    try:
-        state = screenshot(walked, walked.with_suffix(".png"), at_s=2.6, size=(1280, 720))
-    except ViewerError as error:
-        skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
+def test_a_map_with_tracks_is_drawn_without_complaint(walked: Path, viewer: SharedViewer) -> None:
+    state, _ = viewer.show(walked, 2.6)
     assert {v.name: v.reports for v in state.views if v.reports} == {}
