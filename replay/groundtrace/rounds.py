@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.signals import SignalBlock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.signals import SignalBlock
 
     Item = SignalBlock | Gap
 
@@ -59,7 +58,9 @@ class Rounds:
             return False
         before = self._items[-1]
         if item.topic == before.topic:
-            return _goes_on(before, item)
+            if isinstance(before, Gap) or isinstance(item, Gap):
+                return False
+            return item.continues(before)
         last_ns = max(map(_last_ns, self._items))
         reached_ns = item.end_ns if isinstance(item, Gap) else item.start_ns
         if not any(held.topic == item.topic for held in self._items):
@@ -73,12 +74,6 @@ class Rounds:
 
 def _last_ns(item: Item) -> int:
     return item.end_ns if isinstance(item, Gap) else item.last_ns
-
-
-def _goes_on(before: Item, after: Item) -> bool:
-    if not (isinstance(before, SignalBlock) and isinstance(after, SignalBlock)):
-        return False
-    return after.anchor_ns == before.anchor_ns and after.first == before.first + len(before)
 
 
 def in_order(items: Sequence[Item], leading: str) -> list[Item]:
@@ -108,5 +103,5 @@ def _parts(block: SignalBlock, cuts: Sequence[int]) -> Iterator[SignalBlock]:
     if not inside:
         yield block
         return
-    edges = np.searchsorted(block.sample_times(), inside).tolist()
+    edges = [block.index_of(cut) for cut in inside]
     yield from (block.slice(a, b) for a, b in pairwise([0, *edges, len(block)]) if b > a)
