@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-RATE_HZ = 2000.0
+RATE_HZ = 8000.0
 STREAM = Stream("/s", tuple(Channel(f"G{k}", "seismic", "count") for k in range(4)), RATE_HZ)
-SECONDS = {"short.mcap": 10, "long.mcap": 40}
-#: What 30 s more of the signal take in memory, as stored [bytes].
-SIGNAL = 30 * 4 * int(RATE_HZ) * 4
+SECONDS = {"short.mcap": 40, "long.mcap": 160}
+#: What the rest of the longer signal takes in memory, as stored [bytes].
+SIGNAL = 120 * 4 * int(RATE_HZ) * 4
 
 
 def noise(seconds: int) -> Iterator[SignalBlock]:

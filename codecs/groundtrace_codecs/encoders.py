@@ -7,6 +7,7 @@ are cut at multiples of absolute sample indices, so that they do not depend on h
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple, Protocol
@@ -23,7 +24,7 @@ from .schemas.waveform import encode_waveform, to_format
 from .signals import as_one
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -153,6 +154,20 @@ def pieces(block: SignalBlock, size: int) -> Iterator[SignalBlock]:
 def message_samples(stream: Stream) -> int:
     """Return how many samples one message of a stream holds."""
     return max(1, round(MESSAGE_S * stream.rate_hz))
+
+
+def merged_pieces(
+    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]],
+) -> Iterator[SignalBlock]:
+    """Yield pieces of one message's length of all streams' blocks, in order of their ends."""
+    queues = [_pieces_of(stream, blocks) for stream, _, blocks in sources]
+    return heapq.merge(*queues, key=lambda piece: piece.last_ns)
+
+
+def _pieces_of(stream: Stream, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
+    for block in blocks:
+        if len(block):
+            yield from pieces(block, message_samples(stream))
 
 
 class WaveformEncoder:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import heapq
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from .annotations import ANNOTATIONS_TOPIC, encode_annotation
-from .container import TOOL, Container, tool_version
+from .container import CHUNK_BYTES, TOOL, Container, tool_version
 from .encoders import (
     Encoder,
     Output,
     Packet,
     encoders_for,
-    message_samples,
-    pieces,
+    merged_pieces,
     protobuf_output,
 )
 from .errors import CodecError
@@ -25,7 +24,7 @@ from .schemas.waveform import FORMATS
 from .site import transforms
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from types import TracebackType
 
     from .annotations import Annotation
@@ -49,6 +48,8 @@ class RecordingWriter:
         ``zstd``, ``lz4`` or ``none``.
     force
         Replace an existing file.
+    chunk_bytes
+        Length at which a chunk is ended, before compression.
     ending
         What the file's name ends in while it grows.
 
@@ -64,10 +65,11 @@ class RecordingWriter:
         *,
         compression: str = "zstd",
         force: bool = False,
+        chunk_bytes: int = CHUNK_BYTES,
         ending: str = "partial",
     ) -> None:
         #: The file underneath.
-        self.container = Container(Path(path), compression, force, ending=ending)
+        self.container = Container(Path(path), compression, force, chunk_bytes, ending=ending)
         self.path = self.container.path
         self._streams: dict[str, tuple[Stream, tuple[Encoder, ...]]] = {}
         self._geometry: Geometry | None = None
@@ -233,9 +235,10 @@ def write_recording(
     attachments: Iterable[tuple[str, str, bytes]] = (),
     force: bool = False,
 ) -> None:
-    """Write a whole recording, its streams merged in time, its labels behind them.
+    """Write a whole recording: its labels, then its streams, merged in time.
 
-    Labels get a chunk of their own, so that they are read without decompressing the samples.
+    Labels get a chunk of their own: they are read without decompressing the samples. It is the
+    first, so that a file that is cut short has them.
 
     Parameters
     ----------
@@ -262,39 +265,22 @@ def write_recording(
             writer.set_geometry(geometry)
         for stream, sample_format, _ in sources:
             writer.add_stream(stream, sample_format)
-        start_ns: int | None = None
-        for block in _merged(sources):
-            start_ns = block.start_ns if start_ns is None else min(start_ns, block.start_ns)
-            writer.write(block)
+        blocks = merged_pieces(sources)
+        first = list(islice(blocks, 1))
+        starts = [block.start_ns for block in first]
         if truth := sorted(labels, key=lambda label: label.time_ns):
-            writer.settle()
+            writer.begin(min([*starts, truth[0].time_ns]))
             writer.add_labels(truth)
+            writer.settle()
+        for block in chain(first, blocks):
+            starts = [min([*starts, block.start_ns])]
+            writer.write(block)
         for name, values in (metadata or {}).items():
             writer.add_metadata(name, values)
         for attachment in attachments:
             writer.add_attachment(*attachment)
-        writer.add_metadata("recording", _origin(start_ns or 0))
-
-
-def _merged(
-    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]],
-) -> Iterator[SignalBlock]:
-    """Yield short pieces of all blocks in order of their ends."""
-    queues = [_ends(i, stream, blocks) for i, (stream, _, blocks) in enumerate(sources)]
-    for _, _, block in heapq.merge(*queues, key=lambda entry: entry[:2]):
-        yield block
+        writer.add_metadata("recording", _origin(min(starts, default=0)))
 
 
 def _origin(start_ns: int) -> dict[str, str]:
     return {"start_ns": str(start_ns), "tool": TOOL, "version": tool_version()}
-
-
-def _ends(
-    index: int, stream: Stream, blocks: Iterable[SignalBlock]
-) -> Iterator[tuple[int, int, SignalBlock]]:
-    """Yield pieces of one message's length with the time they end."""
-    size = message_samples(stream)
-    for block in blocks:
-        if len(block):
-            for piece in pieces(block, size):
-                yield piece.last_ns, index, piece

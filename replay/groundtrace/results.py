@@ -97,6 +97,10 @@ def _without_folders(argument: str) -> str:
     return option + equals + PureWindowsPath(value).name if set(value) & set("/\\") else argument
 
 
+#: Length at which a chunk of results is ended [bytes]: a replay that is killed keeps those before.
+CHUNK_BYTES = 256 << 10
+
+
 class ResultsSink:
     """Writes events, labels and geometry to a results MCAP; signals stay in the recording."""
 
@@ -113,7 +117,9 @@ class ResultsSink:
         """Begin the file."""
         from groundtrace_codecs.writer import RecordingWriter
 
-        self._writer = RecordingWriter(self.path, force=self.force, ending=self.ending)
+        self._writer = RecordingWriter(
+            self.path, force=self.force, chunk_bytes=CHUNK_BYTES, ending=self.ending
+        )
         self._writer.__enter__()
         if session.geometry is not None:
             self._writer.set_geometry(session.geometry)

@@ -116,9 +116,11 @@ def test_labels_lie_in_a_chunk_of_their_own(tmp_path: Path) -> None:
     with McapFile.open(path) as file:
         ids = {c.topic: c.id for c in file.channels.values()}
         held = [chunk.channel_ids for chunk in file._chunks]
+        offsets = [chunk.offset for chunk in file._chunks]
     (truth,) = (i for topic, i in ids.items() if "truth" in topic)
     assert len(held) > 2
     assert held.count(frozenset({truth})) == 1
+    assert offsets[held.index(frozenset({truth}))] == min(offsets)
     assert sum(truth in (found or ()) for found in held) == 1
     with Recording.open(path) as recording:
         assert [label.time_ns for label in recording.labels] == sorted(x.time_ns for x in labels)

@@ -19,6 +19,7 @@ from groundtrace.fleet.figures import FIGURES
 from groundtrace.fleet.rows import decoded
 from groundtrace.score import __path__ as score_path
 from groundtrace.simulate import RoomOptions, simulate_room, write
+from groundtrace_codecs.rewriting import convert
 
 Capture = pytest.CaptureFixture[str]
 WAIST = ("--pipeline", "waist-peaks")
@@ -29,8 +30,11 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two walks, one that is torn, and one file that is no recording."""
     folder = tmp_path_factory.mktemp("fleet") / "small"
     paths = walks(folder, 3)
-    whole = paths[2].read_bytes()
-    paths[2].write_bytes(whole[: len(whole) // 2])
+    many = folder / "many-chunks.mcap"
+    convert(paths[2], many, chunk_bytes=64 << 10)
+    whole = many.read_bytes()
+    many.unlink()
+    paths[2].write_bytes(whole[: len(whole) * 4 // 5])
     (folder / "zjunk.mcap").write_bytes(b"this is no recording")
     return folder
 

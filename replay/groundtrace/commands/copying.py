@@ -141,7 +141,7 @@ def convert(
     *,
     out: Annotated[Path, OUT],
     compression: Compression = "zstd",
-    chunk_kb: Annotated[int, POSITIVE] = 256,
+    chunk_kb: Annotated[int, POSITIVE] = 1024,
     block_ms: Annotated[float | None, POSITIVE] = None,
     force: Annotated[bool, FLAG] = False,
     quiet: Annotated[bool, FLAG] = False,

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Second differences are looked at from so many times their mean in the window on.
 LOUD = 6.0
+#: And so many times their mean within so many samples: a window may be silent for the most part.
+LOCAL = 256
 #: The same between two and so many samples away, of which at least so many are there.
 NEAR, LEAST_NEAR = 8, 8
 #: So many times the largest and the median of those: the first leaves out what rings, the second
@@ -102,7 +104,8 @@ def _spikes(row: NDArray[np.floating], factor: float) -> list[int]:
     for i in np.flatnonzero(known > LOUD * known.mean()).tolist():
         highest = known[i] >= known[max(0, i - 1) : i + 2].max()
         comes_back = abs(row[i + 2] - row[i]) <= BACK * known[i]
-        if highest and comes_back and _alone(known, i, factor):
+        loud = known[i] > LOUD * known[max(0, i - LOCAL) : i + LOCAL].mean()
+        if highest and comes_back and loud and _alone(known, i, factor):
             found.append(i + 1)
     return found
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 #: Samples of context on both sides of a window.
 MARGIN = 16
-#: A window is at least so long: the mean of so many samples is not moved by a single one.
-LEAST_S, LEAST_SAMPLES = 2.0, 512
+#: A window is so long, whatever the blocks: the mean of so many samples is not moved by one.
+LENGTH_S, LEAST_SAMPLES = 2.0, 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ class Windows:
     """Makes windows of the blocks of one run after the other."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._least = max(LEAST_SAMPLES, round(LEAST_S * rate_hz))
+        self._length = max(LEAST_SAMPLES, round(LENGTH_S * rate_hz))
         self.reset()
 
     def reset(self) -> None:
@@ -74,13 +74,13 @@ class Windows:
         self._first = 0
 
     def add(self, block: SignalBlock) -> Iterator[Window]:
-        """Take a block; yield a window where there is enough for one."""
+        """Take a block; yield the windows that it completes."""
         self._waiting.append(_floats(block))
         self._count += len(block)
         self._end_ns = block.end_ns
         self._period_ns = block.stream.period_ns
-        if self._count >= self._least + MARGIN:
-            yield self._window(MARGIN)
+        while self._count >= self._length + MARGIN:
+            yield self._window(self._count - self._length)
 
     def finish(self) -> Iterator[Window]:
         """Yield what is left and begin a new run."""
@@ -88,15 +88,17 @@ class Windows:
             yield self._window(0)
         self.reset()
 
-    def _window(self, right: int) -> Window:
+    def _window(self, rest: int) -> Window:
+        """Return all that waits but its last ``rest`` samples, with context."""
         parts = self._waiting if self._context is None else [self._context, *self._waiting]
-        values = np.concatenate(parts, axis=1)
+        values = np.concatenate(parts, axis=1) if len(parts) > 1 else parts[0]
         left = 0 if self._context is None else self._context.shape[1]
-        size = self._count - right
+        size, right = self._count - rest, min(rest, MARGIN)
         start_ns = self._end_ns - round(self._count * self._period_ns)
-        window = Window(values, left, right, self._first, start_ns, self._period_ns)
+        shown = values[:, : left + size + right]
+        window = Window(shown, left, right, self._first, start_ns, self._period_ns)
         self._context = values[:, max(0, left + size - MARGIN) : left + size]
-        self._waiting, self._count = [values[:, left + size :]], right
+        self._waiting, self._count = [values[:, left + size :]], rest
         self._first += size
         return window
 
