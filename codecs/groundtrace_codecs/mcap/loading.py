@@ -26,24 +26,21 @@ class ChunkLoader:
         The file.
     chunks
         Its chunks as the index has them.
-    note
-        Is told what is wrong with a chunk that can be read all the same.
     """
 
-    def __init__(
-        self, source: ByteSource, chunks: Sequence[ChunkEntry], note: Callable[[Damage], None]
-    ) -> None:
+    def __init__(self, source: ByteSource, chunks: Sequence[ChunkEntry]) -> None:
         self._source = source
         self._chunks = chunks
-        self._note = note
         self._scanned: tuple[ChunkEntry, ...] | None = None
         self._last: tuple[int, memoryview] | None = None
 
-    def records(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
+    def records(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
         """Give the records of a chunk.
 
-        By its own fields if only its opcode or length is wrong; if it is not where the index says,
-        a front scan looks for it.
+        By its own fields if only its opcode or length is wrong, of which ``note`` is told; if it is
+        not where the index says, a front scan looks for it.
 
         Raises
         ------
@@ -53,25 +50,33 @@ class ChunkLoader:
         if self._last is not None and self._last[0] == entry.offset:
             return self._last[1]
         self._last = None  # its memory is wanted for the next one
-        records = self._found(reader, entry)
+        records = self._found(reader, entry, note)
         self._last = (entry.offset, records)
         return records
 
-    def _found(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
+    def forget(self) -> None:
+        """Let go of the last chunk."""
+        self._last = None
+
+    def _found(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
         try:
             return reader.records(entry)
         except MisplacedError:
             with suppress(MalformedError):
-                return self._mended(reader, entry)
+                return self._mended(reader, entry, note)
             for other in self._unindexed_chunks():
                 if (other.start_ns, other.end_ns) == (entry.start_ns, entry.end_ns):
                     return reader.records(other)
             raise
 
-    def _mended(self, reader: ChunkReader, entry: ChunkEntry) -> memoryview:
+    def _mended(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
         records = reader.mended(entry)
         reason = reader.head_fault(entry)
-        self._note(Damage(entry.offset, RECORD_HEAD.size, None, None, 0, reason))
+        note(Damage(entry.offset, RECORD_HEAD.size, None, None, 0, reason))
         return records
 
     def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:

@@ -117,7 +117,7 @@ class McapFile:
         self._chunks = index.chunks
         self._strict = strict
         self._damage: dict[tuple[int, str], Damage] = {}
-        self._loader = ChunkLoader(source, index.chunks, self._note)
+        self._loader = ChunkLoader(source, index.chunks)
         for damage in index.damage:
             self._note(damage)
 
@@ -228,6 +228,7 @@ class McapFile:
 
     def close(self) -> None:
         """Close the source."""
+        self._loader.forget()
         self._source.close()
 
     def __enter__(self) -> Self:
@@ -248,7 +249,7 @@ class McapFile:
         try:
             records = ahead.records(entry)
             if records is None:
-                records = self._loader.records(part.reader, entry)
+                records = self._loader.records(part.reader, entry, self._note)
             found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
             lost = indexed_messages(self._source, entry.offset + entry.length).messages
