@@ -45,6 +45,6 @@ def batches(
 
 def _by_channel(tables: Sequence[MessageTable]) -> list[tuple[int, MessageTable]]:
     """Return the messages of each channel as one table, in the order of their ids."""
-    parts = [(i, table.of_channels([i])) for table in tables for i in table.channel_ids()]
+    parts = [(i, table.of_channels([i])) for table in tables for i in table.counts()]
     grouped = groupby(sorted(parts, key=_channel), key=_channel)
     return [(i, MessageTable.joined([part for _, part in own])) for i, own in grouped]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from itertools import takewhile
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -53,13 +52,15 @@ class ChannelReader(Protocol):
 
 def probe(file: McapFile, channel_id: int) -> MessageTable:
     """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
-    messages = file.messages({channel_id})
-    first = next(messages, None)
-    if first is None:
-        return MessageTable.none()
-    early = takewhile(lambda m: m.log_time - first.log_time < _PROBE_NS, messages)
-    few = (m for m, _ in zip(early, range(_PROBE_MESSAGES - 1), strict=False))
-    return MessageTable.of([first, *few])
+    found = MessageTable.none()
+    for table in file.tables({channel_id}):
+        first = found[0] if found else table[0]
+        room = _PROBE_MESSAGES - len(found)
+        early = table[: min(table.before(first.log_time + _PROBE_NS), room)]
+        found = MessageTable.joined([found, early])
+        if len(early) < len(table) or len(found) == _PROBE_MESSAGES:
+            break
+    return found
 
 
 def reader_for(

@@ -14,7 +14,7 @@ from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
-from .mcap import Damage, McapFile, MessageTable
+from .mcap import Damage, McapFile
 from .others import OtherTopic, is_ours, other_topic
 from .readable import readable
 from .signals import NS_PER_S, Stream
@@ -284,14 +284,15 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
 
 
 def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> Lag | None:
-    for message in file.messages({channel_id}):
+    every = (table[i : i + 1] for table in file.tables({channel_id}) for i in range(len(table)))
+    for message in every:
         try:
-            blocks = reader.blocks(MessageTable.of([message]))
-            times = [b.sample_times() for _, b in blocks]
+            times = [b.sample_times() for _, b in reader.blocks(message)]
         except CodecError:
             continue  # reading says it; the lag is that of the first message that can be read
         if times:
             early = min(int(t.min()) for t in times)
             late = max(int(t.max()) for t in times)
-            return Lag(message.log_time - late, message.log_time - early, early)
+            logged = message[0].log_time
+            return Lag(logged - late, logged - early, early)
     return None

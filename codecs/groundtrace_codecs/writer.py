@@ -267,19 +267,19 @@ def write_recording(
             writer.add_stream(stream, sample_format)
         blocks = merged_pieces(sources)
         first = list(islice(blocks, 1))
-        starts = [block.start_ns for block in first]
+        start_ns = first[0].start_ns if first else 0
         if truth := sorted(labels, key=lambda label: label.time_ns):
-            writer.begin(min([*starts, truth[0].time_ns]))
+            writer.begin(min(start_ns, truth[0].time_ns) if first else truth[0].time_ns)
             writer.add_labels(truth)
             writer.settle()
         for block in chain(first, blocks):
-            starts = [min([*starts, block.start_ns])]
+            start_ns = min(start_ns, block.start_ns)
             writer.write(block)
         for name, values in (metadata or {}).items():
             writer.add_metadata(name, values)
         for attachment in attachments:
             writer.add_attachment(*attachment)
-        writer.add_metadata("recording", _origin(min(starts, default=0)))
+        writer.add_metadata("recording", _origin(start_ns))
 
 
 def _origin(start_ns: int) -> dict[str, str]:

@@ -210,10 +210,10 @@ class ChunkReader:
             raise MalformedError(
                 "expected whole records, found one cut by the chunk's end"
             ) from error
-        there = found.channel_ids()
-        unknown = [i for i in there if i not in wanted and i not in self.definitions.channels]
-        chosen = found.of_channels([i for i in there if i in wanted])
-        strays = len(found.of_channels(unknown))
+        counts = found.counts()
+        chosen = found.of_channels([i for i in counts if i in wanted])
+        known = self.definitions.channels
+        strays = sum(n for i, n in counts.items() if i not in wanted and i not in known)
         return chosen.between(start_ns, stop_ns).in_order(), strays
 
     def _define(self, records: memoryview, position: int) -> int:

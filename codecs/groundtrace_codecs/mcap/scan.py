@@ -9,10 +9,7 @@ after the other into one are scanned one by one.
 from __future__ import annotations
 
 import struct
-from collections import Counter
 from typing import TYPE_CHECKING, Final
-
-import numpy as np
 
 from groundtrace_codecs.mcap.bytesource import crc32_of
 from groundtrace_codecs.mcap.chunks import ChunkEntry, ChunkReader
@@ -146,14 +143,11 @@ class _Scanner:
         if strays:
             self._found.note(entry.offset, entry.length, stray_reason(entry), strays)
         if messages:
-            ids, numbers = np.unique(messages.rows["channel_id"], return_counts=True)
-            counts = Counter(dict(zip(ids.tolist(), numbers.tolist(), strict=True)))
+            counts = messages.counts()
             start_ns, end_ns = messages[0].log_time, messages[-1].log_time
-            known = frozenset(counts)
+            there = (start_ns, end_ns, frozenset(counts), entry.bare)
             self._found.counts.append(counts)
-            self._found.chunks.append(
-                ChunkEntry(entry.offset, entry.length, start_ns, end_ns, known, entry.bare)
-            )
+            self._found.chunks.append(ChunkEntry(entry.offset, entry.length, *there))
 
     def _note(self, opcode: int, offset: int, length: int) -> None:
         """Take a definition, metadata or attachment record; a malformed one is damage."""

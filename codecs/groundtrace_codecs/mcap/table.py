@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, Self, overload
 
@@ -126,9 +127,11 @@ class MessageTable(Sequence[Message]):
         # a structured array is indexed field by field, but taken row by row
         return MessageTable(self.pieces, self.rows.take(np.flatnonzero(which)))
 
-    def channel_ids(self) -> list[int]:
-        """Return the channels that have messages here, in order."""
-        return np.flatnonzero(np.bincount(self.rows["channel_id"])).tolist()
+    def counts(self) -> Counter[int]:
+        """Return how many messages each channel has here, of those that have any, in order."""
+        numbers = np.bincount(self.rows["channel_id"])
+        own = np.flatnonzero(numbers)
+        return Counter(dict(zip(own.tolist(), numbers[own].tolist(), strict=True)))
 
     def of_channels(self, ids: Sequence[int]) -> MessageTable:
         """Return the messages of some channels."""

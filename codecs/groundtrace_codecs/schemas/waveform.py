@@ -119,11 +119,7 @@ def decode_waveform(
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
         ``place``.
     """
-    return _wave(*_parsed(data, place, length), place)
-
-
-def _wave(message: Any, stored: bytes | memoryview, place: str) -> Waveform:
-    """Check a parsed message."""
+    message, stored = _parsed(data, place, length)
     times = _times(message, place)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:
@@ -190,12 +186,12 @@ class WaveformRun:
     def __init__(
         self, stream: Stream, data: bytes | memoryview, place: str, length: int = 0
     ) -> None:
-        message, stored = _parsed(data, place, length)
-        self._first = to_block(stream, _wave(message, stored, place), place)
-        self._parts = [self._first.samples.T]
+        self._first = to_block(stream, decode_waveform(data, place, length), place)
+        part = self._first.samples.T
+        self._parts = [part]
         self._next = self._first.first + len(self._first)
-        self._same = (message.format, message.channels, message.sample_rate, b"")
-        self.length = len(stored)
+        self._same = (part.dtype.str, *part.shape, stream.rate_hz, b"")
+        self.length = part.nbytes
 
     def take(self, data: bytes | memoryview) -> bool:
         """Take a message that continues the run as plainly as most do; else return False."""
@@ -207,9 +203,14 @@ class WaveformRun:
         except DecodeError:
             return False
         first, part = self._first, self._parts[0]
-        same = (message.format, message.channels, message.sample_rate, message.sample_times_ns)
-        alike = same == self._same and message.samples == part.shape[1]
-        if not alike or message.first_sample != self._next:
+        same = (
+            FORMATS.get(message.format),
+            message.channels,
+            message.samples,
+            message.sample_rate,
+            message.sample_times_ns,
+        )
+        if same != self._same or message.first_sample != self._next:
             return False
         stamp = message.timestamp
         lag_ns = stamp.seconds * NS_PER_S + stamp.nanos - first.anchor_ns

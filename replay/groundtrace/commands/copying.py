@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter, validators
 
 from groundtrace_codecs.annotations import sidecar_path
+from groundtrace_codecs.container import CHUNK_BYTES
 from groundtrace_codecs.cutting import cut
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.rewriting import convert as convert_file
@@ -141,7 +142,7 @@ def convert(
     *,
     out: Annotated[Path, OUT],
     compression: Compression = "zstd",
-    chunk_kb: Annotated[int, POSITIVE] = 1024,
+    chunk_kb: Annotated[int, POSITIVE] = CHUNK_BYTES >> 10,
     block_ms: Annotated[float | None, POSITIVE] = None,
     force: Annotated[bool, FLAG] = False,
     quiet: Annotated[bool, FLAG] = False,

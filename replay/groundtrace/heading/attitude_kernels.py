@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from .rotation_kernels import carry, joseph, multiply, normalise, turned_by
+from .rotation_kernels import carry, joseph, multiply, normalise, product, turned_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,14 +46,9 @@ def update(
 ) -> None:
     """Update state and covariance, in place, by a measurement of three values."""
     noise, spread = np.zeros((3, 3)), np.zeros((3, 3))
-    across = np.zeros((3, SIZE))
+    across = product(pick, covariance)
     for a in range(3):
         noise[a, a] = spread[a, a] = variance
-        for k in range(SIZE):
-            share = pick[a, k]
-            if share != 0.0:
-                for j in range(SIZE):
-                    across[a, j] += share * covariance[k, j]
         for b in range(3):
             for k in range(SIZE):
                 spread[a, b] += across[a, k] * pick[b, k]

@@ -81,25 +81,25 @@ def add_matrix(q: Array, share: float, out: Array) -> None:
 
 
 @compiled
+def product(left: Array, right: Array) -> Array:
+    """Return ``left @ right``; zeros of the left matrix are passed over."""
+    out = np.zeros((left.shape[0], right.shape[1]))
+    for i in range(left.shape[0]):
+        for k in range(left.shape[1]):
+            share = left[i, k]
+            if share != 0.0:
+                for j in range(right.shape[1]):
+                    out[i, j] += share * right[k, j]
+    return out
+
+
+@compiled
 def carry(step: Array, covariance: Array) -> Array:
     """Return ``step @ covariance @ step.T``, shape (n, n); zeros of the step are passed over."""
-    n = len(step)
-    half, across, out = np.zeros((n, n)), np.empty((n, n)), np.zeros((n, n))
-    for i in range(n):
-        for k in range(n):
-            share = step[i, k]
-            if share != 0.0:
-                for j in range(n):
-                    half[i, j] += share * covariance[k, j]
+    half, across = product(step, covariance), np.empty(covariance.shape)
     transpose(half, across)
-    # rows of the result's transpose, so that neighbours in memory are added
-    for i in range(n):
-        for j in range(n):
-            share = step[i, j]
-            if share != 0.0:
-                for k in range(n):
-                    out[i, k] += across[j, k] * share
-    transpose(out, half)
+    # the result's transpose, so that neighbours in memory are added
+    transpose(product(step, across), half)
     return half
 
 
@@ -164,13 +164,7 @@ def joseph(
         Shape (n,): rows that keep their estimate.
     """
     n, m = len(covariance), len(pick)
-    across, gain, left = np.zeros((m, n)), np.empty((n, m)), np.zeros((n, n))
-    for i in range(m):
-        for k in range(n):
-            share = pick[i, k]
-            if share != 0.0:
-                for j in range(n):
-                    across[i, j] += share * covariance[k, j]
+    across, gain, left = product(pick, covariance), np.empty((n, m)), np.zeros((n, n))
     solve(spread.copy(), across)
     transpose(across, gain)
     for i in range(n):

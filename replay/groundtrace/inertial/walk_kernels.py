@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import carry, joseph, normalise, turned_by
+from ..heading.rotation_kernels import carry, joseph, normalise, product, turned_by
 from .strapdown_kernels import integrate, transition
 
 if TYPE_CHECKING:
@@ -87,14 +87,7 @@ def predict(
         covariance[6 + i, 6 + i] += speed * length_s**2 / 3
         covariance[9 + i, 9 + i] += p[GYRO_BIAS_WALK] ** 2 * length_s
         covariance[12 + i, 12 + i] += p[FORCE_BIAS_WALK] ** 2 * length_s
-    moved = np.zeros((SIZE, SIZE))
-    for i in range(SIZE):
-        for k in range(SIZE):
-            share = step[i, k]
-            if share != 0.0:
-                for j in range(SIZE):
-                    moved[i, j] += share * since[k, j]
-    since[:] = moved
+    since[:] = product(step, since)
 
 
 @compiled
