@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import islice
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from concurrent.futures import Future
+    from collections.abc import Callable, Iterable, Iterator
 
 T = TypeVar("T")
+
+#: Tasks that are done ahead: a window may need two chunks.
+_AHEAD = 2
 
 
 def cores() -> int:
@@ -22,37 +26,30 @@ def cores() -> int:
 
 
 @cache
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="groundtrace")
-
-
-@cache
 def _reader() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1, thread_name_prefix="groundtrace-reader")
 
 
-def _forget() -> None:
-    _pool.cache_clear()
-    _reader.cache_clear()
-
-
 if hasattr(os, "register_at_fork"):  # threads do not live on in a forked process
-    os.register_at_fork(after_in_child=_forget)
+    os.register_at_fork(after_in_child=_reader.cache_clear)
 
 
-def side_by_side(tasks: Sequence[Callable[[], T]]) -> list[T]:
-    """Run tasks, the first in this thread; return their results in their order.
+def ahead(tasks: Iterable[Callable[[], T]]) -> Iterator[T]:
+    """Yield the results of tasks, in their order, the next ones done while one is used.
 
-    They must not depend on each other, nor start others in this way. On one core they run one
-    after the other.
+    They are done one after the other, in another thread. The first is done in this one, and before
+    the second is asked for nothing is done ahead: whoever looks at the first alone waits for no
+    other. On one core each is done when it is asked for.
     """
-    if len(tasks) < 2 or cores() < 2:
-        return [task() for task in tasks]
-    pool = _pool(cores() - 1)
-    others = [pool.submit(task) for task in tasks[1:]]
-    return [tasks[0](), *(other.result() for other in others)]
-
-
-def meanwhile(task: Callable[[], T]) -> Future[T]:
-    """Begin a task that reads, while this thread goes on; such tasks run one after the other."""
-    return _reader().submit(task)
+    left = iter(tasks)
+    for task in islice(left, 1 if cores() > 1 else None):
+        yield task()
+    pending = deque(_reader().submit(task) for task in islice(left, _AHEAD))
+    try:
+        while pending:
+            found = pending.popleft().result()
+            pending.extend(_reader().submit(task) for task in islice(left, 1))
+            yield found
+    finally:
+        for other in pending:
+            other.cancel()

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace_codecs.mcap import McapFile, ahead
+from groundtrace_codecs import cores
+from groundtrace_codecs.mcap import McapFile
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 
@@ -45,7 +46,7 @@ def test_messages_and_damage_are_the_same_on_one_core_and_on_two(
     bad.write_bytes(spoilt)
     found = {}
     for count in (1, 2):
-        monkeypatch.setattr(ahead, "cores", lambda count=count: count)
+        monkeypatch.setattr(cores, "cores", lambda count=count: count)
         found[count] = (_messages(path), _messages(bad))
     assert found[1] == found[2]
     (whole, none), (part, damage) = found[1]

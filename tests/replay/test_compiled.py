@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +28,6 @@ from groundtrace.lanes import (
 )
 from groundtrace.logarithms import ROUGHNESS, logarithm, rough_logarithm
 from groundtrace.tiles import TILE, turn
-from groundtrace_codecs.cores import cores, meanwhile, side_by_side
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -126,17 +124,3 @@ def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(tmp_path:
         "print(compiled(lambda x: x + 1)(41))"
     )
     assert _run(code) == "42\n"
-
-
-def test_tasks_side_by_side_give_their_results_in_order():
-    tasks = [partial(pow, 2, n) for n in range(7)]
-    assert side_by_side(tasks) == [2**n for n in range(7)]
-    assert side_by_side(tasks[:1]) == [1]
-    assert side_by_side([]) == []
-    assert meanwhile(tasks[5]).result() == 32
-    assert cores() >= 1
-
-
-def test_the_error_of_a_task_is_raised():
-    with pytest.raises(ZeroDivisionError):
-        side_by_side([int, partial(divmod, 1, 0)])

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from groundtrace_codecs.cores import side_by_side
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
@@ -95,8 +94,8 @@ class _Variance:
             self._memory = self._steady(samples[:, 0] * block.stream.scales)
         self._before = self._at_cell.copy()
         found = cells.room(n)
-        groups = range(cells.groups)
-        side_by_side([partial(self._take, g, samples, history, found) for g in groups])
+        for group in range(cells.groups):
+            self._take(group, samples, history, found)
         return cells.done(found, n)
 
     def level(self, band: NDArray[np.float64]) -> NDArray[np.float64]:
