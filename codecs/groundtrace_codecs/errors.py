@@ -14,7 +14,16 @@ from __future__ import annotations
 
 
 class CodecError(Exception):
-    """Root of everything the codecs raise on purpose."""
+    """Root of everything the codecs raise on purpose.
+
+    Parameters
+    ----------
+    message
+        What is printed; names that a file gives may hold line breaks, which become spaces.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(" ".join(message.splitlines()))
 
 
 class FormatError(CodecError):

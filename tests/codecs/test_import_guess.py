@@ -228,3 +228,12 @@ def test_a_file_that_says_itself_what_it_holds_needs_no_map(
         main(["import", str(path), "--guess"])
     assert "found one that the importer xsens reads by itself" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_name_with_line_breaks_is_told_in_one_line(tmp_path: Path) -> None:
+    text = table('time (ms),"acc\nx",acc y,acc z').replace("0.0", "0.0.", 1)
+    (tmp_path / "t.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(CodecError) as caught:
+        guessed(tmp_path, text)
+    assert "acc x: expected a number" in str(caught.value)
+    assert "\n" not in str(caught.value)

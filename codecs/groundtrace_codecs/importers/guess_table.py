@@ -50,7 +50,8 @@ class RawTable:
 
     def label(self, index: int) -> str:
         """Return what to call a column."""
-        return self.header[index] if self.header and self.header[index] else f"column {index}"
+        name = " ".join(self.header[index].splitlines()) if self.header else ""
+        return name or f"column {index}"
 
     def key(self, index: int) -> str | int:
         """Return what a map calls a column: its name where that is one of a kind."""
