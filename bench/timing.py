@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 from groundtrace.blas import one_thread
+from groundtrace.heap import keep_freed_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -17,13 +18,16 @@ if TYPE_CHECKING:
 
 
 def alone() -> None:
-    """Begin this program again where libraries of numpy may have started threads.
+    """Let this process run as the command line does.
+
+    It begins again where libraries of numpy may have started threads.
 
     The CPU time of a process is that of all its threads, and those wait for work by looking for it
     again and again, on whatever core: a product of matrices was then seen at ten times its time.
     """
     if one_thread():
         os.execv(sys.executable, sys.orig_argv)
+    keep_freed_memory()
 
 
 def taken_s(case: Callable[[], object], clock: Clock = time.process_time) -> float:

@@ -16,7 +16,8 @@ from .schemas.cdr import CdrDecoder
 from .schemas.protobuf import get_time, parse
 from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
 from .schemas.ros2msg import parse_ros2msg
-from .schemas.waveform import WaveformRun, decode_waveform
+from .schemas.waveform import decode_waveform
+from .schemas.waveform_run import WaveformRun
 from .signals import NS_PER_S, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:

@@ -6,8 +6,6 @@ import heapq
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .channels import WaveformReader
 from .container import Container
 from .copying import copy_frame
@@ -18,7 +16,7 @@ from .others import is_ours
 from .recording import SLACK_NS
 from .rewriting import Copied, appearing, send_all
 from .schemas.protobuf import message_class, parse, set_time
-from .schemas.waveform import FORMATS
+from .schemas.waveform import stored
 from .site import TRANSFORM_TOPIC
 
 if TYPE_CHECKING:
@@ -189,10 +187,9 @@ def cut_waveform(message: Message, block: SignalBlock, part: SignalBlock) -> Mes
         What of the block is kept: at least one sample.
     """
     content = parse(message_class("WaveformBlock"), message.data, block.topic)
-    samples = part.samples.astype(FORMATS[content.format], copy=False)
+    content.format, content.data = stored(part.samples)
     content.samples = len(part)
     content.first_sample = part.first
-    content.data = np.ascontiguousarray(samples.T).tobytes()
     if part.times_ns is not None:
         content.sample_times_ns = part.times_ns.astype("<i8").tobytes()
     set_time(content.timestamp, part.start_ns)

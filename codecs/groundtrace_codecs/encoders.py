@@ -196,7 +196,7 @@ class WaveformEncoder:
         for piece in pieces(run, self._buckets.size):
             times = piece.times_ns
             log_ns = piece.last_ns if times is None else int(times.max())
-            data = encode_waveform(piece, self._format)
+            data = encode_waveform(piece)
             yield Packet(log_ns, piece.start_ns, self._sequence & _U32, data)
             self._sequence += 1
 

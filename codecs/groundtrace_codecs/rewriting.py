@@ -16,7 +16,7 @@ from .errors import CodecError
 from .mcap import McapFile, MessageTable
 from .mcap.records import Message
 from .schemas.protobuf import message_class, parse
-from .schemas.waveform import FORMATS, encode_waveform
+from .schemas.waveform import encode_waveform
 from .signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from .signals import SignalBlock, Stream
 
 _U32 = (1 << 32) - 1
-_FORMAT_OF = {dtype: name for name, dtype in FORMATS.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,10 +240,9 @@ class _Reblocker:
         return self._stream
 
     def _messages(self, run: SignalBlock, lag_ns: int) -> Iterator[Message]:
-        stored = _FORMAT_OF[run.samples.dtype.str]
         for piece in pieces(run, self._buckets.size):
             log_ns = int(piece.sample_times().max()) + lag_ns
-            data = encode_waveform(piece, stored)
+            data = encode_waveform(piece)
             sequence = self._sequence & _U32
             yield Message(self._channel_id, sequence, log_ns, piece.start_ns, data)
             self._sequence += 1

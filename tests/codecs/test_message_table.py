@@ -63,11 +63,11 @@ def test_a_table_is_its_messages(given: list[Message], time_ns: int) -> None:
 def outcome(data: bytes | memoryview, length: int) -> str:
     """What a message decodes to, or why it does not."""
     try:
-        start_ns, rate_hz, first, samples, times = decode_waveform(data, length=length)
+        start_ns, rate_hz, first, samples, times, stored = decode_waveform(data, length=length)
     except CodecError as error:
         return str(error)
     stamps = None if times is None else times.tolist()
-    return f"{start_ns} {rate_hz} {first} {samples.tolist()} {stamps}"
+    return f"{start_ns} {rate_hz} {first} {samples.tolist()} {stamps} {stored}"
 
 
 @settings(max_examples=200, deadline=None)
@@ -82,7 +82,7 @@ def test_samples_left_where_they_lie_are_those_of_the_parser(
 ) -> None:
     samples = np.arange(2 * count, dtype="<i2").reshape(count, 2)
     times = START_NS + np.arange(count) * 500_000 if irregular else None
-    sound = encode_waveform(SignalBlock(STREAM, START_NS, 7, samples, times), "i16le")
+    sound = encode_waveform(SignalBlock(STREAM, START_NS, 7, samples, times))
     spoilt = bytearray(sound)
     spoilt[place % len(spoilt)] = value
     for data in (sound, bytes(spoilt), bytes(spoilt) + sound):

@@ -115,7 +115,7 @@ def test_samples_are_a_view_of_the_planar_bytes() -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({"format": "u8"}, "format: expected one of i16le, i32le, f32le, f64le, found 'u8'"),
+        ({"format": "u8"}, "format: expected one of i16le, i32le, f32le, f64le, i16planes, i32pl"),
         ({"samples": 4}, "data: expected 16 bytes for 2 channels of 4 samples, found 12"),
         ({"samples": 0, "data": b""}, "data: expected 0 bytes for 2 channels of 0 samples"),
         ({"sample_rate": float("nan")}, "sample_rate: expected a positive number, found nan"),

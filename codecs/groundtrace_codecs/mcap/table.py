@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, Self, overload
 
 import numpy as np
@@ -169,16 +170,20 @@ class MessageTable(Sequence[Message]):
     def by_size(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void]]]:
         """Yield the payloads of one size together: their places in the table, and their bytes."""
         lengths = self.rows["length"]
+        if len(self) and (lengths == lengths[0]).all():
+            yield np.arange(len(self)), self._payloads(self.rows, int(lengths[0]))
+            return
         for size in np.unique(lengths).tolist():
             same = np.flatnonzero(lengths == size)
             yield same, self._payloads(self.rows.take(same), size)
 
     def _payloads(self, rows: NDArray[np.void], size: int) -> NDArray[np.void]:
         """Copy the payloads of some rows, all of one size."""
-        if len(self.pieces) == 1:
-            return copied(self.pieces[0], rows["start"], size)
+        starts, pieces = rows["start"], rows["piece"]
+        ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)]
+        if len(ends) == 1:
+            return copied(self.pieces[pieces[0]], starts, size)
         found = np.empty(len(rows), f"V{size}")
-        for number, piece in enumerate(self.pieces):
-            here = rows["piece"] == number
-            found[here] = copied(piece, rows["start"][here], size)
+        for begin, end in pairwise([0, *ends]):
+            found[begin:end] = copied(self.pieces[pieces[begin]], starts[begin:end], size)
         return found

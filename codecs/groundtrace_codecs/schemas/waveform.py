@@ -1,10 +1,9 @@
-"""``groundtrace.WaveformBlock``: samples of one stream as planar little-endian bytes."""
+"""``groundtrace.WaveformBlock``: samples of one stream, channel by channel."""
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,7 +11,8 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from ..errors import CodecError, SchemaError
-from ..signals import NS_PER_S, SignalBlock, Stream
+from ..signals import SignalBlock, Stream
+from .planes import from_planes, to_planes
 from .protobuf import get_time, message_class, parse, set_time
 
 if TYPE_CHECKING:
@@ -20,26 +20,34 @@ if TYPE_CHECKING:
 
 #: Sample formats and their numpy types; 24-bit samples travel in ``i32le``.
 FORMATS = {"i16le": "<i2", "i32le": "<i4", "f32le": "<f4", "f64le": "<f8"}
+#: As what integers are written; they are read as both.
+_IN_PLANES = {"i16le": "i16planes", "i32le": "i32planes"}
+_NAMES = {np.dtype(kind): name for name, kind in FORMATS.items()}
+_STORED = {**FORMATS, **{stored: FORMATS[plain] for plain, stored in _IN_PLANES.items()}}
 _MAX_ANCHOR_NS = 1 << 62
 #: Key of the field ``data``: number 8, length-delimited.
 _DATA_KEY = 8 << 3 | 2
 
 
 class Waveform(NamedTuple):
-    """A decoded WaveformBlock: first sample's time, rate, index, samples (n, channels), times."""
+    """A decoded WaveformBlock: first sample's time, rate, index, samples (n, channels), times.
+
+    And the format in which it was stored.
+    """
 
     start_ns: int
     rate_hz: float
     first: int
     samples: NDArray[Any]
     times_ns: NDArray[np.int64] | None
+    stored: str
 
 
 def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]:
-    if message.format not in FORMATS:
-        known = ", ".join(FORMATS)
+    if message.format not in _STORED:
+        known = ", ".join(_STORED)
         raise SchemaError(f"{place}: format: expected one of {known}, found {message.format!r}")
-    dtype = np.dtype(FORMATS[message.format])
+    dtype = np.dtype(_STORED[message.format])
     shape = (message.channels, message.samples)
     size = math.prod(shape) * dtype.itemsize
     if size == 0 or size != len(data):
@@ -47,8 +55,29 @@ def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]
             f"{place}: data: expected {size} bytes for {shape[0]} channels of {shape[1]} samples, "
             f"found {len(data)}"
         )
-    # The transposed view keeps each channel contiguous, as stored: no copy.
-    return np.frombuffer(data, dtype).reshape(shape).T
+    # The transposed view keeps each channel contiguous, as stored.
+    if message.format in FORMATS:
+        return np.frombuffer(data, dtype).reshape(shape).T
+    values = np.empty(shape, dtype)
+    put_samples(data, message.format, values)
+    return values.T
+
+
+def stored(samples: NDArray[Any]) -> tuple[str, bytes]:
+    """Return as what samples of shape (n_samples, n_channels) are written, and their bytes."""
+    planar = np.ascontiguousarray(samples.T)
+    name = _NAMES[samples.dtype]
+    if name in _IN_PLANES:
+        return _IN_PLANES[name], to_planes(planar)
+    return name, planar.tobytes()
+
+
+def put_samples(data: bytes | memoryview, name: str, out: NDArray[Any]) -> None:
+    """Put the samples of ``out.nbytes`` bytes stored as ``name`` into ``out``."""
+    if name in FORMATS:
+        out[...] = np.frombuffer(data, out.dtype).reshape(out.shape)
+    else:
+        from_planes(data, out)
 
 
 def _times(message: Any, place: str) -> NDArray[np.int64] | None:
@@ -72,7 +101,7 @@ def _opening(length: int) -> bytes:
     return bytes([*found, length])
 
 
-def _apart(
+def apart(
     data: bytes | memoryview, length: int
 ) -> tuple[bytes | memoryview, bytes | memoryview | None]:
     """Split a message before its last field where that is ``length`` bytes of samples.
@@ -91,7 +120,7 @@ def _apart(
 def _parsed(data: bytes | memoryview, place: str, length: int) -> tuple[Any, bytes | memoryview]:
     """Parse a message, and give its samples' bytes, where they lie if that can be."""
     block = message_class("WaveformBlock")
-    fields, samples = _apart(data, length)
+    fields, samples = apart(data, length)
     if samples is not None:
         with suppress(DecodeError):
             return block.FromString(fields), samples
@@ -119,7 +148,7 @@ def decode_waveform(
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
         ``place``.
     """
-    message, stored = _parsed(data, place, length)
+    message, packed = _parsed(data, place, length)
     times = _times(message, place)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:
@@ -128,8 +157,9 @@ def decode_waveform(
         raise SchemaError(
             f"{place}: first_sample: expected less than 2^63, found {message.first_sample}"
         )
-    samples = _samples(message, stored, place)
-    return Waveform(get_time(message.timestamp, place), rate, message.first_sample, samples, times)
+    samples = _samples(message, packed, place)
+    start_ns = get_time(message.timestamp, place)
+    return Waveform(start_ns, rate, message.first_sample, samples, times, message.format)
 
 
 def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
@@ -158,85 +188,17 @@ def to_block(stream: Stream, wave: Waveform, place: str) -> SignalBlock:
     return SignalBlock(stream, anchor_ns, wave.first, wave.samples)
 
 
-class WaveformRun:
-    """Messages of a stream that continue each other, to become one block.
-
-    Parameters
-    ----------
-    stream
-        Theirs.
-    data
-        The first message.
-    place
-        Named in errors.
-    length
-        As :func:`decode_waveform` takes it.
-
-    Attributes
-    ----------
-    length
-        How many bytes of samples the first message has.
-
-    Raises
-    ------
-    SchemaError
-        As :func:`decode_waveform` and :func:`to_block`.
-    """
-
-    def __init__(
-        self, stream: Stream, data: bytes | memoryview, place: str, length: int = 0
-    ) -> None:
-        self._first = to_block(stream, decode_waveform(data, place, length), place)
-        part = self._first.samples.T
-        self._parts = [part]
-        self._next = self._first.first + len(self._first)
-        self._same = (part.dtype.str, *part.shape, stream.rate_hz, b"")
-        self.length = part.nbytes
-
-    def take(self, data: bytes | memoryview) -> bool:
-        """Take a message that continues the run as plainly as most do; else return False."""
-        fields, stored = _apart(data, self.length)
-        if stored is None or self._first.times_ns is not None:
-            return False
-        try:
-            message = message_class("WaveformBlock").FromString(fields)
-        except DecodeError:
-            return False
-        first, part = self._first, self._parts[0]
-        same = (
-            FORMATS.get(message.format),
-            message.channels,
-            message.samples,
-            message.sample_rate,
-            message.sample_times_ns,
-        )
-        if same != self._same or message.first_sample != self._next:
-            return False
-        stamp = message.timestamp
-        lag_ns = stamp.seconds * NS_PER_S + stamp.nanos - first.anchor_ns
-        if lag_ns != round(self._next * first.stream.period_ns):
-            return False
-        self._parts.append(np.frombuffer(stored, part.dtype).reshape(part.shape))
-        self._next += part.shape[1]
-        return True
-
-    def block(self) -> SignalBlock:
-        """Return the messages' samples."""
-        if len(self._parts) == 1:
-            return self._first
-        return replace(self._first, samples=np.concatenate(self._parts, axis=1).T)
-
-
-def encode_waveform(block: SignalBlock, sample_format: str) -> bytes:
-    """Encode a block whose samples already have the type of ``sample_format``."""
+def encode_waveform(block: SignalBlock) -> bytes:
+    """Encode a block whose samples have the type of a format; it says which."""
+    name, data = stored(block.samples)
     message = message_class("WaveformBlock")(
         frame_id=block.stream.placement,
         sample_rate=0.0 if block.stream.irregular else block.stream.rate_hz,
         channels=len(block.stream.channels),
         samples=len(block),
         first_sample=block.first,
-        format=sample_format,
-        data=np.ascontiguousarray(block.samples.T).tobytes(),
+        format=name,
+        data=data,
     )
     if block.times_ns is not None:
         message.sample_times_ns = block.times_ns.astype("<i8").tobytes()

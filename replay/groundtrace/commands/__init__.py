@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cyclopts import App, CycloptsError
 
 from ..blas import one_thread
+from ..heap import keep_freed_memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -213,6 +214,7 @@ def _version() -> str:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
     one_thread()  # before a command imports numpy
+    keep_freed_memory()
     try:
         application()(arguments, exit_on_error=False, result_action="return_value")
         sys.stdout.flush()

@@ -13,6 +13,7 @@ from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..blas import one_thread
+from ..heap import keep_freed_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -101,6 +102,7 @@ def _start(function: Callable[[Any], Any]) -> _Worker:
 
 def _serve(pipe: Connection[Any, Any], function: Callable[[Any], Any]) -> None:
     """Answer tasks until the other end is closed."""
+    keep_freed_memory()
     while True:
         try:
             task = pipe.recv()
