@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -52,24 +51,17 @@ class Followed(NamedTuple):
     usual: NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class _Filters:
-    band: tuple[CentredFilter, ...]
-    rise: CentredFilter
-    trend: CentredFilter
+def _kernels() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the weights of each node's band, and last of the signal rises are timed in.
 
-
-def _filters() -> _Filters:
+    Shape (nodes + 1, taps), from the oldest neighbour on; and the first and last that counts.
+    """
     reach = len(gaussian(_COARSE * _NODES_S[-1])) // 2
-    steps = np.arange(-reach, reach + 1) / GRID_HZ
-    timed = lowpass(_TIMED_HZ, _TIMED_S, steps)
-    return _Filters(
-        tuple(
-            CentredFilter(_padded(_FINE * t, reach) - _padded(_COARSE * t, reach)) for t in _NODES_S
-        ),
-        CentredFilter(timed / timed.sum()),
-        CentredFilter(-_padded(_TREND_S, len(gaussian(_TREND_S)) // 2, centre=-1.0)),
-    )
+    timed = lowpass(_TIMED_HZ, _TIMED_S, np.arange(-reach, reach + 1) / GRID_HZ)
+    bands = [_padded(_FINE * t, reach) - _padded(_COARSE * t, reach) for t in _NODES_S]
+    kernels = np.array([*bands, timed / timed.sum()])
+    spans = [(k[0], k[-1] + 1) for k in (np.flatnonzero(kernel) for kernel in kernels)]
+    return np.ascontiguousarray(kernels[:, ::-1]), np.array(spans, np.int64)
 
 
 def _padded(sigma_s: float, reach: int, centre: float = 0.0) -> NDArray[np.float64]:
@@ -90,48 +82,53 @@ class StepBand:
     """
 
     def __init__(self, scales: Sequence[Scale], ahead_s: float) -> None:
-        self._filters = _filters()
+        self._kernels, self._spans = _kernels()
+        trend = _padded(_TREND_S, len(gaussian(_TREND_S)) // 2, centre=-1.0)
+        self._trend = CentredFilter(-trend)
         self._rhythm = Rhythm(scales, ahead_s)
-        self._bands = Kept(len(_NODES_S) + 1)  # one by node, and the one that rises are timed in
+        self._reach = len(self._kernels[0]) // 2
+        self._up = Kept()  # held before and after its ends; its places are those of the first tap
         self._hops = Kept(3)  # strength of the rhythm, step time, swing
 
     def __call__(self, up: NDArray[np.float64]) -> Followed:
         """Take the acceleration upward, shape (1, n); return the points known by now."""
-        filters = self._filters
-        self._bands.add(np.concatenate([f(up) for f in (*filters.band, filters.rise)]))
-        self._hops.add(self._rhythm(filters.trend(up)))
-        return self._until(min(self._bands.end, (self._hops.end - 1) * HOP))
+        if up.shape[1] and not self._up.end:
+            self._up.add(np.repeat(up[:, :1], self._reach, axis=1))
+        self._up.add(up)
+        self._hops.add(self._rhythm(self._trend(up)))
+        return self._until(min(self._filtered, (self._hops.end - 1) * HOP))
 
     def finish(self) -> Followed:
         """Return the points up to the end of the signal."""
-        filters = self._filters
-        self._bands.add(np.concatenate([f.finish() for f in (*filters.band, filters.rise)]))
-        self._hops.add(self._rhythm(filters.trend.finish()))
+        self._up.add(np.repeat(self._up.values[:, -1:], self._reach, axis=1))
+        self._hops.add(self._rhythm(self._trend.finish()))
         self._hops.add(self._rhythm.finish())
-        return self._until(self._bands.end)
+        return self._until(self._filtered)
+
+    @property
+    def _filtered(self) -> int:
+        """Place after the last point whose neighbours are there."""
+        return self._up.end - 2 * self._reach
 
     def _until(self, end: int) -> Followed:
-        start = self._bands.first
+        # compiled functions are not imported where pipelines are only listed
+        from .band_kernels import step_bands
+
+        start = self._up.first
         end = max(start, end)
-        bands = self._bands.between(start, end)
-        if start == end:
-            nothing = np.empty(0)
-            return Followed(nothing, nothing, nothing, nothing, nothing)
-        hop = start // HOP
-        known = self._hops.between(hop, -(-end // HOP) + 1)
-        at = np.arange(start, end) / HOP
-        grid = np.arange(hop, hop + known.shape[1])
-        rhythm = np.interp(at, grid, known[0])
-        step_s = np.interp(at, grid, known[1])
-        self._bands.forget_before(end)
+        found = np.empty((len(Followed._fields), end - start))
+        if end > start:
+            hop = start // HOP
+            step_bands(
+                self._up.between(start, end + 2 * self._reach)[0],
+                self._kernels,
+                self._spans,
+                _NODES_S,
+                np.ascontiguousarray(self._hops.between(hop, -(-end // HOP) + 1)),
+                start,
+                HOP,
+                found,
+            )
+        self._up.forget_before(end)
         self._hops.forget_before(end // HOP)
-        usual = np.interp(at, grid, known[2])
-        return Followed(_mixed(bands[:-1], step_s), bands[-1], rhythm, step_s, usual)
-
-
-def _mixed(bands: NDArray[np.float64], step_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the band of each point's own step time, mixed from those of the nearest nodes."""
-    place = np.interp(step_s, _NODES_S, np.arange(len(_NODES_S)))
-    below = np.minimum(place.astype(np.intp), len(_NODES_S) - 2)
-    part, column = place - below, np.arange(len(step_s))
-    return np.asarray(bands[below, column] * (1 - part) + bands[below + 1, column] * part)
+        return Followed(*found)

@@ -1,4 +1,4 @@
-"""The loops of the even grid, compiled: its low-pass, centred filters, rhythms and peaks."""
+"""The loops of the even grid, compiled: its low-pass and centred filters."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
+from ..lanes import LANES, every, put_row, row_from
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 #: Phases of the grid against the samples whose weights are kept.
 _PHASES = 8
-#: Samples that are filtered together, which stay in the fastest memory.
-_TOGETHER = 512
+#: Sums that are made together, in registers.
+TOGETHER = 4 * LANES
 
 
 @compiled
@@ -53,6 +54,29 @@ def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Arra
 
 
 @compiled
+def summed(values: Array, start: int, stop: int) -> float:
+    """Return the sum of values ``[start, stop)``, the first two added first."""
+    total = 0.0
+    for k in range(start, stop):
+        total += values[k]
+    return total
+
+
+@compiled
+def product_sum(x: Array, at: int, weights: Array, rows: int, sums: Array) -> float:
+    """Return the sum of products of weights and what stands from ``at`` on, a few rows of each.
+
+    Each lane is summed by itself, into ``sums``, shape (1, LANES).
+    """
+    total = every(0.0)
+    for k in range(0, rows * LANES, LANES):
+        total = total + row_from(weights, k) * row_from(x, at + k)
+    put_row(sums, 0, total)
+    s = sums[0]
+    return float(((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])))
+
+
+@compiled
 def grid_points(
     values: Array,
     first: int,
@@ -83,7 +107,16 @@ def grid_points(
     channels, n = values.shape
     low, recorded = np.empty((channels, end - start)), np.empty((channels, end - start))
     own, past = np.empty(end - start, np.int64), np.empty(end - start)
-    known, kept = np.full(_PHASES, -1.0), np.empty((_PHASES, 2 * reach + 1))
+    rows = (2 * reach + LANES) // LANES
+    known, kept, totals = (
+        np.full(_PHASES, -1.0),
+        np.zeros((_PHASES, rows * LANES)),
+        np.zeros(_PHASES),
+    )
+    # nothing stands before the run and after its end
+    lines, sums = np.zeros((channels, n + (rows + 1) * LANES + reach)), np.empty((1, LANES))
+    for c in range(channels):
+        lines[c, reach : reach + n] = values[c]
     for m in range(start, end):
         place, to = m * step, m - start
         base = math.floor(place + 1e-9)
@@ -91,22 +124,46 @@ def grid_points(
         phase = m % _PHASES
         if known[phase] != past[to]:
             known[phase] = past[to]
-            kept[phase] = weights_at(past[to], reach, rate_hz, at_s, table)
-        weight, at = kept[phase], base - first
-        begin, stop = max(0, reach - at), min(2 * reach + 1, n + reach - at)
-        total = 0.0
-        for k in range(begin, stop):
-            total += weight[k]
+            kept[phase, : 2 * reach + 1] = weights_at(past[to], reach, rate_hz, at_s, table)
+            totals[phase] = summed(kept[phase], 0, 2 * reach + 1)
+        weight, at, total = kept[phase], base - first, totals[phase]
+        if at < reach or at >= n - reach:
+            total = summed(weight, max(0, reach - at), min(2 * reach + 1, n + reach - at))
         own[to] = min(at, n - 1)
         after = min(own[to] + 1, n - 1)
         for c in range(channels):
-            summed = 0.0
-            for k in range(begin, stop):
-                summed += weight[k] * values[c, at - reach + k]
-            low[c, to] = summed / total
+            low[c, to] = product_sum(lines[c], at, weight, rows, sums) / total
             x, y = values[c, own[to]], values[c, after]
             recorded[c, to] = x * (1 - past[to]) + y * past[to]
     return low, recorded, own, past
+
+
+@compiled
+def sums_together(
+    x: Array, at: int, weights: Array, span: tuple[int, int], out: Array, to: int
+) -> None:
+    """Put weighted sums of neighbours, of :data:`TOGETHER` points from ``at`` on, in four rows.
+
+    Parameters
+    ----------
+    x
+        Shape (n,), to at least TOGETHER behind the last neighbour.
+    weights, span
+        Weights from the oldest neighbour on, and those that count.
+    out, to
+        Rows of LANES, and the first of the four.
+    """
+    one, two, three, four = every(0.0), every(0.0), every(0.0), every(0.0)
+    for k in range(span[0], span[1]):
+        weight = every(weights[k])
+        one = one + weight * row_from(x, at + k)
+        two = two + weight * row_from(x, at + k + LANES)
+        three = three + weight * row_from(x, at + k + 2 * LANES)
+        four = four + weight * row_from(x, at + k + 3 * LANES)
+    put_row(out, to, one)
+    put_row(out, to + 1, two)
+    put_row(out, to + 2, three)
+    put_row(out, to + 3, four)
 
 
 @compiled
@@ -117,13 +174,12 @@ def weighted_sums(x: Array, kernel: Array) -> Array:
     """
     channels, taps = len(x), len(kernel)
     count = x.shape[1] - taps + 1
-    out = np.zeros((channels, count))
+    groups = -(-count // TOGETHER)
+    out, line = np.empty((channels, groups * TOGETHER)), np.zeros(groups * TOGETHER + taps)
+    weights = kernel[::-1].copy()
     for c in range(channels):
-        for at in range(0, count, _TOGETHER):
-            end = min(at + _TOGETHER, count)
-            for k in range(taps):
-                weight = kernel[taps - 1 - k]
-                if weight != 0.0:
-                    for i in range(at, end):
-                        out[c, i] += weight * x[c, i + k]
-    return out
+        line[: x.shape[1]] = x[c]
+        rows = out[c].reshape(-1, LANES)
+        for g in range(groups):
+            sums_together(line, g * TOGETHER, weights, (0, taps), rows, 4 * g)
+    return out[:, :count]

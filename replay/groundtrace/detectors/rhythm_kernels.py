@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
+from ..lanes import LANES
+from .grid_kernels import TOGETHER, sums_together
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,13 +24,16 @@ def autocorrelation(x: Array, lags: int) -> Array:
     Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
     at all multiples of its period. Shape (lags + 1,).
     """
-    n = len(x)
-    out, energy = np.zeros(lags + 1), np.zeros(n + 1)
+    n, groups = len(x), -(-(lags + 1) // TOGETHER)
+    line, energy = np.zeros(n + groups * TOGETHER), np.zeros(n + 1)
+    line[:n] = x
+    sums = np.empty(groups * TOGETHER)
+    rows = sums.reshape(-1, LANES)
     for i in range(n):
-        here = x[i]
-        energy[i + 1] = energy[i] + here * here
-        for lag in range(min(lags + 1, n - i)):
-            out[lag] += here * x[i + lag]
+        energy[i + 1] = energy[i] + x[i] * x[i]
+    for g in range(groups):
+        sums_together(line, g * TOGETHER, x, (0, max(n - g * TOGETHER, 0)), rows, 4 * g)
+    out = sums[: lags + 1]
     for lag in range(lags + 1):
         out[lag] /= math.sqrt(energy[n - lag] * (energy[n] - energy[lag]) + 1e-9)
     return out
