@@ -211,10 +211,12 @@ class ChunkReader:
                 "expected whole records, found one cut by the chunk's end"
             ) from error
         counts = found.counts()
-        chosen = found.of_channels([i for i in counts if i in wanted])
+        chosen = [i for i in counts if i in wanted]
+        if len(chosen) < len(counts):
+            found = found.of_channels(chosen)
         known = self.definitions.channels
         strays = sum(n for i, n in counts.items() if i not in wanted and i not in known)
-        return chosen.between(start_ns, stop_ns).in_order(), strays
+        return found.between(start_ns, stop_ns).in_order(), strays
 
     def _define(self, records: memoryview, position: int) -> int:
         opcode, length = RECORD_HEAD.unpack_from(records, position)

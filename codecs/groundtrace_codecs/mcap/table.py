@@ -39,7 +39,10 @@ _ROW: Final = np.dtype(
         ("length", "<i8"),
     ]
 )
+_BYTES: Final = np.dtype(("V", _ROW.itemsize))
 _COPIED: Final = ("channel_id", "sequence", "log_time", "publish_time")
+#: What messages are ordered by, the first key last.
+_ORDER: Final = ("sequence", "channel_id", "log_time")
 _LATEST_NS: Final = (1 << 64) - 1
 
 
@@ -88,7 +91,8 @@ class MessageTable(Sequence[Message]):
         """Return the messages of several tables, one table after the other."""
         if len(tables) == 1:
             return tables[0]
-        rows = np.concatenate([table.rows for table in tables])
+        # as bytes: numpy compares the fields of structured arrays one by one before it joins them
+        rows = np.concatenate([table.rows.view(_BYTES) for table in tables]).view(_ROW)
         first, done = 0, 0
         for table in tables:
             rows["piece"][done : done + len(table)] += first
@@ -136,8 +140,10 @@ class MessageTable(Sequence[Message]):
 
     def of_channels(self, ids: Sequence[int]) -> MessageTable:
         """Return the messages of some channels."""
-        own = np.zeros(len(self), np.bool_)
-        for channel_id in ids:
+        if not len(ids):
+            return self[:0]
+        own = self.rows["channel_id"] == ids[0]
+        for channel_id in ids[1:]:
             own |= self.rows["channel_id"] == channel_id
         return self.where(own)
 
@@ -159,12 +165,15 @@ class MessageTable(Sequence[Message]):
 
     def in_order(self) -> MessageTable:
         """Return the messages by log time, channel and sequence, else as they lie."""
-        keys = [self.rows[name] for name in ("sequence", "channel_id", "log_time")]
-        right = np.ones(max(len(self) - 1, 0), np.bool_)
-        for key in keys:
-            right = (key[1:] > key[:-1]) | ((key[1:] == key[:-1]) & right)
+        times = self.rows["log_time"]
+        at = np.flatnonzero(times[1:] <= times[:-1])
+        before, after = self.rows.take(at), self.rows.take(at + 1)
+        right = np.ones(len(at), np.bool_)
+        for name in _ORDER:
+            right = (after[name] > before[name]) | ((after[name] == before[name]) & right)
         if right.all():
             return self
+        keys = [self.rows[name] for name in _ORDER]
         return MessageTable(self.pieces, self.rows.take(np.lexsort(keys)))
 
     def by_size(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void]]]:
