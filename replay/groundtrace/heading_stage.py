@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,30 +90,30 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         """Go on from what :meth:`save` returned."""
         self._runs, self._early, self._rounds = copy.deepcopy(saved)
 
-    def _take(self, items: Sequence[SignalBlock | Gap]) -> Iterator[Event]:
+    def _take(self, items: Sequence[SignalBlock | Gap]) -> list[Event]:
         """Take a round of all streams."""
+        found: list[Event] = []
         for item in items:
-            if isinstance(item, Gap):
-                yield from self._interrupted(item)
-            else:
-                yield from self._hear(item)
+            found += self._interrupted(item) if isinstance(item, Gap) else self._hear(item)
         for sensor, kept in self._early.items():
             oldest_ns = kept[-1].start_ns - PATIENCE_NS
             self._early[sensor] = [block for block in kept if block.last_ns >= oldest_ns]
+        return found
 
-    def _hear(self, block: SignalBlock) -> Iterator[Event]:
+    def _hear(self, block: SignalBlock) -> list[Event]:
+        found: list[Event] = []
         sensor = block.stream.placement
         if sensor not in self._runs and not columns_of_axes(block.stream, "angular_velocity"):
             self._early.setdefault(sensor, []).append(block)
-            return
+            return found
         if sensor not in self._runs:
             self._runs[sensor] = self._begin(block.stream)
-            yield self._runs[sensor].spec
+            found.append(self._runs[sensor].spec)
             for early in self._early.pop(sensor, []):
                 self._runs[sensor].aligner.hear(early)
         run = self._runs[sensor]
         run.aligner.hear(block)
-        yield from self._frames(run, run.method.add(run.aligner.take()))
+        return found + self._frames(run, run.method.add(run.aligner.take()))
 
     def _wanted(self, stream: Stream) -> bool:
         allowed = self.allowed(stream.topic)
@@ -133,22 +134,24 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         spans = DisturbedSpans(self.name, round(self.parameters.join_s * NS_PER_S))
         return _Run(stream.topic, method, spec, spans, stream.period_ns)
 
-    def _interrupted(self, gap: Gap) -> Iterator[Event]:
+    def _interrupted(self, gap: Gap) -> list[Event]:
+        found: list[Event] = []
         for sensor, run in list(self._runs.items()):
             if run.topic == gap.topic and not gap.bridged:
-                yield from self._finish(run)
+                found += self._finish(run)
                 del self._runs[sensor]
+        return found
 
-    def _finish(self, run: _Run) -> Iterator[Event]:
+    def _finish(self, run: _Run) -> list[Event]:
         frames = [*run.method.add(run.aligner.finish()), *run.method.finish()]
-        yield from self._frames(run, frames)
-        yield from run.spans.finish()
+        return [*self._frames(run, frames), *run.spans.finish()]
 
-    def _frames(self, run: _Run, given: Sequence[HeadingFrame]) -> Iterator[Event]:
-        """Yield what frames say: the tests of the field, disturbances, headings, notes."""
+    def _frames(self, run: _Run, given: Sequence[HeadingFrame]) -> list[Event]:
+        """Return what frames say: the tests of the field, disturbances, headings, notes."""
         if not given:
-            return
+            return []
         frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
+        said: list[Event] = []
         tested = np.flatnonzero(frames.compass)
         if len(tested):
             found = Candidates(
@@ -156,10 +159,11 @@ class HeadingStage(PluginStage["HeadingMethod"]):
                 np.zeros(len(tested), np.int32),
                 frames.values[tested].astype(np.float32),
             )
-            yield decided_block(run.spec, found, run.method, self.parameters)[0]
-        yield from self._disturbances(run, frames)
-        yield from self._headings(run, frames)
-        yield from self._notes(run, frames)
+            said.append(decided_block(run.spec, found, run.method, self.parameters)[0])
+        said += self._disturbances(run, frames)
+        said += self._headings(run, frames)
+        said += self._notes(run, frames)
+        return said
 
     def _disturbances(self, run: _Run, frames: HeadingFrames) -> Iterator[Event]:
         """Yield the disturbances that are over."""
@@ -175,7 +179,7 @@ class HeadingStage(PluginStage["HeadingMethod"]):
             yield from run.spans.add(start_ns, end_ns, off, disturbed=bad)
 
     def _headings(self, run: _Run, frames: HeadingFrames) -> Iterator[Heading]:
-        """Yield the headings that are due."""
+        """Return the headings that are due."""
         # compiled functions are not imported where pipelines are only listed
         from .heading.frame_kernels import due_places
 
@@ -184,9 +188,7 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         due, run.due_ns = due_places(frames.time_ns, due_ns, every_ns, run.period_ns)
         sigma = np.repeat(frames.sigma_rad, frames.lengths)[due]
         columns = (frames.time_ns[due], frames.heading_rad[due], sigma)
-        name = self.name
-        for time_ns, heading, sigma_rad in zip(*(x.tolist() for x in columns), strict=True):
-            yield Heading(time_ns, heading, sigma_rad, name)
+        return map(Heading, *(x.tolist() for x in columns), repeat(self.name))
 
     def _notes(self, run: _Run, frames: HeadingFrames) -> Iterator[Note]:
         """Yield what a person should know, each once."""

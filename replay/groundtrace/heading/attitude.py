@@ -10,13 +10,15 @@ known of the field itself, never the tilt (the principle of Laidig and Seel, Inf
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .rotations import about_vertical, levelled, matrix, normalised, product, skew
+from .rotations import levelled, matrix
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from .inertial_frames import InertialFrame
@@ -36,9 +38,6 @@ SIZE = 14
 _ONE = np.eye(SIZE)
 _PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
 _NONE = np.zeros(SIZE, np.bool_)
-#: Rows that a field must not change, ever and while it is a disturbed one.
-_NO_TILT: NDArray[np.bool_] = np.array([row in (0, 1, 3, 4, 5) for row in range(SIZE)])
-_NO_EARTH: NDArray[np.bool_] = _NO_TILT | np.array([row >= 12 for row in range(SIZE)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,20 +140,17 @@ class Attitude:
         # compiled functions are not imported where pipelines are only listed
         from . import attitude_kernels as compiled
 
-        axes, state = matrix(self.orientation), self._state()
-        self.covariance = self.covariance.copy()  # others may hold what is known of a moment
-        compiled.predict(
-            state,
-            self.covariance,
-            axes,
-            axes @ frame.force,
-            frame.mean_turn,
+        axes = matrix(self.orientation)
+        x, y, z = (axes @ frame.force).tolist()
+        self._go_on(
+            compiled.predict,
+            axes @ frame.mean_turn,
+            (x, y, z),
             frame.turns[-1],
             frame.speed,
             frame.length_s,
             self.noise.row,
         )
-        self._take(state)
 
     def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
         """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
@@ -169,78 +165,34 @@ class Attitude:
 
     def face(self, field: Array, sigma_t: float) -> None:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
-        self.turn_heading(float(np.arctan2(field[0], field[1])))
-        flat = max(float(np.hypot(field[0], field[1])), 1e-9)
-        self.reset_heading(float(np.hypot(sigma_t, self.noise.iron_start)) / flat)
+        from .attitude_kernels import face
+
+        x, y, z = field.tolist()
+        self._go_on(face, (x, y, z), sigma_t, self.noise.iron_start)
 
     def take_earth(self, north_t: float, up_t: float, sigma_t: float) -> None:
         """Take a field for the earth's, by its horizontal and vertical part [T]."""
-        self.earth = np.array([north_t, up_t])
-        self.covariance[:, EARTH] = self.covariance[EARTH, :] = 0.0
-        self.covariance[EARTH, EARTH] = np.eye(2) * sigma_t**2
+        from .attitude_kernels import take_earth
+
+        self._go_on(take_earth, north_t, up_t, sigma_t)
 
     def reset_heading(self, sigma_rad: float) -> None:
         """Take the heading to be known to ``sigma_rad``, by what this filter does not see."""
-        self.covariance[2, :] = self.covariance[:, 2] = 0.0
-        self.covariance[2, 2] = sigma_rad**2
+        from .attitude_kernels import know_heading
 
-    def forget_field(self) -> None:
-        """Know nothing of earth and iron again: the magnetometer became another one."""
-        self.earth = np.full(2, np.nan)
-        self.believe_iron(np.zeros(3), np.eye(3) * self.noise.iron_start**2)
+        know_heading(self.covariance, sigma_rad)
 
     def turn_heading(self, angle_rad: float) -> None:
         """Turn the whole estimate about the vertical, counter-clockwise."""
-        self.orientation = normalised(product(about_vertical(angle_rad), self.orientation))
-        turn = np.eye(SIZE)
-        turn[TURN, TURN] = turn[SPEED, SPEED] = matrix(about_vertical(angle_rad))
-        self.velocity = turn[SPEED, SPEED] @ self.velocity
-        self.covariance = turn @ self.covariance @ turn.T
+        from .attitude_kernels import turn_heading
 
-    def believe_iron(self, iron: Array, covariance: Array) -> None:
-        """Take other iron: its field [T], shape (3,), and covariance, shape (3, 3)."""
-        self.iron = iron.copy()
+        self._go_on(turn_heading, angle_rad)
+
+    def forget_field(self) -> None:
+        """Know nothing of earth and iron again: the magnetometer became another one."""
+        self.earth, self.iron = np.full(2, np.nan), np.zeros(3)
         self.covariance[IRON, :] = self.covariance[:, IRON] = 0.0
-        self.covariance[IRON, IRON] = covariance
-
-    def expected(self, frame: InertialFrame, axes: Array) -> tuple[Array, Array, Array]:
-        """Return innovation [T], measurement matrix and covariance of a frame's field.
-
-        Parameters
-        ----------
-        frame
-            Its field is looked at.
-        axes
-            Rotation matrix of the body at the frame's start.
-        """
-        turn = axes @ frame.mean_turn
-        seen = axes @ frame.field - turn @ self.iron
-        pick = np.zeros((3, SIZE))
-        pick[:, TURN] = -skew(seen)
-        pick[:, IRON] = -turn
-        pick[1, 12] = pick[2, 13] = -1.0
-        innovation = np.array([0.0, self.earth[0], self.earth[1]]) - seen
-        return innovation, pick, pick @ self.covariance @ pick.T
-
-    def correct_field(
-        self, frame: InertialFrame, axes: Array, sigma_t: float, *, earth: bool
-    ) -> None:
-        """Turn towards north by a field; ``earth``: it may also correct the earth's field."""
-        innovation, pick, _ = self.expected(frame, axes)
-        self._update(pick, innovation, sigma_t**2, _NO_TILT if earth else _NO_EARTH)
-
-    def blame_iron(self, frame: InertialFrame, axes: Array, sigma_t: float) -> None:
-        """Explain a frame's field by iron alone; it is known as well as the orientation is."""
-        earth = np.array([0.0, self.earth[0], self.earth[1]])
-        back = np.linalg.inv(axes @ frame.mean_turn)
-        self.iron = back @ (axes @ frame.field - earth)
-        slope = np.zeros((3, SIZE))
-        slope[:, TURN] = -back @ skew(earth)
-        slope[:, EARTH] = -back[:, 1:]
-        self.covariance[IRON, :] = self.covariance[:, IRON] = 0.0
-        cross = slope @ self.covariance
-        self.covariance[IRON, :], self.covariance[:, IRON] = cross, cross.T
-        self.covariance[IRON, IRON] = cross @ slope.T + np.eye(3) * sigma_t**2
+        self.covariance[IRON, IRON] = np.eye(3) * self.noise.iron_start**2
 
     def _update(
         self,
@@ -262,9 +214,14 @@ class Attitude:
         """
         from .attitude_kernels import update
 
-        kept, state = _NONE if frozen is None else frozen, self._state()
-        self.covariance = self.covariance.copy()
-        update(state, self.covariance, pick, innovation, variance, kept)
+        x, y, z = innovation.tolist()
+        self._go_on(update, pick, (x, y, z), variance, _NONE if frozen is None else frozen)
+
+    def _go_on(self, change: Callable[..., None], *given: Any) -> None:
+        """Let a compiled function change state and covariance."""
+        state = self._state()
+        self.covariance = self.covariance.copy()  # others may hold what is known of a moment
+        change(state, self.covariance, *given)
         self._take(state)
 
     def _state(self) -> Array:

@@ -1,38 +1,90 @@
-"""The error-state filter of an orientation over a frame, in place, compiled.
-
-The same as :class:`.attitude.Attitude` and :class:`.alone.GyroscopeAlone`, which go by objects.
-"""
+"""The error-state filter of an orientation over a frame, in place, compiled."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..compiled import compiled
-from .rotation_kernels import carry, joseph, multiply, normalise, product, turned_by
+from .rotation_kernels import multiply, normalise, product, turn_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from .rotation_kernels import Vector
 
     Array = NDArray[np.float64]
 
 SIZE = 14
 #: Places in the state: orientation, velocity, bias, iron, earth's field; how long the sensor has
-#: rested; sums that tell the magnetometer's delay; the gyroscope alone: turn, bias, rests; how far
-#: the sensor turned while the reference field passed.
-VELOCITY, BIAS, IRON, EARTH, RESTED, DELAY, OFFSET, ALONE, RESTS, VERIFIED, STATE = (
-    4, 7, 10, 13, 15, 16, 18, 19, 22, 23, 24,
+#: rested; sums that tell the magnetometer's delay; the gyroscope alone: turn, bias, rests.
+VELOCITY, BIAS, IRON, EARTH, RESTED, DELAY, OFFSET, ALONE, RESTS, STATE = (
+    4, 7, 10, 13, 15, 16, 18, 19, 22, 23,
 )  # fmt: skip
-#: Columns of what is told of a frame: its deviation of heading, whether it rests, the bias, and
-#: the values of its tests and headings.
-SIGMA, RESTING, TOLD_BIAS, VALUES, TOLD = 0, 1, 2, 5, 15
+#: Columns of what is told of a frame: its deviation of heading, whether it rests, the bias, the
+#: values of its tests and headings, whether all tests of its field passed.
+SIGMA, RESTING, TOLD_BIAS, VALUES, PASSED, TOLD = 0, 1, 2, 5, 15, 16
 #: Places among the settings: noise of the attitude, thresholds of rest, the compass.
 (
     WALK, SCALE, BIAS_WALK, FORCE_WALK, SPEED, REST_RATE_LEFT, IRON_WALK, EARTH_WALK,
-    REST_RATE, REST_SPREAD, REST_FORCE, REST_S, REST_SPEED, GRAVITY, FIELD_SIGMA, DRIFT, FREE,
-    STEP, SETTINGS,
-) = range(19)  # fmt: skip
+    REST_RATE, REST_SPREAD, REST_FORCE, REST_S, REST_SPEED, GRAVITY, FIELD_SIGMA, PLAIN_SIGMA,
+    IRON_START, DRIFT, FREE, STEP, SETTINGS,
+) = range(21)  # fmt: skip
+
+
+@compiled
+def gains(across: Array, spread: Array, gain: Array) -> None:
+    """Put the gain of a measurement of three values in ``gain``, shape (3, n): one column a value.
+
+    ``across`` is the covariance of measurement and state, shape (3, n), ``spread`` that of the
+    innovation, shape (3, 3).
+    """
+    l00 = math.sqrt(spread[0, 0])
+    l10, l20 = spread[1, 0] / l00, spread[2, 0] / l00
+    l11 = math.sqrt(spread[1, 1] - l10 * l10)
+    l21 = (spread[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(spread[2, 2] - l20 * l20 - l21 * l21)
+    for i in range(across.shape[1]):
+        a = across[0, i] / l00
+        b = (across[1, i] - l10 * a) / l11
+        c = (across[2, i] - l20 * a - l21 * b) / l22 / l22
+        b = (b - l21 * c) / l11
+        gain[0, i], gain[1, i], gain[2, i] = (a - l10 * b - l20 * c) / l00, b, c
+
+
+@compiled
+def learn(
+    state: Array,
+    covariance: Array,
+    across: Array,
+    spread: Array,
+    innovation: Vector,
+    kept: NDArray[np.bool_],
+) -> None:
+    """Update by a measurement of three values, given its covariances as :func:`gains` takes them.
+
+    Rows that are kept learn nothing (Schmidt): the covariance then is that of what is done.
+    """
+    gain, change = np.empty(across.shape), np.empty(SIZE)
+    gains(across, spread, gain)
+    for i in range(SIZE):
+        if kept[i]:
+            gain[0, i] = gain[1, i] = gain[2, i] = 0.0
+        change[i] = (
+            gain[0, i] * innovation[0] + gain[1, i] * innovation[1] + gain[2, i] * innovation[2]
+        )
+    for i in range(SIZE):
+        one, other = (across, gain) if kept[i] else (gain, across)
+        a, b, c = one[0, i], one[1, i], one[2, i]
+        for j in range(i, SIZE):
+            covariance[i, j] -= a * other[0, j] + b * other[1, j] + c * other[2, j]
+        for j in range(i):
+            covariance[i, j] = covariance[j, i]
+    turn_by(change, state[:4])
+    for k in range(3, SIZE):
+        state[1 + k] += change[k]
 
 
 @compiled
@@ -40,50 +92,122 @@ def update(
     state: Array,
     covariance: Array,
     pick: Array,
-    innovation: Array,
+    innovation: Vector,
     variance: float,
     kept: NDArray[np.bool_],
 ) -> None:
-    """Update state and covariance, in place, by a measurement of three values."""
-    noise, spread = np.zeros((3, 3)), np.zeros((3, 3))
-    across = product(pick, covariance)
+    """Update, in place, by a measurement of three values; ``pick``, (3, SIZE), is what it sees."""
+    spread, across = np.zeros((3, 3)), product(pick, covariance)
     for a in range(3):
-        noise[a, a] = spread[a, a] = variance
         for b in range(3):
+            spread[a, b] = variance if a == b else 0.0
             for k in range(SIZE):
                 spread[a, b] += across[a, k] * pick[b, k]
-    gain, after = joseph(covariance, pick, spread, noise, kept)
-    covariance[:] = after
-    change = np.zeros(SIZE)
-    for i in range(SIZE):
-        for a in range(3):
-            change[i] += gain[i, a] * innovation[a]
-    state[:4] = turned_by(change[:3], state[:4])
-    state[VELOCITY:RESTED] += change[3:]
+    learn(state, covariance, across, spread, innovation, kept)
+
+
+@compiled
+def hold(
+    state: Array, covariance: Array, first: int, values: Vector, variance: float, none: Any
+) -> None:
+    """Update by a measurement of three neighbours in the error state, which have these values.
+
+    ``none`` is no row that is kept.
+    """
+    across, spread = covariance[first : first + 3].copy(), np.empty((3, 3))
+    spread[:] = across[:, first : first + 3]
+    for a in range(3):
+        spread[a, a] += variance
+    at = first + 1
+    off = (values[0] - state[at], values[1] - state[at + 1], values[2] - state[at + 2])
+    learn(state, covariance, across, spread, off, none)
+
+
+@compiled
+def know_heading(covariance: Array, sigma: float) -> None:
+    """Take the heading to be known to ``sigma`` [rad], by what this filter does not see."""
+    covariance[2, :] = 0.0
+    covariance[:, 2] = 0.0
+    covariance[2, 2] = sigma * sigma
+
+
+@compiled
+def turn_heading(state: Array, covariance: Array, angle: float) -> None:
+    """Turn the whole estimate about the vertical, counter-clockwise, in place."""
+    turn_by(np.array([0.0, 0.0, angle]), state[:4])
+    c, s = math.cos(angle), math.sin(angle)
+    x, y = state[VELOCITY], state[VELOCITY + 1]
+    state[VELOCITY], state[VELOCITY + 1] = c * x - s * y, s * x + c * y
+    for first in (0, 3):
+        for k in range(SIZE):
+            x, y = covariance[first, k], covariance[first + 1, k]
+            covariance[first, k], covariance[first + 1, k] = c * x - s * y, s * x + c * y
+    for first in (0, 3):
+        for k in range(SIZE):
+            x, y = covariance[k, first], covariance[k, first + 1]
+            covariance[k, first], covariance[k, first + 1] = c * x - s * y, s * x + c * y
+
+
+@compiled
+def face(state: Array, covariance: Array, field: Vector, sigma: float, iron: float) -> None:
+    """Turn north to where a field points, earth frame, known to ``sigma`` and iron by ``iron``."""
+    turn_heading(state, covariance, math.atan2(field[0], field[1]))
+    flat = max(math.hypot(field[0], field[1]), 1e-9)
+    know_heading(covariance, math.hypot(sigma, iron) / flat)
+
+
+@compiled
+def take_earth(state: Array, covariance: Array, north: float, up: float, sigma: float) -> None:
+    """Take a field for the earth's, by its horizontal and vertical part, in place."""
+    state[EARTH], state[EARTH + 1] = north, up
+    for k in (12, 13):
+        covariance[k, :] = 0.0
+        covariance[:, k] = 0.0
+    covariance[12, 12] = covariance[13, 13] = sigma * sigma
+
+
+@compiled
+def carry_on(covariance: Array, turned: Array, force: Vector, dt: float) -> None:
+    """Carry a covariance to the end of a frame, in place.
+
+    ``turned``, shape (3, 3), is what the frame's mean turn makes of the bias in the earth frame;
+    ``force`` is in the earth frame.
+    """
+    x, y, z = dt * force[0], dt * force[1], dt * force[2]
+    for j in range(SIZE):
+        a, b, c = covariance[0, j], covariance[1, j], covariance[2, j]
+        covariance[3, j] += z * b - y * c
+        covariance[4, j] += x * c - z * a
+        covariance[5, j] += y * a - x * b
+        u, v, w = covariance[6, j], covariance[7, j], covariance[8, j]
+        for i in range(3):
+            covariance[i, j] -= dt * (turned[i, 0] * u + turned[i, 1] * v + turned[i, 2] * w)
+    for j in range(SIZE):
+        a, b, c = covariance[j, 0], covariance[j, 1], covariance[j, 2]
+        covariance[j, 3] += z * b - y * c
+        covariance[j, 4] += x * c - z * a
+        covariance[j, 5] += y * a - x * b
+        u, v, w = covariance[j, 6], covariance[j, 7], covariance[j, 8]
+        for i in range(3):
+            covariance[j, i] -= dt * (turned[i, 0] * u + turned[i, 1] * v + turned[i, 2] * w)
 
 
 @compiled
 def predict(
     state: Array,
     covariance: Array,
-    axes: Array,
-    force: Array,
-    mean_turn: Array,
+    turned: Array,
+    force: Vector,
     last: Array,
     speed: float,
     dt: float,
     p: Array,
 ) -> None:
-    """Go on to the end of a frame, in place; ``force`` is in the earth frame."""
-    step = np.eye(SIZE)
-    for i in range(3):
-        for k in range(3):
-            for j in range(3):
-                step[i, 6 + k] -= dt * axes[i, j] * mean_turn[j, k]
-    x, y, z = force
-    step[3, 1], step[3, 2], step[4, 0] = dt * z, -dt * y, -dt * z
-    step[4, 2], step[5, 0], step[5, 1] = dt * x, dt * y, -dt * x
-    covariance[:] = carry(step, covariance)
+    """Go on to the end of a frame, in place. ``turned`` and ``force`` as :func:`carry_on` has them.
+
+    ``last`` is the turn from the frame's end to its start, ``speed`` its angular velocity [rad/s].
+    """
+    carry_on(covariance, turned, force, dt)
     for i in range(3):
         covariance[i, i] += p[WALK] ** 2 * dt + p[SCALE] ** 2 * speed * dt
         covariance[3 + i, 3 + i] += p[FORCE_WALK] ** 2 * dt
@@ -97,35 +221,29 @@ def predict(
 
 
 @compiled
-def move(state: Array, covariance: Array, rate: Array, still: bool, dt: float, p: Array) -> bool:
+def move(state: Array, covariance: Array, rate: Vector, still: bool, dt: float, p: Array) -> bool:
     """Hold velocity and, at rest, bias; return whether the sensor rests. ``rate`` as measured."""
-    none, pick = np.zeros(SIZE, np.bool_), np.zeros((3, SIZE))
+    none = np.zeros(SIZE, np.bool_)
     state[RESTED] = state[RESTED] + dt if still else 0.0
     resting = bool(state[RESTED] > p[REST_S])
     if p[FREE] > 0.0:
         covariance[2, :] = 0.0
         covariance[:, 2] = 0.0
-    for i in range(3):
-        pick[i, 3 + i] = 1.0
     variance = p[REST_SPEED] ** 2 if resting else p[SPEED] ** 2 * 2.0 / dt
-    update(state, covariance, pick, -state[VELOCITY:BIAS], variance, none)
+    hold(state, covariance, 3, (0.0, 0.0, 0.0), variance, none)
     if resting:
-        pick[:] = 0.0
-        for i in range(3):
-            pick[i, 6 + i] = 1.0
-        update(state, covariance, pick, rate - state[BIAS:IRON], p[REST_RATE_LEFT] ** 2, none)
+        hold(state, covariance, 6, rate, p[REST_RATE_LEFT] ** 2, none)
     return resting
 
 
 @compiled
 def alone(
-    state: Array, axes: Array, mean_turn: Array, bias: Array, rate: Array, resting: bool, dt: float
+    state: Array, turned: Array, bias: Vector, rate: Vector, resting: bool, dt: float
 ) -> None:
     """Go on with the gyroscope alone by a frame that was integrated with a bias."""
     left = 0.0
-    for j in range(3):
-        for k in range(3):
-            left += axes[2, j] * mean_turn[j, k] * (bias[k] - state[ALONE + k])
+    for k in range(3):
+        left += turned[2, k] * (bias[k] - state[ALONE + k])
     state[OFFSET] += left * dt
     if resting:
         state[RESTS] += 1.0

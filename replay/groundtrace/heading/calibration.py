@@ -14,6 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from .rotations import Array
 
     #: Centre, shape (3,), and the matrix that undoes the soft iron, shape (3, 3).
@@ -203,28 +205,39 @@ class Calibration:
         return fields if self.ellipsoid is None else self.ellipsoid.corrected(fields)
 
     @property
-    def idle(self) -> bool:
-        """Whether no frame that passes makes a calibration due."""
-        return self.ellipsoid is not None or self._failed < FAILING * max(LEAST, self._seen + 1)
+    def tries(self) -> tuple[int, int, float]:
+        """Every how many fields, from how many on, and where what part fails it is tried."""
+        return TRY_EVERY, LEAST if self.ellipsoid is None else np.iinfo(np.int64).max, FAILING
 
-    def pass_by(self, raws: Array) -> None:
-        """Take frames that passed their tests, shape (n, 3), while it is idle."""
-        for raw in raws:
-            self._keep(raw)
+    @property
+    def watched(self) -> NDArray[np.int64]:
+        """How many fields there were, and how many of them failed."""
+        return np.array([self._seen, self._failed])
 
-    def _keep(self, raw: Array) -> None:
-        if self._seen % self._stride == 0:
-            self._kept.append(raw)
-        self._seen += 1
-        if len(self._kept) > HISTORY:
-            self._kept, self._stride = self._kept[::2], 2 * self._stride
+    def _keep(self, raws: Array) -> None:
+        while len(raws):
+            first, room = -self._seen % self._stride, HISTORY + 1 - len(self._kept)
+            taken = raws[: first + room * self._stride]
+            self._kept += list(taken[first :: self._stride])
+            self._seen += len(taken)
+            raws = raws[len(taken) :]
+            if len(self._kept) > HISTORY:
+                self._kept, self._stride = self._kept[::2], 2 * self._stride
 
     def watch(self, raw: Array, *, undisturbed: bool) -> bool:
         """Take a frame's field as measured, shape (3,) [T]; say whether the calibration changed."""
-        self._failed += not undisturbed
-        self._keep(raw)
-        due = self._seen >= LEAST and self._seen % TRY_EVERY == 0
-        if not due or self.ellipsoid is not None or self._failed < FAILING * self._seen:
+        return self.take(raw[None, :], int(not undisturbed))
+
+    def take(self, raws: Array, failed: int) -> bool:
+        """Take fields as measured, shape (n, 3) [T], so many of which failed their tests.
+
+        At the last of them a calibration is tried, where one is due. Returns whether it changed.
+        """
+        self._failed += failed
+        self._keep(raws)
+        every, least, failing = self.tries
+        due = len(raws) and self._seen >= least and self._seen % every == 0
+        if not due or self._failed < failing * self._seen:
             return False
         kept = np.array(self._kept)
         turned = apart(kept)
@@ -243,9 +256,8 @@ class Calibration:
 
 def apart(fields: Array) -> Array:
     """Return fields, shape (n, 3), without those near to the one kept before."""
+    # compiled functions are not imported where pipelines are only listed
+    from .field_kernels import far_apart
+
     least = APART * float(np.median(np.linalg.norm(fields, axis=1)))
-    kept = [fields[0]]
-    for row in fields[1:]:
-        if float(np.abs(row - kept[-1]).max()) > least:
-            kept.append(row)
-    return np.array(kept)
+    return np.asarray(fields[far_apart(fields, least)])

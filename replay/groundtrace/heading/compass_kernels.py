@@ -1,7 +1,4 @@
-"""The tests of a frame's field, and what is learned where they pass, compiled.
-
-The same as :class:`.compass.Compass`, which goes by objects.
-"""
+"""The tests of a frame's field, and the correction by it, compiled."""
 
 from __future__ import annotations
 
@@ -16,6 +13,8 @@ from .attitude_kernels import EARTH, IRON, SIZE, update
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from .rotation_kernels import Quaternion, Vector
+
     Array = NDArray[np.float64]
 
 TESLA = 1e-6
@@ -29,7 +28,7 @@ def wrapped(angle: float) -> float:
 
 
 @compiled
-def turn_about_vertical(before: Array, after: Array) -> float:
+def turn_about_vertical(before: Quaternion, after: Quaternion) -> float:
     """Return by how much an orientation was turned about the vertical [rad]."""
     w = after[0] * before[0] + after[1] * before[1] + after[2] * before[2] + after[3] * before[3]
     z = -after[0] * before[3] - after[1] * before[2] + after[2] * before[1] + after[3] * before[0]
@@ -41,7 +40,8 @@ def keep(values: Array, counts: NDArray[np.int64], row: int, value: float) -> No
     """Add a value to those of a row, and drop the oldest where there are too many."""
     count, most = counts[row, 0], counts[row, 1]
     if count == most:
-        values[row, : most - 1] = values[row, 1:most].copy()
+        for k in range(1, most):
+            values[row, k - 1] = values[row, k]
         count -= 1
     values[row, count] = value
     counts[row, 0] = count + 1
@@ -49,28 +49,34 @@ def keep(values: Array, counts: NDArray[np.int64], row: int, value: float) -> No
 
 @compiled
 def deviation(values: Array) -> float:
-    """Return the standard deviation of a few values."""
-    mean = values.sum() / len(values)
-    square = 0.0
-    for value in values:
-        square += (value - mean) * (value - mean)
+    """Return the standard deviation of some values."""
+    mean, square = 0.0, 0.0
+    for k in range(len(values)):
+        mean += values[k] / len(values)
+    for k in range(len(values)):
+        square += (values[k] - mean) * (values[k] - mean)
     return math.sqrt(square / len(values))
 
 
 @compiled
 def tests(
-    state: Array,
-    seen: Array,
+    earth: Array,
+    seen: Vector,
     sigma: float,
     recent: Array,
     counts: NDArray[np.int64],
     length_s: float,
     out: Array,
 ) -> None:
-    """Put what the tests look at in ``out``, shape (8,); ``seen`` is the field, earth frame."""
+    """Put what the tests but the last look at in ``out``; ``seen`` is the field, earth frame.
+
+    ``earth`` is the earth's field, north and up, ``sigma`` how far the azimuth may be off.
+    Norms and azimuths of the last frames are ``recent``, shape (2, m), and how many there are and
+    may be ``counts``, shape (2, 2).
+    """
     flat = math.hypot(seen[0], seen[1])
     norm = math.sqrt(seen[0] * seen[0] + seen[1] * seen[1] + seen[2] * seen[2])
-    north, up = state[EARTH], state[EARTH + 1]
+    north, up = earth[0], earth[1]
     turned = math.atan2(seen[0], seen[1])
     left = math.copysign(max(abs(turned) - sigma, 0.0), turned)
     x, y, z = flat * math.sin(left), flat * math.cos(left) - north, seen[2] - up
@@ -85,7 +91,6 @@ def tests(
     out[4] = abs(math.degrees(left))
     out[5] = abs(changed) / (count * length_s)
     out[6] = abs(math.degrees(math.atan2(-seen[2], flat) - math.atan2(-up, north)))
-    out[7] = 0.0
 
 
 @compiled
@@ -99,19 +104,47 @@ def passes(values: Array, limits: Array) -> bool:
 
 
 @compiled
-def correct_field(
-    state: Array, covariance: Array, turned: Array, field: Array, variance: float
-) -> None:
-    """Turn towards north by a field in the earth frame; ``turned`` is the mean turn there."""
-    seen, pick, kept = field.copy(), np.zeros((3, SIZE)), np.zeros(SIZE, np.bool_)
-    kept[0] = kept[1] = kept[3] = kept[4] = kept[5] = True  # a field must not change the tilt
+def without(iron: Array, turned: Array, field: Vector) -> Vector:
+    """Return a field in the earth frame without that of iron on the sensor, shape (3,).
+
+    ``turned``, shape (3, 3), is what the frame's mean turn makes of it there.
+    """
+    x, y, z = iron[0], iron[1], iron[2]
+    return (
+        field[0] - (turned[0, 0] * x + turned[0, 1] * y + turned[0, 2] * z),
+        field[1] - (turned[1, 0] * x + turned[1, 1] * y + turned[1, 2] * z),
+        field[2] - (turned[2, 0] * x + turned[2, 1] * y + turned[2, 2] * z),
+    )
+
+
+@compiled
+def seen_by_field(turned: Array, seen: Vector) -> Array:
+    """Return what a field in the earth frame, the sensor's iron taken out, sees of the errors.
+
+    Shape (3, SIZE); ``turned`` is as that of :func:`without`.
+    """
+    pick = np.zeros((3, SIZE))
     for i in range(3):
         for k in range(3):
-            seen[i] -= turned[i, k] * state[IRON + k]
             pick[i, 9 + k] = -turned[i, k]
     x, y, z = seen
     pick[0, 1], pick[0, 2], pick[1, 0] = z, -y, -z
     pick[1, 2], pick[2, 0], pick[2, 1] = x, y, -x
     pick[1, 12] = pick[2, 13] = -1.0
-    innovation = np.array([-x, state[EARTH] - y, state[EARTH + 1] - z])
-    update(state, covariance, pick, innovation, variance, kept)
+    return pick
+
+
+@compiled
+def correct_field(
+    state: Array, covariance: Array, turned: Array, field: Vector, variance: float, earth: bool
+) -> None:
+    """Turn towards north by a field, earth frame; ``earth``: it may correct the earth's as well.
+
+    ``turned`` is as that of :func:`without`.
+    """
+    kept = np.zeros(SIZE, np.bool_)
+    kept[0] = kept[1] = kept[3] = kept[4] = kept[5] = True  # a field must not change the tilt
+    kept[12] = kept[13] = not earth
+    x, y, z = without(state[IRON : IRON + 3], turned, field)
+    innovation = (-x, state[EARTH] - y, state[EARTH + 1] - z)
+    update(state, covariance, seen_by_field(turned, (x, y, z)), innovation, variance, kept)

@@ -20,22 +20,24 @@ from .api import HeadingFrame, HeadingFrames
 from .attitude import Attitude, AttitudeNoise
 from .calibration import TOO_LITTLE, Calibration
 from .compass import COLUMNS, GATES, TESLA, TESTS, Compass
-from .inertial_frames import Samples, frame_of
-from .ordinary import (
+from .fused_frames import (
     REST_FORCE,
     REST_RATE,
     REST_S,
     REST_SPEED,
     REST_SPREAD,
+    fused_frames,
     limits_of,
-    ordinary_frames,
 )
+from .inertial_frames import Samples, frame_of
 from .parameters import HeadingParameters
 from .rotations import matrix, wrapped
 from .scalar_filters import AzimuthKalman, Exponential
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from numpy.typing import NDArray
 
     from ..detector import Emits
     from ..gates import Gate
@@ -80,7 +82,7 @@ class HeadingEstimator:
         self.length = max(2, round(parameters.frame_s * rate_hz))
         self.axis = axis_of(parameters.axis)
         self.attitude = Attitude(AttitudeNoise(scale=parameters.gyro_scale))
-        self.compass = Compass(parameters)
+        self.compass = Compass(parameters, self.length / rate_hz)
         self.gyroscope = GyroscopeAlone()
         self.scalar = _scalar_filter(parameters)
         self.calibration = Calibration()
@@ -101,42 +103,55 @@ class HeadingEstimator:
         found: list[HeadingFrames] = []
         at = 0
         while at < count:
-            run = ordinary_frames(self, whole.rows(at, count))
-            if run is not None:
-                found.append(run)
-                at += len(run) * self.length
-            if at < count:
-                found.append(HeadingFrames.of([self._frame(whole.rows(at, at + self.length))]))
-                at += self.length
+            found.append(self._next(whole.rows(at, count), self.length))
+            at += len(found[-1]) * self.length
         return HeadingFrames.concatenate(found) if found else []
 
-    def finish(self) -> list[HeadingFrame]:
+    def finish(self) -> Sequence[HeadingFrame]:
         """Return the last, shorter frame."""
         left, self._waiting = self._waiting, []
-        return [self._frame(part) for part in left if len(part)]
+        found = [self._next(part, len(part)) for part in left if len(part)]
+        return HeadingFrames.concatenate(found) if found else []
 
-    def _frame(self, samples: Samples) -> HeadingFrame:
-        from .frame_kernels import headings
+    def _next(self, samples: Samples, length: int) -> HeadingFrames:
+        """Go on by the next frames, at least one."""
+        first = samples.rows(0, length)
+        if self.scalar is not None:
+            return HeadingFrames.of([self._frame(first, self.scalar)])
+        if not self.attitude.started or np.isnan(self.attitude.earth[0]):
+            self._begin(first)
+        return fused_frames(self, samples, length)
 
-        attitude, raw = self.attitude, samples.field[len(samples) // 2]
+    def _begin(self, samples: Samples) -> InertialFrame:
+        """Begin with what the next frame is the first to tell; return that frame."""
+        attitude = self.attitude
         samples = replace(samples, field=self.calibration.corrected(samples.field))
         frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
         if not attitude.started:
             attitude.start(frame)
         if np.isnan(attitude.earth[0]) and np.isfinite(frame.field).all():
             self._meet(matrix(attitude.orientation) @ frame.field)
+        return frame
+
+    def _frame(self, samples: Samples, scalar: ScalarFilter) -> HeadingFrame:
+        """Go on by one frame, the heading by a filter of one angle."""
+        from .frame_kernels import headings
+
+        attitude = self.attitude
+        frame = self._begin(samples)
         axes, bias, offset = matrix(attitude.orientation), attitude.bias, self.gyroscope.offset_rad
         orientation, heading = headings(attitude.orientation, frame.turns, self.axis)
         sigma = attitude.heading_sigma_rad
-        resting = self._move(frame)
+        resting = self._move(frame, scalar)
         self.gyroscope.go_on(frame, axes, bias, resting=resting)
         moved = attitude.orientation
-        tests, undisturbed = self._look(frame, axes)
+        tests, undisturbed = self._look(frame, axes, scalar)
         self.gyroscope.leave_out(moved, attitude.orientation)
         compass = bool(np.isfinite(tests).all())
         alone = (offset, self.compass.turn_rad if compass else math.nan)
         values = [*tests, *(math.degrees(wrapped(heading[0] + turn)) for turn in alone)]
-        notes = self._calibrate(raw, undisturbed=undisturbed) if compass else ()
+        raw = samples.field[len(samples) // 2 : len(samples) // 2 + 1]
+        notes = self.calibrate(raw, np.array([compass]), np.array([undisturbed]))
         return HeadingFrame(
             time_ns=samples.time_ns,
             orientation=orientation,
@@ -147,7 +162,7 @@ class HeadingEstimator:
             undisturbed=undisturbed,
             compass=compass,
             resting=resting,
-            notes=notes,
+            notes=notes.get(0, ()),
         )
 
     def _meet(self, field: Array) -> None:
@@ -158,9 +173,9 @@ class HeadingEstimator:
         self.attitude.face(field, sigma_t)
         self.gyroscope.meet(before, self.attitude.orientation)
 
-    def _move(self, frame: InertialFrame) -> bool:
+    def _move(self, frame: InertialFrame, scalar: ScalarFilter) -> bool:
         """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
-        attitude, before = self.attitude, self.attitude.covariance[2, 2]
+        attitude, before = self.attitude, float(self.attitude.covariance[2, 2])
         attitude.predict(frame)
         still = (
             float(np.linalg.norm(frame.rate)) < REST_RATE
@@ -172,14 +187,13 @@ class HeadingEstimator:
         attitude.hold_velocity(frame.length_s, REST_SPEED if resting else None)
         if resting:
             attitude.hold_bias(frame.rate)
-        if self.scalar is not None:
-            grown = max(float(attitude.covariance[2, 2] - before), 0.0)
-            turn = self.scalar.advance(frame.length_s, grown)
-            attitude.turn_heading(turn)
-            self.gyroscope.offset_rad -= turn
+        grown = max(float(attitude.covariance[2, 2]) - before, 0.0)
+        turn = scalar.advance(frame.length_s, grown)
+        attitude.turn_heading(turn)
+        self.gyroscope.offset_rad -= turn
         return resting
 
-    def _look(self, frame: InertialFrame, axes: Array) -> tuple[Array, bool]:
+    def _look(self, frame: InertialFrame, axes: Array, scalar: ScalarFilter) -> tuple[Array, bool]:
         """Test the frame's field and learn from it; return the tests' values and the verdict."""
         if not np.isfinite(frame.field).all():
             return np.full(len(TESTS), np.nan), True
@@ -188,41 +202,53 @@ class HeadingEstimator:
 
         values = self.compass.examine(self.attitude, frame, axes)
         undisturbed = passes(values, limits_of(self.parameters))
-        if self.scalar is not None:
-            self._correct(self.scalar, frame, axes, undisturbed=undisturbed)
-        else:
-            self.compass.learn(self.attitude, frame, axes, undisturbed=undisturbed)
-        if undisturbed:
-            late, moved = frame.delay_sums
-            self.delay_sums = (
-                self.delay_sums[0] + late + self.delay_s * moved,
-                self.delay_sums[1] + moved,
-            )
-        return values, undisturbed
-
-    def _calibrate(self, raw: Array, *, undisturbed: bool) -> tuple[str, ...]:
-        """Watch the field as measured; begin anew with the field where it is now calibrated."""
-        calibration = self.calibration
-        changed = calibration.watch(raw, undisturbed=undisturbed)
-        if changed and calibration.ellipsoid is not None:
-            self.compass = Compass(self.parameters)
-            self.attitude.forget_field()
-            x, y, z = (calibration.ellipsoid.centre / TESLA).tolist()
-            text = f"magnetometer calibrated: hard iron {x:.1f}, {y:.1f}, {z:.1f} uT taken out"
-            return (text,)
-        return (TOO_LITTLE,) if calibration.wanting else ()
-
-    def _correct(
-        self, scalar: ScalarFilter, frame: InertialFrame, axes: Array, *, undisturbed: bool
-    ) -> None:
-        """Turn by a filter of one angle, which knows the heading's error itself."""
         if undisturbed:
             seen = axes @ frame.field
             north = self.attitude.earth[0]
             sigma = self.parameters.field_sigma_ut * TESLA / max(north, TESLA)
             sigma *= math.sqrt(2 * self.parameters.field_memory_s / frame.length_s)
             self.attitude.turn_heading(scalar.correct(math.atan2(seen[0], seen[1]), sigma))
+            late, moved = frame.delay_sums
+            late += self.delay_s * moved
+            self.delay_sums = (self.delay_sums[0] + late, self.delay_sums[1] + moved)
         self.attitude.reset_heading(scalar.sigma_rad)
+        return values, undisturbed
+
+    def calibrate(
+        self, raws: Array, seen: NDArray[np.bool_], passed: NDArray[np.bool_]
+    ) -> dict[int, tuple[str, ...]]:
+        """Watch fields as measured; begin anew with the field where it is now calibrated.
+
+        Parameters
+        ----------
+        raws
+            One of each frame, shape (n, 3) [T].
+        seen, passed
+            Frames that have a field, and those whose field passed its tests, shape (n,).
+
+        Returns
+        -------
+        What a person should know at some of the frames.
+        """
+        calibration, places = self.calibration, np.flatnonzero(seen).tolist()
+        if not places:
+            return {}
+        notes: dict[int, tuple[str, ...]] = {}
+        if calibration.wanting:
+            notes = dict.fromkeys(places[:-1], (TOO_LITTLE,))
+        if calibration.take(raws[seen], int(np.count_nonzero(seen & ~passed))):
+            notes[places[-1]] = (self._calibrated(),)
+        elif calibration.wanting:
+            notes[places[-1]] = (TOO_LITTLE,)
+        return notes
+
+    def _calibrated(self) -> str:
+        """Begin anew with a field that is calibrated; return what a person should know."""
+        assert self.calibration.ellipsoid is not None
+        self.compass = Compass(self.parameters, self.length / self.rate_hz)
+        self.attitude.forget_field()
+        x, y, z = (self.calibration.ellipsoid.centre / TESLA).tolist()
+        return f"magnetometer calibrated: hard iron {x:.1f}, {y:.1f}, {z:.1f} uT taken out"
 
 
 def axis_of(name: str) -> Array:

@@ -1,9 +1,4 @@
-"""The error-state filter over many frames in one call, compiled.
-
-The same as :class:`.estimator.HeadingEstimator` does frame by frame, where nothing is out of the
-ordinary: the tests of the field pass, and no other iron is believed in. The first frame of which
-that does not hold ends the run, unchanged.
-"""
+"""The error-state filter over many frames in one call, compiled."""
 
 from __future__ import annotations
 
@@ -13,59 +8,32 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from .attitude_kernels import (
-    BIAS,
-    DELAY,
-    DRIFT,
-    EARTH,
-    FIELD_SIGMA,
-    IRON,
-    OFFSET,
-    REST_FORCE,
-    REST_RATE,
-    REST_SPREAD,
-    RESTING,
-    SIGMA,
-    STEP,
-    TOLD,
-    TOLD_BIAS,
-    VALUES,
-    VERIFIED,
-    alone,
-    move,
-    predict,
-)  # fmt: skip
-from .compass_kernels import correct_field, passes, tests, turn_about_vertical, wrapped
-from .frame_kernels import field_of, mean_and_spread, mean_turned, turns_of
-from .rotation_kernels import add_matrix, multiply, turn
+from . import attitude_kernels as at
+from . import belief_kernels as by
+from . import frame_kernels as of
+from .attitude_kernels import alone, move, predict
+from .compass_kernels import TESLA, passes, tests, turn_about_vertical, without, wrapped
+from .frame_kernels import headings_into, sum_up
+from .rotation_kernels import add_matrix, held, product, rotated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from .rotation_kernels import Quaternion, Vector
+
     Array = NDArray[np.float64]
-
-
-@compiled
-def headings_into(
-    start: Array, turns: Array, axis: Array, orientation: Array, heading: Array
-) -> None:
-    """Put the orientation after each turn, and the direction of a body axis, in the last two."""
-    pointing = np.empty(3)
-    for i in range(len(turns)):
-        multiply(start, turns[i], orientation[i])
-        turn(orientation[i], axis, pointing)
-        heading[i] = math.atan2(pointing[1], pointing[0])
+    Counts = NDArray[np.int64]
+    Compass = tuple[Array, Array, Array, Counts]
 
 
 @compiled
 def look(
     state: Array,
     covariance: Array,
-    axes: Array,
-    mean_turn: Array,
-    field: Array,
-    recent: Array,
-    counts: NDArray[np.int64],
+    compass: Compass,
+    turned: Array,
+    field: Vector,
+    turned_rad: float,
     dt: float,
     p: Array,
     limits: Array,
@@ -73,70 +41,96 @@ def look(
 ) -> bool:
     """Test a frame's field and learn from it, in place; return whether it passes.
 
-    ``axes`` are those of the frame's start, ``values`` take what the tests look at.
+    ``values`` take what the tests look at; the others are as those of :func:`frames` and of
+    :func:`.belief_kernels.learn`.
     """
-    turned, earth, moved = axes @ mean_turn, axes @ field, state[:4].copy()
-    sigma = p[DRIFT] * min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
-    seen = earth - turned @ state[IRON:EARTH]
-    tests(state, seen, sigma, recent, counts, dt, values)
-    if not passes(values, limits):
-        return False
-    correct_field(state, covariance, turned, earth, p[FIELD_SIGMA] ** 2)
-    state[OFFSET] -= turn_about_vertical(moved, state[:4])
-    return True
+    belief, fields, recent, counts = compass
+    before, doubted = held(state), belief[by.DOUBTED] > 0.0
+    sigma = p[at.DRIFT] * min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
+    iron = belief[by.CLEAN : by.SPREAD] if doubted else state[at.IRON : at.EARTH]
+    seen = without(iron, turned, field)
+    tests(state[at.EARTH : at.RESTED], seen, sigma, recent, counts, dt, values)
+    off = values[0] * TESLA
+    values[7] = by.iron_change(state, covariance, turned, field, off, belief) / TESLA
+    passed = passes(values, limits)
+    said = (turned, field, seen, turned_rad, dt)
+    by.learn(state, covariance, belief, fields, *said, passed, p)
+    state[at.OFFSET] -= turn_about_vertical(before, held(state))
+    return passed
 
 
 @compiled
 def go_on(
-    rate: Array,
-    force: Array,
-    field: Array,
+    start: Quaternion,
+    said: Array,
+    last: Array,
+    turned: Array,
     state: Array,
     covariance: Array,
-    recent: Array,
-    counts: NDArray[np.int64],
-    axis: Array,
+    dt: float,
+    p: Array,
+) -> bool:
+    """Go on to the end of a frame that says so, in place; return whether the sensor rests.
+
+    Parameters
+    ----------
+    start, last
+        Orientation at its start, and the turn from its end to there.
+    said
+        As :mod:`.frame_kernels` lays it out.
+    turned
+        Takes what its mean turn makes of the body in the earth frame, shape (3, 3).
+    state, covariance, p
+        As :mod:`.attitude_kernels` lays them out.
+    """
+    axes = np.zeros((3, 3))
+    add_matrix(start, 1.0, axes)
+    turned[:] = product(axes, said[: of.FORCE].reshape(3, 3))
+    bias = (state[at.BIAS], state[at.BIAS + 1], state[at.BIAS + 2])
+    rate = (said[of.RATE], said[of.RATE + 1], said[of.RATE + 2])
+    pushed = rotated(start, (said[of.FORCE], said[of.FORCE + 1], said[of.FORCE + 2]))
+    predict(state, covariance, turned, pushed, last, said[of.SPEED], dt, p)
+    still = math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2) < p[at.REST_RATE]
+    still = still and said[of.RATE_SPREAD] < p[at.REST_SPREAD]
+    still = still and said[of.FORCE_SPREAD] < p[at.REST_FORCE]
+    resting = move(state, covariance, rate, still, dt, p)
+    alone(state, turned, bias, rate, resting, dt)
+    return resting
+
+
+@compiled
+def take_field(
+    state: Array,
+    covariance: Array,
+    compass: Compass,
+    turned: Array,
+    field: Vector,
+    said: Array,
+    delay_s: float,
+    dt: float,
     p: Array,
     limits: Array,
-    orientation: Array,
-    heading: Array,
     told: Array,
-) -> bool:
-    """Go on by one frame, in place; return whether it is ordinary. As :func:`frames` has it."""
-    bias, start, dt = state[BIAS:IRON].copy(), state[:4].copy(), len(rate) * p[STEP]
-    free, axes, pushed = rate - bias, np.zeros((3, 3)), np.empty(3)
-    turns, middles, mean_turn = turns_of(free, p[STEP])
-    measured, _, rate_spread = mean_and_spread(rate)
-    delay_s = state[DELAY] / state[DELAY + 1]
-    seen, across, along = field_of(field, free, middles, delay_s)
-    compass = np.isfinite(seen).all()
-    if compass and math.isnan(state[EARTH]):
-        return False
-    add_matrix(start, 1.0, axes)
-    headings_into(start, turns, axis, orientation, heading)
-    told[SIGMA] = min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
-    turn(start, mean_turned(middles, force), pushed)
-    speed = mean_and_spread(free)[1]
-    predict(state, covariance, axes, pushed, mean_turn, turns[len(turns) - 1], speed, dt, p)
-    size = math.sqrt(measured[0] ** 2 + measured[1] ** 2 + measured[2] ** 2)
-    still = size < p[REST_RATE] and rate_spread < p[REST_SPREAD]
-    still = still and mean_and_spread(force)[2] < p[REST_FORCE]
-    resting = move(state, covariance, measured, still, dt, p)
-    told[RESTING] = 1.0 if resting else 0.0
-    told[VALUES + 8] = math.degrees(wrapped(heading[0] + state[OFFSET]))
-    alone(state, axes, mean_turn, bias, measured, resting, dt)
-    if compass:
-        values = told[VALUES : VALUES + 8]
-        if not look(
-            state, covariance, axes, mean_turn, seen, recent, counts, dt, p, limits, values
-        ):
-            return False
-        state[VERIFIED] += speed * dt
-        state[DELAY] += across + delay_s * along
-        state[DELAY + 1] += along
-        told[VALUES + 9] = math.degrees(wrapped(heading[0] + recent[1, counts[1, 0] - 1]))
-    told[TOLD_BIAS:VALUES] = state[BIAS:IRON]
-    return True
+) -> None:
+    """Let a frame's field be looked at, and tell of it what :func:`frames` does."""
+    _, _, recent, counts = compass
+    values, turned_rad = told[at.VALUES : at.VALUES + 8], said[of.SPEED] * dt
+    passed = look(state, covariance, compass, turned, field, turned_rad, dt, p, limits, values)
+    if passed:
+        state[at.DELAY] += said[of.ACROSS] + delay_s * said[of.ALONG]
+        state[at.DELAY + 1] += said[of.ALONG]
+    told[at.VALUES + 9] = recent[1, counts[1, 0] - 1]
+    told[at.PASSED] = 1.0 if passed else 0.0
+
+
+@compiled
+def due(watched: Counts, passed: bool, tries: tuple[int, int, float]) -> bool:
+    """Count a field; return whether so many failed that a calibration is to be tried."""
+    every, least, failing = tries
+    watched[0] += 1
+    watched[1] += 0 if passed else 1
+    now = watched[0] >= least and watched[0] % every == 0
+    return bool(now and watched[1] >= failing * watched[0])
 
 
 @compiled
@@ -147,13 +141,17 @@ def frames(
     length: int,
     state: Array,
     covariance: Array,
-    recent: Array,
-    counts: NDArray[np.int64],
+    compass: Compass,
+    watched: Counts,
+    tries: tuple[int, int, float],
     axis: Array,
     p: Array,
     limits: Array,
 ) -> tuple[int, Array, Array, Array]:
     """Filter frame after frame; state, covariance and the rest go on in place.
+
+    It ends before a field where no reference is known, and after a frame at which a calibration is
+    due.
 
     Parameters
     ----------
@@ -162,41 +160,46 @@ def frames(
     length
         Samples of a frame.
     state, covariance
-        Of the filter, as laid out above.
-    recent, counts
-        Norms and azimuths of the last frames, shape (2, m), and how many there are and may be,
-        shape (2, 2).
+        Of the filter, as :mod:`.attitude_kernels` lays them out.
+    compass
+        Belief and fields, as :mod:`.belief_kernels` lays them out; norms and azimuths of the last
+        frames, and how many there are and may be, as :func:`.compass_kernels.tests` has them.
+    watched, tries
+        Fields so far and those that failed; every how many, from how many on, and where what part
+        of them failed a calibration is due.
     axis
         Whose heading is told, shape (3,).
     p, limits
-        Settings as laid out above, and thresholds of the tests.
+        Settings as laid out there, and thresholds of the tests.
 
     Returns
     -------
     How many frames were gone on by, and of their samples orientation, shape (n, 4), and heading;
-    and of each what is told of it, shape (frames, 15).
+    and of each what is told of it, shape (frames, TOLD).
     """
-    count = len(rate) // length
+    count, dt = len(rate) // length, length * p[at.STEP]
     orientation, heading = np.empty((count * length, 4)), np.empty(count * length)
-    told = np.full((count, TOLD), np.nan)
+    told, turned = np.full((count, at.TOLD), np.nan), np.empty((3, 3))
+    said, turns, room = np.empty(of.FRAME), np.empty((length, 2, 4)), np.empty((length, 6))
     for f in range(count):
-        before, spread, kept, known = state.copy(), covariance.copy(), recent.copy(), counts.copy()
-        part = slice(f * length, (f + 1) * length)
-        if not go_on(
-            rate[part],
-            force[part],
-            field[part],
-            state,
-            covariance,
-            recent,
-            counts,
-            axis,
-            p,
-            limits,
-            orientation[part],
-            heading[part],
-            told[f],
-        ):
-            state[:], covariance[:], recent[:], counts[:] = before, spread, kept, known
+        part, start, row = slice(f * length, (f + 1) * length), held(state), told[f]
+        delay_s, bias = state[at.DELAY] / state[at.DELAY + 1], state[at.BIAS : at.IRON]
+        sum_up(rate[part], force[part], field[part], bias, delay_s, p[at.STEP], turns, room, said)
+        earth = rotated(start, (said[of.FIELD], said[of.FIELD + 1], said[of.FIELD + 2]))
+        sees = math.isfinite(earth[0] + earth[1] + earth[2])
+        if sees and math.isnan(state[at.EARTH]):
             return f, orientation, heading, told
+        headings_into(start, turns, axis, orientation[part], heading[part])
+        row[at.SIGMA] = min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
+        row[at.VALUES + 8], row[at.PASSED] = state[at.OFFSET], 1.0
+        resting = go_on(start, said, turns[length - 1, 0], turned, state, covariance, dt, p)
+        row[at.RESTING] = 1.0 if resting else 0.0
+        if sees:
+            given = (turned, earth, said, delay_s, dt, p, limits, row)
+            take_field(state, covariance, compass, *given)
+        for k in (at.VALUES + 8, at.VALUES + 9):
+            row[k] = math.degrees(wrapped(heading[f * length] + row[k]))
+        row[at.TOLD_BIAS : at.VALUES] = state[at.BIAS : at.IRON]
+        if sees and due(watched, row[at.PASSED] > 0.0, tries):
+            return f + 1, orientation, heading, told
     return count, orientation, heading, told

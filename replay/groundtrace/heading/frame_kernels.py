@@ -8,94 +8,146 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from .rotation_kernels import add_matrix, multiply, of_vector, turn
+from .rotation_kernels import add_matrix, crossed, held, of_angles, put, rotated, times
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from .rotation_kernels import Quaternion
+
     Array = NDArray[np.float64]
 
 
-@compiled
-def turns_of(rate: Array, step_s: float) -> tuple[Array, Array, Array]:
-    """Return rotations from the end and from the middle of each sample's interval to the start.
+#: Places in what is told of a frame: the matrix of its mean turn, mean force and field in the axes
+#: of its start, mean rate in moving ones; root mean square rate, and how far rate and force are off
+#: their means; the sums that tell the field's delay.
+MEAN_TURN, FORCE, FIELD, RATE, SPEED, RATE_SPREAD, FORCE_SPREAD, ACROSS, ALONG, FRAME = (
+    0, 9, 12, 15, 18, 19, 20, 21, 22, 23,
+)  # fmt: skip
 
-    Shapes (n, 4) each, and the mean matrix of the latter, shape (3, 3); ``rate`` is free of bias,
-    shape (n, 3).
-    """
-    count = len(rate)
-    turns, middles, mean = np.empty((count, 4)), np.empty((count, 4)), np.zeros((3, 3))
-    back = np.empty(4)
+
+@compiled
+def spread(x: Array) -> float:
+    """Return the root mean square deviation of vectors, shape (n, 3), from their mean."""
+    apart = 0.0
+    for k in range(3):
+        mean = 0.0
+        for i in range(len(x)):
+            mean += x[i, k]
+        mean /= len(x)
+        for i in range(len(x)):
+            apart += (x[i, k] - mean) * (x[i, k] - mean)
+    return math.sqrt(apart / len(x))
+
+
+@compiled
+def turn_through(
+    rate: Array, force: Array, bias: Array, step_s: float, turns: Array, out: Array
+) -> None:
+    """Follow the turn of a frame; put means over it in ``out``. As :func:`sum_up` has it."""
+    count, square, end = len(rate), 0.0, (1.0, 0.0, 0.0, 0.0)
+    out[:FRAME] = 0.0
+    mean = out[MEAN_TURN:FORCE].reshape(3, 3)
     for i in range(count):
-        of_vector(rate[i], step_s, turns[i])
-        if i > 0:
-            multiply(turns[i - 1], turns[i], turns[i])
-        of_vector(rate[i], -0.5 * step_s, back)
-        multiply(turns[i], back, middles[i])
-        add_matrix(middles[i], 1.0 / count, mean)
-    return turns, middles, mean
-
-
-@compiled
-def mean_turned(q: Array, vectors: Array) -> Array:
-    """Return the mean of vectors, shape (n, 3), each turned by its quaternion."""
-    out, now = np.zeros(3), np.empty(3)
-    for i in range(len(q)):
-        turn(q[i], vectors[i], now)
-        out += now
-    return out / len(q)
-
-
-@compiled
-def mean_and_spread(x: Array) -> tuple[Array, float, float]:
-    """Return mean, shape (3,), root mean square, and that of the deviation, of vectors (n, 3)."""
-    mean, square, apart = np.zeros(3), 0.0, 0.0
-    for i in range(len(x)):
-        mean += x[i]
-    mean /= len(x)
-    for i in range(len(x)):
+        x, y, z = rate[i, 0] - bias[0], rate[i, 1] - bias[1], rate[i, 2] - bias[2]
+        square += x * x + y * y + z * z
+        half = of_angles(0.5 * step_s * x, 0.5 * step_s * y, 0.5 * step_s * z)
+        middle = times(end, half)
+        end = times(middle, half)
+        put(end, turns[i, 0])
+        put(middle, turns[i, 1])
+        add_matrix(middle, 1.0 / count, mean)
+        pushed = rotated(middle, (force[i, 0], force[i, 1], force[i, 2]))
         for k in range(3):
-            square += x[i, k] * x[i, k]
-            apart += (x[i, k] - mean[k]) * (x[i, k] - mean[k])
-    return mean, math.sqrt(square / len(x)), math.sqrt(apart / len(x))
+            out[FORCE + k] += pushed[k] / count
+            out[RATE + k] += rate[i, k] / count
+    out[SPEED] = math.sqrt(square / count)
 
 
 @compiled
 def field_of(
-    field: Array, rate: Array, middles: Array, delay_s: float
-) -> tuple[Array, float, float]:
-    """Return the mean field in the axes of the frame's start, and sums that tell its delay."""
+    field: Array, rate: Array, bias: Array, turns: Array, delay_s: float, room: Array, out: Array
+) -> None:
+    """Put the mean field in the axes of the frame's start, and sums that tell its delay, in one.
+
+    ``room``, shape (n, 6), is written over.
+    """
     count = len(field)
-    still, moved = np.empty((count, 3)), np.empty((count, 3))
-    ahead, mean, mean_moved = np.empty(4), np.zeros(3), np.zeros(3)
+    mean = np.zeros(6)
     for i in range(count):
-        of_vector(rate[i], -delay_s, ahead)
-        turn(ahead, field[i], still[i])
-        (x, y, z), (a, b, c) = rate[i], still[i]
-        moved[i, 0], moved[i, 1], moved[i, 2] = y * c - z * b, z * a - x * c, x * b - y * a
-        turn(middles[i], still[i], still[i])
-        turn(middles[i], moved[i], moved[i])
-        mean += still[i]
-        mean_moved += moved[i]
-    mean /= count
-    mean_moved /= count
+        w = (rate[i, 0] - bias[0], rate[i, 1] - bias[1], rate[i, 2] - bias[2])
+        ahead = of_angles(-delay_s * w[0], -delay_s * w[1], -delay_s * w[2])
+        still = rotated(ahead, (field[i, 0], field[i, 1], field[i, 2]))
+        middle = held(turns[i, 1])
+        room[i, 0], room[i, 1], room[i, 2] = rotated(middle, still)
+        room[i, 3], room[i, 4], room[i, 5] = rotated(middle, crossed(w, still))
+        for k in range(6):
+            mean[k] += room[i, k]
     across, along = 0.0, 0.0
     for i in range(count):
         for k in range(3):
-            off = moved[i, k] - mean_moved[k]
-            across += off * (still[i, k] - mean[k])
+            off = room[i, 3 + k] - mean[3 + k] / count
+            across += off * (room[i, k] - mean[k] / count)
             along += off * off
-    return mean, across, along
+    for k in range(3):
+        out[FIELD + k] = mean[k] / count
+    out[ACROSS], out[ALONG] = across, along
+
+
+@compiled
+def sum_up(
+    rate: Array,
+    force: Array,
+    field: Array,
+    bias: Array,
+    delay_s: float,
+    step_s: float,
+    turns: Array,
+    room: Array,
+    out: Array,
+) -> None:
+    """Put what a frame says in ``out``, shape (FRAME,), in the places above.
+
+    Parameters
+    ----------
+    rate, force, field
+        Of its samples, shape (n, 3) each.
+    bias, delay_s
+        Of the gyroscope [rad/s]; how much later than it the magnetometer answers [s].
+    step_s
+        Time between samples [s].
+    turns
+        Takes the rotations from the end and from the middle of each sample's interval to the
+        frame's start, shape (n, 2, 4).
+    room
+        Shape (n, 6), written over.
+    """
+    turn_through(rate, force, bias, step_s, turns, out)
+    out[RATE_SPREAD], out[FORCE_SPREAD] = spread(rate), spread(force)
+    field_of(field, rate, bias, turns, delay_s, room, out)
+
+
+@compiled
+def headings_into(
+    start: Quaternion, turns: Array, axis: Array, orientation: Array, heading: Array
+) -> None:
+    """Put the orientation after each sample, and the direction of a body axis, in the last two.
+
+    ``turns`` are as those of :func:`sum_up`.
+    """
+    ahead = (axis[0], axis[1], axis[2])
+    for i in range(len(turns)):
+        now = times(start, held(turns[i, 0]))
+        put(now, orientation[i])
+        x, y, _ = rotated(now, ahead)
+        heading[i] = math.atan2(y, x)
 
 
 @compiled
 def headings(start: Array, turns: Array, axis: Array) -> tuple[Array, Array]:
     """Return the orientation after each turn, (n, 4), and the direction of a body axis, (n,)."""
-    orientation, heading, pointing = np.empty((len(turns), 4)), np.empty(len(turns)), np.empty(3)
-    for i in range(len(turns)):
-        multiply(start, turns[i], orientation[i])
-        turn(orientation[i], axis, pointing)
-        heading[i] = math.atan2(pointing[1], pointing[0])
+    orientation, heading = np.empty((len(turns), 4)), np.empty(len(turns))
+    headings_into(held(start), turns.reshape(-1, 1, 4), axis, orientation, heading)
     return orientation, heading
 
 

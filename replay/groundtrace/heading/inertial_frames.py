@@ -99,26 +99,33 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
         How much later than the gyroscope the magnetometer answers [s].
     """
     # compiled functions are not imported where pipelines are only listed
-    from .frame_kernels import field_of, mean_and_spread, mean_turned, turns_of
+    from . import frame_kernels as at
 
-    rate = samples.rate - bias
-    # the middle of each sample's interval stands for it
-    turns, middles, mean_turn = turns_of(rate, step_s)
-    measured, _, rate_spread = mean_and_spread(samples.rate)
-    field, across, along = field_of(samples.field, rate, middles, delay_s)
-    if not np.isfinite(field).all():
-        across = along = 0.0
+    turns, said = np.empty((len(samples), 2, 4)), np.empty(at.FRAME)
+    at.sum_up(
+        np.ascontiguousarray(samples.rate),
+        np.ascontiguousarray(samples.force),
+        np.ascontiguousarray(samples.field),
+        bias,
+        delay_s,
+        step_s,
+        turns,
+        np.empty((len(samples), 6)),
+        said,
+    )
+    field = said[at.FIELD : at.RATE]
+    seen = bool(np.isfinite(field).all())
     return InertialFrame(
-        turns=turns,
-        mean_turn=mean_turn,
-        length_s=len(rate) * step_s,
-        force=mean_turned(middles, samples.force),
+        turns=np.ascontiguousarray(turns[:, 0]),
+        mean_turn=said[at.MEAN_TURN : at.FORCE].reshape(3, 3),
+        length_s=len(samples) * step_s,
+        force=said[at.FORCE : at.FIELD],
         field=field,
-        rate=measured,
-        speed=mean_and_spread(rate)[1],
-        rate_spread=rate_spread,
-        force_spread=mean_and_spread(samples.force)[2],
+        rate=said[at.RATE : at.SPEED],
+        speed=float(said[at.SPEED]),
+        rate_spread=float(said[at.RATE_SPREAD]),
+        force_spread=float(said[at.FORCE_SPREAD]),
         # a field that comes late by d is too far on by d (rate x field): in the axes of the
         # frame's start, where a constant field stands still, its samples move along that
-        delay_sums=(across, along),
+        delay_sums=(float(said[at.ACROSS]), float(said[at.ALONG])) if seen else (0.0, 0.0),
     )

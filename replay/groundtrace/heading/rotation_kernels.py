@@ -1,6 +1,6 @@
 """Quaternions (w, x, y, z) and small systems of equations, compiled: for loops over frames.
 
-The same as :mod:`.rotations`, of one quaternion at a time and into arrays that are given.
+The same as :mod:`.rotations`, of one at a time: as plain numbers, or into arrays that are given.
 """
 
 from __future__ import annotations
@@ -16,59 +16,93 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Quaternion = tuple[float, float, float, float]
+    Vector = tuple[float, float, float]
+
+
+@compiled
+def held(a: Array) -> Quaternion:
+    """Return a quaternion out of an array."""
+    return a[0], a[1], a[2], a[3]
+
+
+@compiled
+def times(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the product a b."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
+    )
+
+
+@compiled
+def of_angles(x: float, y: float, z: float) -> Quaternion:
+    """Return the quaternion of a rotation vector [rad]."""
+    half = 0.5 * math.sqrt(x * x + y * y + z * z)
+    share = 0.5 * (math.sin(half) / half if half > 0.0 else 1.0)
+    return math.cos(half), share * x, share * y, share * z
+
+
+@compiled
+def crossed(a: Vector, b: Vector) -> Vector:
+    """Return the cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
+def rotated(q: Quaternion, v: Vector) -> Vector:
+    """Return a vector turned by a quaternion."""
+    x, y, z = crossed((q[1], q[2], q[3]), v)
+    twice = (2.0 * x, 2.0 * y, 2.0 * z)
+    a, b, c = crossed((q[1], q[2], q[3]), twice)
+    return v[0] + q[0] * twice[0] + a, v[1] + q[0] * twice[1] + b, v[2] + q[0] * twice[2] + c
+
+
+@compiled
+def put(q: Quaternion, out: Array) -> None:
+    """Put a quaternion in an array."""
+    out[0], out[1], out[2], out[3] = q
 
 
 @compiled
 def multiply(a: Array, b: Array, out: Array) -> None:
     """Put the product a b in ``out``, which may be either of them."""
-    w = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3]
-    x = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2]
-    y = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1]
-    z = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]
-    out[0], out[1], out[2], out[3] = w, x, y, z
+    put(times(held(a), held(b)), out)
 
 
 @compiled
 def normalise(q: Array) -> None:
     """Make a quaternion's length 1."""
-    q /= math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    for k in range(4):
+        q[k] /= length
 
 
 @compiled
 def of_vector(angle: Array, factor: float, out: Array) -> None:
     """Put the quaternion of ``factor`` times a rotation vector [rad] in ``out``."""
-    x, y, z = factor * angle[0], factor * angle[1], factor * angle[2]
-    half = 0.5 * math.sqrt(x * x + y * y + z * z)
-    share = 0.5 * (math.sin(half) / half if half > 0.0 else 1.0)
-    out[0], out[1], out[2], out[3] = math.cos(half), share * x, share * y, share * z
+    put(of_angles(factor * angle[0], factor * angle[1], factor * angle[2]), out)
 
 
 @compiled
 def turn(q: Array, v: Array, out: Array) -> None:
     """Put ``v``, shape (3,), turned by a quaternion in ``out``, which may be ``v``."""
-    x = 2.0 * (q[2] * v[2] - q[3] * v[1])
-    y = 2.0 * (q[3] * v[0] - q[1] * v[2])
-    z = 2.0 * (q[1] * v[1] - q[2] * v[0])
-    a = v[0] + q[0] * x + (q[2] * z - q[3] * y)
-    b = v[1] + q[0] * y + (q[3] * x - q[1] * z)
-    c = v[2] + q[0] * z + (q[1] * y - q[2] * x)
-    out[0], out[1], out[2] = a, b, c
+    out[0], out[1], out[2] = rotated(held(q), (v[0], v[1], v[2]))
 
 
 @compiled
-def turned_by(error: Array, orientation: Array) -> Array:
-    """Return an orientation, shape (4,), turned by a small rotation in the earth frame, (3,)."""
-    out = np.empty(4)
-    of_vector(error, 1.0, out)
-    multiply(out, orientation, out)
-    normalise(out)
-    return out
+def turn_by(error: Array, orientation: Array) -> None:
+    """Turn an orientation, shape (4,), by a small rotation in the earth frame, (3,)."""
+    put(times(of_angles(error[0], error[1], error[2]), held(orientation)), orientation)
+    normalise(orientation)
 
 
 @compiled
-def add_matrix(q: Array, share: float, out: Array) -> None:
+def add_matrix(q: Quaternion, share: float, out: Array) -> None:
     """Add ``share`` times the rotation matrix of a quaternion to ``out``, shape (3, 3)."""
-    w, x, y, z = q[0], q[1], q[2], q[3]
+    w, x, y, z = q
     out[0, 0] += share * (w * w + x * x - y * y - z * z)
     out[0, 1] += share * 2.0 * (x * y - w * z)
     out[0, 2] += share * 2.0 * (x * z + w * y)

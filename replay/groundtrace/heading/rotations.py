@@ -103,11 +103,6 @@ def levelled(force: Array) -> Array:
     return normalised(q)
 
 
-def about_vertical(angle_rad: float) -> Array:
-    """Return the quaternion of a turn about the vertical, shape (4,)."""
-    return np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
-
-
 def headings_of(q: Array, axis: Array) -> Array:
     """Return the direction of a body axis in the horizontal plane [rad], shape (n,)."""
     pointing = turned(q, np.broadcast_to(axis, (*q.shape[:-1], 3)))

@@ -17,7 +17,7 @@ last hundred steps.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -53,23 +53,21 @@ class WalkingAxis:
     keep
         Weight of what was known of the axis before a step.
     scatter
-        Weighted sum of the products of the swing ahead and to the right, shape (2, 2).
+        Weighted sums of the products of the swing: ahead twice, ahead and right, right twice.
     drive
-        Weighted sum of the swing that goes against the velocity upward, shape (2,).
+        Weighted sums of the swing that goes against the velocity upward, ahead and to the right.
     """
 
     nominal: bool = True
     keep: float = KEEP
-    scatter: NDArray[np.float64] = field(
-        default_factory=lambda: np.array([[_PRIOR, 0.0], [0.0, 0.0]])
-    )
-    drive: NDArray[np.float64] = field(default_factory=lambda: np.array([_PRIOR, 0.0]))
+    scatter: tuple[float, float, float] = (_PRIOR, 0.0, 0.0)
+    drive: tuple[float, float] = (_PRIOR, 0.0)
 
     @property
     def angle_rad(self) -> float:
         """Return the walking direction against the nominal one, positive to the right [rad]."""
-        angle = _principal(self.scatter)
-        ahead = float(self.drive @ (math.cos(angle), math.sin(angle)))
+        angle = _principal(*self.scatter)
+        ahead = self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
         if self.nominal or ahead >= 0:
             return angle
         return angle - math.copysign(math.pi, angle)
@@ -78,23 +76,23 @@ class WalkingAxis:
         """Take a step's swing ahead and to the right, as parts of the vertical one, shape (2,)."""
         ahead, right = swing.tolist()
         size = 1 + abs(ahead) ** 2 + abs(right) ** 2
-        along = np.array([ahead.imag, right.imag]) / size
-        products = along[:, None] * along
-        if self.nominal and abs(_principal(products)) > _REACH_RAD:
+        a, r = ahead.imag / size, right.imag / size
+        if self.nominal and abs(_principal(a * a, a * r, r * r)) > _REACH_RAD:
             return
-        self.scatter = self.keep * self.scatter + products
-        self.drive = _KEEP_SIGN * self.drive + along
+        aa, ar, rr = self.scatter
+        self.scatter = (self.keep * aa + a * a, self.keep * ar + a * r, self.keep * rr + r * r)
+        self.drive = (_KEEP_SIGN * self.drive[0] + a, _KEEP_SIGN * self.drive[1] + r)
 
     def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return accelerations ahead, to the right and up about the axis, shape (3, n)."""
-        cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
-        ahead, right, up = values
-        return np.stack([cos * ahead + sin * right, cos * right - sin * ahead, up])
+        angle, out = self.angle_rad, values.copy()
+        cos, sin = math.cos(angle), math.sin(angle)
+        out[0], out[1] = cos * values[0] + sin * values[1], cos * values[1] - sin * values[0]
+        return out
 
 
-def _principal(products: NDArray[np.float64]) -> float:
+def _principal(aa: float, ar: float, rr: float) -> float:
     """Return the direction of the principal axis of a symmetric matrix, within a quarter turn."""
-    (aa, ar), (_, rr) = products.tolist()
     return 0.5 * math.atan2(2 * ar, aa - rr)
 
 

@@ -61,10 +61,12 @@ class Pose:
 
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
-        from ..heading.rotation_kernels import turned_by
+        from ..heading.rotation_kernels import turn_by
 
+        orientation = self.orientation.copy()
+        turn_by(error, orientation)
         return Pose(
-            turned_by(error[TURN], self.orientation),
+            orientation,
             self.velocity + error[SPEED],
             self.place + error[PLACE],
             self.gyro_bias + error[GYRO],

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import add_matrix, multiply, normalise, of_vector, turn
+from ..heading.rotation_kernels import add_matrix, held, multiply, normalise, of_vector, turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -75,7 +75,7 @@ def transition(first: Array, last: Array, gained: Array, length_s: float, gravit
     """Return the transition of a short segment, shape (15, 15), by orientations at its ends."""
     middle, axes, out = 0.5 * (first + last), np.zeros((3, 3)), np.eye(15)
     normalise(middle)
-    add_matrix(middle, length_s, axes)
+    add_matrix(held(middle), length_s, axes)
     x, y, z = gained[0], gained[1], gained[2] + gravity * length_s
     force = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     for i in range(3):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import carry, joseph, normalise, product, turned_by
+from ..heading.rotation_kernels import carry, joseph, normalise, product, turn_by
 from .strapdown_kernels import integrate, transition
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def correct(pose: Array, covariance: Array, first: int, value: Array, sigma: flo
 @compiled
 def move(pose: Array, error: Array) -> None:
     """Add an error state, shape (15,), to a pose in place."""
-    pose[:SPEED] = turned_by(error[:3], pose[:SPEED])
+    turn_by(error, pose[:SPEED])
     for i in range(3, SIZE):
         pose[i + 1] += error[i]
 

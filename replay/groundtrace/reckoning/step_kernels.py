@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import add_matrix, carry, turn
+from ..heading.rotation_kernels import add_matrix, carry, held, turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def mean_up(orientation: Array) -> Array:
     """Return which way up is in the axes of a body, on average, shape (3,)."""
     mean, up = np.zeros((3, 3)), np.empty(3)
     for i in range(len(orientation)):
-        add_matrix(orientation[i], 1.0 / len(orientation), mean)
+        add_matrix(held(orientation[i]), 1.0 / len(orientation), mean)
     up[:] = mean[2]
     return up
 
