@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import copy
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.events import Gap, Pick, StageSpec
+from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec
 
 from .detector import Associator
 from .gates import Candidates, Carry, decided_block, gate_specs
-from .stage import PluginStage, TopicRun
+from .stage import PluginStage, TopicRun, accepted_events
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import SignalBlock
 
 
@@ -108,10 +109,15 @@ class AssociatorStage(PluginStage[Associator]):
     ) -> None:
         """Decide the groups that wait, topic by topic; give what they bring about to its place."""
         for topic, groups in waiting.items():
-            parts = [found for _, found in groups]
-            decided = self._runs[topic].decide_all(parts, self.parameters)
-            for (place, _), events in zip(groups, decided, strict=True):
-                given[place] += events
+            run = self._runs[topic]
+            found = Candidates.concatenate([own for _, own in groups])
+            state = (run.worker, self.parameters, run.carry)
+            block, run.carry = decided_block(run.spec, found, *state)
+            told, start = iter(accepted_events(block, run.worker.emits)), 0
+            for place, own in groups:
+                part = _rows_of(block, slice(start, start + len(own)))
+                given[place] += [part, *islice(told, int(part.accepted.sum()))]
+                start += len(own)
         waiting.clear()
 
     def _begin(self, source: StageSpec) -> TopicRun[Associator]:
@@ -122,3 +128,15 @@ class AssociatorStage(PluginStage[Associator]):
             self.name, self.plugin, source.topic, names, worker.columns, gates, (), worker.emits
         )
         return TopicRun(worker, spec)
+
+
+def _rows_of(block: CandidateBlock, rows: slice) -> CandidateBlock:
+    return CandidateBlock(
+        block.spec,
+        block.time_ns[rows],
+        block.channel[rows],
+        block.value[rows],
+        block.gate_value[rows],
+        block.margin[rows],
+        block.accepted[rows],
+    )

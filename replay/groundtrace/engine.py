@@ -11,7 +11,7 @@ from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Sequence
 
     from groundtrace_codecs.events import Event, Gap, Note
 
@@ -52,10 +52,15 @@ class Tally:
         self.samples += block.samples.size
         return self.last_ns
 
-    def add(self, event: Event) -> None:
-        """Count an event."""
-        rows = len(event) if isinstance(event, CandidateBlock | TraceBlock) else 1
-        self.counts[type(event).__name__] += rows
+    def add(self, events: Collection[Event]) -> None:
+        """Count events."""
+        kinds = Counter(map(type, events))
+        for kind, count in kinds.items():
+            self.counts[kind.__name__] += count
+        if CandidateBlock in kinds or TraceBlock in kinds:
+            for event in events:
+                if isinstance(event, (CandidateBlock, TraceBlock)):
+                    self.counts[type(event).__name__] += len(event) - 1
 
 
 def replay(
@@ -92,7 +97,7 @@ def replay(
             _wait(clock, item.end_ns)
             last_ns = tally.hear(item)
         else:
-            tally.add(item)
+            tally.add([item])
         for sink in sinks:
             sink.write(item)
         _deliver(pipeline.process(item), sinks, tally)
@@ -103,9 +108,9 @@ def replay(
     return tally
 
 
-def _deliver(events: Iterable[Event], sinks: Sequence[Sink], tally: Tally) -> None:
-    for event in events:
-        tally.add(event)
+def _deliver(events: Collection[Event], sinks: Sequence[Sink], tally: Tally) -> None:
+    tally.add(events)
+    for event in events if sinks else ():
         for sink in sinks:
             sink.write(event)
 

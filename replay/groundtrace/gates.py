@@ -41,7 +41,7 @@ class Candidates:
     value: NDArray[np.float32]
 
     def __len__(self) -> int:
-        return int(self.time_ns.shape[0])
+        return len(self.time_ns)
 
     @classmethod
     def empty(cls, columns: int) -> Candidates:

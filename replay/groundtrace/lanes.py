@@ -4,7 +4,7 @@ A compiler finds by itself that a loop over channels can be done at once, but no
 keeps from one sample to the next may stay in registers. A :class:`Lanes` value is such a row: it is
 read from an array of shape (n, LANES), or (n, LANES_32) of float32, counted with by ``+``, ``-``,
 ``*``, ``/`` and the functions here, and written back. Each lane is rounded as its type is; products
-and sums are not fused.
+and sums are not fused, but by ``multiply_add``.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from numba.core.extending import intrinsic, lower_builtin, register_model
 from numba.core.typing.templates import ConcreteTemplate, infer_global
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
 #: Numbers in a row, of float64 and of float32: as many bytes.
@@ -30,7 +28,6 @@ LANES, LANES_32 = 8, 16
 
 _INT = ir.IntType(32)
 _ROW = ir.VectorType(ir.DoubleType(), LANES)
-_ROW_32 = ir.VectorType(ir.FloatType(), LANES_32)
 
 
 def zero_rows(*shape: int) -> NDArray[np.float64]:
@@ -49,16 +46,18 @@ def in_lanes(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Lanes(types.Type):
-    """The type of a row of numbers: of float64, or of float32."""
+    """The type of a row of numbers: of float64, of float32, or as samples are stored."""
 
-    def __init__(self, number: Any) -> None:
-        super().__init__(name=f"Lanes({number})")
-        self.vector = _ROW if number == types.float64 else _ROW_32
+    def __init__(self, number: Any, width: int) -> None:
+        super().__init__(name=f"Lanes({number}, {width})")
+        self.number = number
+        self.vector = ir.VectorType(_NUMBERS.get(number) or ir.IntType(number.bitwidth), width)
 
 
+_NUMBERS = {types.float64: ir.DoubleType(), types.float32: ir.FloatType()}
 #: The type of a row of float64.
-ROWS = _lanes = Lanes(types.float64)
-_lanes_32 = Lanes(types.float32)
+ROWS = _lanes = Lanes(types.float64, LANES)
+_lanes_32 = Lanes(types.float32, LANES_32)
 
 
 @register_model(Lanes)
@@ -103,31 +102,29 @@ def _row_from(typing: Any, array: Any, first: Any) -> Any:  # noqa: ARG001
     return _kind(array.dtype)(array, types.intp), generate
 
 
-def _column(typing: Any, array: Any, first: Any, index: Any) -> Any:  # noqa: ARG001
-    """Return element ``index`` of LANES successive rows of an array of shape (rows, n).
-
-    Of an array with fewer rows the last one stands for those that are not there. Integers become
-    floating point all at once.
-    """
+def _stored_row(typing: Any, array: Any, index: Any) -> Any:  # noqa: ARG001
+    """Return row ``index`` of an array of shape (n, LANES), of any type of numbers."""
+    kind = Lanes(array.dtype, LANES)
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        kind = signature.args[0]
-        view = context.make_array(kind)(context, builder, given[0])
-        rows, columns = cgutils.unpack_tuple(builder, view.shape, 2)
-        last = builder.sub(rows, ir.Constant(rows.type, 1))
-        found = ir.Constant(ir.VectorType(view.data.type.pointee, LANES), ir.Undefined)
-        for lane in range(LANES):
-            wanted = builder.add(given[1], ir.Constant(rows.type, lane))
-            there = builder.icmp_signed("<", wanted, last)
-            place = builder.mul(builder.select(there, wanted, last), columns)
-            sample = builder.load(builder.gep(view.data, [builder.add(place, given[2])]))
-            found = builder.insert_element(found, sample, ir.Constant(_INT, lane))
-        signed = getattr(kind.dtype, "signed", None)
-        if signed is not None:
-            return (builder.sitofp if signed else builder.uitofp)(found, _ROW)
-        return found if kind.dtype == types.float64 else builder.fpext(found, _ROW)
+        data = context.make_array(signature.args[0])(context, builder, given[0]).data
+        first = builder.mul(given[1], ir.Constant(given[1].type, LANES))
+        address = builder.bitcast(builder.gep(data, [first]), kind.vector.as_pointer())
+        return builder.load(address, align=1)
 
-    return _lanes(array, types.intp, types.intp), generate
+    return kind(array, types.intp), generate
+
+
+def _floating(typing: Any, value: Any) -> Any:  # noqa: ARG001
+    """Return a row of any type of LANES numbers as one of float64."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
+        signed = getattr(value.number, "signed", None)
+        if signed is not None:
+            return (builder.sitofp if signed else builder.uitofp)(given[0], _ROW)
+        return given[0] if value == _lanes else builder.fpext(given[0], _ROW)
+
+    return _lanes(value), generate
 
 
 def _put_row(typing: Any, array: Any, index: Any, value: Any) -> Any:  # noqa: ARG001
@@ -172,44 +169,58 @@ def _absolute(typing: Any, value: Any) -> Any:  # noqa: ARG001
     return _lanes(_lanes), generate
 
 
-def _of_two(emit: Callable[[Any, Any, Any], Any]) -> Any:
-    """Return a function of two rows that emits one instruction."""
+def _chosen(ordering: str) -> Any:
+    """Return a function of two rows that takes the first where it compares so with the second."""
 
     def function(typing: Any, one: Any, other: Any) -> Any:  # noqa: ARG001
-        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
-            return emit(builder, *given)
+        signed = getattr(one.number, "signed", None)
 
-        return _lanes(_lanes, _lanes), generate
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
+            compare = {None: "fcmp_ordered", True: "icmp_signed", False: "icmp_unsigned"}[signed]
+            return builder.select(getattr(builder, compare)(ordering, *given), *given)
+
+        return one(one, one), generate
 
     return intrinsic(function)
 
 
-def _greater(builder: Any, one: Any, other: Any) -> Any:
-    return builder.select(builder.fcmp_ordered(">", one, other), one, other)
+def _multiply_add(typing: Any, one: Any, other: Any, more: Any) -> Any:  # noqa: ARG001
+    """Return the product of two rows and a third, fused where the machine can."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
+        vector = more.vector
+        name = f"llvm.fmuladd.v{vector.count}f{more.number.bitwidth}"
+        kind = ir.FunctionType(vector, [vector] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), given)
+
+    return more(one, other, more), generate
 
 
-def _lesser(builder: Any, one: Any, other: Any) -> Any:
-    return builder.select(builder.fcmp_ordered("<", one, other), one, other)
+def _cut_off(typing: Any, one: Any, other: Any) -> Any:  # noqa: ARG001
+    """Return the first of two rows, but nothing where it is of less size than the second."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:  # noqa: ARG001
+        small = builder.fcmp_ordered("<", _size(builder, given[0]), given[1])
+        return builder.select(small, ir.Constant(_ROW, [0.0] * LANES), given[0])
+
+    return _lanes(_lanes, _lanes), generate
 
 
-def _cut_off(builder: Any, one: Any, other: Any) -> Any:
-    small = builder.fcmp_ordered("<", _size(builder, one), other)
-    return builder.select(small, ir.Constant(_ROW, [0.0] * LANES), one)
-
-
-#: Row of an array of shape (n, LANES), or from any element on; write one; an element of successive
-#: rows; one number in every lane; absolute values. Of float64 alone: ``column`` and those from
-#: here on.
+#: Row of an array of shape (n, LANES), or from any element on; one of any type of numbers; write a
+#: row; one number in every lane; a row as float64; absolute values, of float64.
 row: Any = intrinsic(_row)
 row_from: Any = intrinsic(_row_from)
+stored_row: Any = intrinsic(_stored_row)
 put_row: Any = intrinsic(_put_row)
-column: Any = intrinsic(_column)
 every: Any = intrinsic(_every)
+floating: Any = intrinsic(_floating)
 absolute: Any = intrinsic(_absolute)
+#: The product of two rows, and a third; fused where the machine can.
+multiply_add: Any = intrinsic(_multiply_add)
 #: The greater, the lesser of two rows, lane by lane; of numbers that cannot be compared the second.
-greater, lesser = _of_two(_greater), _of_two(_lesser)
+greater, lesser = _chosen(">"), _chosen("<")
 #: The first of two rows, but nothing where it is of less size than the second.
-cut_off: Any = _of_two(_cut_off)
+cut_off: Any = intrinsic(_cut_off)
 
 
 def _operate(operation: Any, instruction: str) -> None:

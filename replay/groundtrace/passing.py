@@ -16,18 +16,20 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Made:
-    """An item, and what stages made of it, one stage after the other."""
+    """An item, what stages made of it, one after the other, and what the last one did of it."""
 
     item: Any
     born: list[Made] = field(default_factory=list)
+    last: Sequence[Event] = ()
 
     def events(self) -> list[Event]:
         """Return what was made of the item, each event before what was made of that."""
         found: list[Event] = []
         for made in self.born:
             found.append(made.item)
-            if made.born:
+            if made.born or made.last:
                 found += made.events()
+        found += self.last
         return found
 
 
@@ -37,7 +39,7 @@ def pass_on(line: list[Made], stages: Sequence[Stage]) -> None:
     So later stages see items in the order in which they would if each went through all stages
     before the next one came, while a stage that can takes many of them at once.
     """
-    for stage in stages:
+    for stage in stages[:-1]:
         items = [made.item for made in line]
         longer: list[Made] = []
         for made, events in zip(line, _made_by(stage, items), strict=True):
@@ -47,6 +49,10 @@ def pass_on(line: list[Made], stages: Sequence[Stage]) -> None:
                 longer += born
             longer.append(made)
         line = longer
+    for stage in stages[-1:]:
+        made_by = _made_by(stage, [made.item for made in line])
+        for made, events in zip(line, made_by, strict=True):
+            made.last = events
 
 
 def _made_by(stage: Stage, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:

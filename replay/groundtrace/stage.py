@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field
 from fnmatch import fnmatch
-from itertools import accumulate, pairwise
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from groundtrace_codecs.events import (
@@ -71,18 +71,11 @@ class TopicRun(Generic[W]):
     spans: Spans = field(default_factory=Spans)
     open: bool = True
 
-    def decide(self, found: Candidates, parameters: Any) -> Iterator[Event]:
-        """Yield the decided candidates and the events that the accepted ones stand for."""
-        if len(found):
-            yield from self.decide_all([found], parameters)[0]
-
-    def decide_all(self, parts: Sequence[Candidates], parameters: Any) -> list[list[Event]]:
-        """Decide candidates that came one after the other; return of each part what it gives."""
-        found = Candidates.concatenate(parts) if len(parts) > 1 else parts[0]
+    def decide(self, found: Candidates, parameters: Any) -> list[Event]:
+        """Return the decided candidates and the events that the accepted ones stand for."""
+        if not len(found):
+            return []
         block, self.carry = decided_block(self.spec, found, self.worker, parameters, self.carry)
-        return [self._events(part) for part in _parted(block, [len(part) for part in parts])]
-
-    def _events(self, block: CandidateBlock) -> list[Event]:
         if self.worker.emits == "presence":
             return [block, *self.spans.take(block)]
         return [block, *accepted_events(block, self.worker.emits)]
@@ -214,12 +207,12 @@ class DetectorStage(PluginStage[Detector]):
         )
         return TopicRun(detector, spec, columns)
 
-    def _feed(self, run: TopicRun[Detector], block: SignalBlock) -> Iterator[Event]:
+    def _feed(self, run: TopicRun[Detector], block: SignalBlock) -> list[Event]:
         if not run.open:
             run.worker = self.kind(self.parameters)
             run.worker.start(block.stream)
             run.open = True
-        yield from self._measured(run, run.worker.measure(run.holder.held(block)))
+        return self._measured(run, run.worker.measure(run.holder.held(block)))
 
     def _finish(self, run: TopicRun[Detector]) -> Iterator[Event]:
         if not run.open:
@@ -232,53 +225,26 @@ class DetectorStage(PluginStage[Detector]):
             yield Note(run.holder.last_ns, text, "WARN", self.name)
         run.holder = Holder()
 
-    def _measured(self, run: TopicRun[Detector], measured: Measured) -> Iterator[Event]:
-        if len(measured.frames.time_ns):
-            yield TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value)
-        yield from run.decide(measured.candidates, self.parameters)
+    def _measured(self, run: TopicRun[Detector], measured: Measured) -> list[Event]:
+        decided = run.decide(measured.candidates, self.parameters)
+        if not len(measured.frames.time_ns):
+            return decided
+        return [TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value), *decided]
 
 
-def accepted_events(block: CandidateBlock, emits: Emits) -> Iterator[Pick | StepEvent]:
-    """Yield the events that the accepted candidates of a block stand for."""
+def accepted_events(block: CandidateBlock, emits: Emits) -> list[Pick | StepEvent]:
+    """Return the events that the accepted candidates of a block stand for."""
     rows = block.accepted.nonzero()[0]
     if not len(rows):
-        return
-    names = [c.name for c in block.spec.columns]
-    sigma = names.index("uncertainty") if "uncertainty" in names else None
-    count = names.index("channels") if "channels" in names else None
-    channels, topic, stage = block.spec.channels, block.spec.topic, block.spec.stage
-    columns = (block.time_ns, block.channel, block.value)
-    for time_ns, channel, value in zip(*(c[rows].tolist() for c in columns), strict=True):
-        if emits == "pick":
-            spread_s = NAN if sigma is None else value[sigma]
-            yield Pick(time_ns, channels[channel], topic, stage, spread_s, value[0])
-        else:
-            yield StepEvent(
-                time_ns=time_ns,
-                kind=emits,
-                foot="",
-                topic=topic,
-                stage=stage,
-                value=value[0],
-                channels=1 if count is None else int(value[count]),
-            )
-
-
-def _parted(block: CandidateBlock, lengths: Sequence[int]) -> list[CandidateBlock]:
-    """Return a block of candidates as blocks of these lengths."""
-    if len(lengths) == 1:
-        return [block]
-    ends = list(accumulate(lengths, initial=0))
-    return [_rows_of(block, slice(*span)) for span in pairwise(ends)]
-
-
-def _rows_of(block: CandidateBlock, rows: slice) -> CandidateBlock:
-    return CandidateBlock(
-        block.spec,
-        block.time_ns[rows],
-        block.channel[rows],
-        block.value[rows],
-        block.gate_value[rows],
-        block.margin[rows],
-        block.accepted[rows],
-    )
+        return []
+    spec = block.spec
+    names = [c.name for c in spec.columns]
+    times, columns = block.time_ns[rows].tolist(), block.value[rows].T.tolist()
+    if emits == "pick":
+        channels = [spec.channels[channel] for channel in block.channel[rows].tolist()]
+        sigma = columns[names.index("uncertainty")] if "uncertainty" in names else repeat(NAN)
+        origin = repeat(spec.topic), repeat(spec.stage)
+        return list(map(Pick, times, channels, *origin, sigma, columns[0]))
+    count = map(int, columns[names.index("channels")]) if "channels" in names else repeat(1)
+    told = zip(times, columns[0], count, strict=False)
+    return [StepEvent(time_ns, emits, "", spec.topic, spec.stage, *own) for time_ns, *own in told]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -144,14 +144,32 @@ class StepTypeStage(PluginStage["StepTypes"]):
         told = [] if run.follower is None else list(run.follower.told(final=final))
         if not told:
             return
-        found = Candidates.concatenate([candidates for _, candidates in told])
+        types = len(run.spec.channels)
+        found = Candidates(
+            np.repeat([step.time_ns for step, _ in told], types),
+            np.tile(np.arange(types, dtype=np.int32), len(told)),
+            np.array([row for _, rows in told for row in rows], np.float32),
+        )
         block, run.carry = decided_block(run.spec, found, self.kind, self.parameters, run.carry)
         yield block
         last = -1
         for row in np.flatnonzero(block.accepted).tolist():
-            place = row // len(run.spec.channels)
+            place = row // types
             if place > last:
                 name = run.spec.channels[int(block.channel[row])]
                 value = float(block.value[row, 0])
-                yield replace(told[place][0], stage=self.name, type=name, value=value)
+                yield self._typed(told[place][0], name, value)
             last = place
+
+    def _typed(self, step: StepEvent, kind: str, value: float) -> StepEvent:
+        """Return a step again, with its type."""
+        return StepEvent(
+            time_ns=step.time_ns,
+            kind=step.kind,
+            foot=step.foot,
+            topic=step.topic,
+            stage=self.name,
+            value=value,
+            channels=step.channels,
+            type=kind,
+        )

@@ -29,13 +29,13 @@ def _exchanged(builder: Any, one: Any, other: Any, step: int) -> tuple[Any, Any]
 
 
 def _converted(builder: Any, numbers: Any, given: Any, wanted: Any) -> Any:
-    """Return numbers of one type as those of a floating one."""
+    """Return numbers of one type as those of the same or a floating one."""
+    if given == wanted:
+        return numbers
     kind = ir.VectorType(ir.DoubleType() if wanted == types.float64 else ir.FloatType(), TILE)
     signed = getattr(given, "signed", None)
     if signed is not None:
         return (builder.sitofp if signed else builder.uitofp)(numbers, kind)
-    if given.bitwidth == wanted.bitwidth:
-        return numbers
     return (builder.fpext if given.bitwidth < wanted.bitwidth else builder.fptrunc)(numbers, kind)
 
 

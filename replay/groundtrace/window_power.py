@@ -14,162 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .compiled import compiled
-from .lanes import LANES, LANES_32, every, put_row, row, row_from
-from .tiles import TILE, turn
+from .lanes import LANES, LANES_32
+from .tiles import TILE
+from .window_kernels import put_power
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
     Real = NDArray[np.floating[Any]]
-
-
-@compiled
-def _put_side_by_side(samples: NDArray[Any], first: int, hop: int, turned: Real) -> None:
-    """Put runs of samples, a hop apart, into columns.
-
-    Parameters
-    ----------
-    samples
-        Shape (n,).
-    first, hop
-        Where the first run begins, and from one to the next.
-    turned
-        Shape (length, runs), no less than TILE of each.
-    """
-    length, runs = turned.shape
-    for begin in range(0, runs, TILE):
-        run = min(begin, runs - TILE)
-        for j in range(0, length, TILE):
-            turn(samples, first + run * hop + j, hop, turned, j * runs + run, runs)
-
-
-@compiled
-def _fold(
-    turned: Real,
-    window: int,
-    hop: int,
-    pairs: NDArray[np.int64],
-    weights: Real,
-    share: Real,
-    folded: Real,
-) -> None:
-    """Fold the windows of all lanes about their middle, and about a quarter of the transform.
-
-    Parameters
-    ----------
-    turned
-        Shape (length, runs): sample ``j`` of the first window is in row ``j % hop`` of run
-        ``j // hop``, those of the other windows in the runs after it.
-    window, hop
-        Length of a window, and from one to the next.
-    pairs, weights
-        Shape (2, n): samples of a window's first half that are folded upon each other, and by what
-        they, and those of the second half, are multiplied.
-    share
-        Shape (1,): what a sample has in twice the mean that is taken away; nothing where none is.
-    folded
-        Shape (4, n, lanes): gets the terms of even and odd cosines, and of even and odd sines.
-    """
-    runs, last = turned.shape[1], window - 1
-    level = every(share[0]) * row_from(turned, 0)
-    for j in range(1, window if share[0] else 0):
-        level = level + every(share[0]) * row_from(turned, j % hop * runs + j // hop)
-    for i in range(pairs.shape[1]):
-        j, k = pairs[0, i], pairs[1, i]
-        a = row_from(turned, j % hop * runs + j // hop)
-        b = row_from(turned, (last - j) % hop * runs + (last - j) // hop)
-        c = row_from(turned, k % hop * runs + k // hop)
-        d = row_from(turned, (last - k) % hop * runs + (last - k) // hop)
-        weight, other = every(weights[0, i]), every(weights[1, i])
-        near, far = (a + b - level) * weight, (c + d - level) * other
-        put_row(folded[0], i, near + far)
-        put_row(folded[1], i, near - far)
-        near, far = (a - b) * weight, (c - d) * other
-        put_row(folded[2], i, near - far)
-        put_row(folded[3], i, near + far)
-
-
-@compiled
-def _multiply(folded: Real, cosines: Real, sines: Real, power: Real) -> None:
-    """Write the power of the windows of all lanes, shape (frequencies, lanes).
-
-    Parameters
-    ----------
-    folded
-        Shape (4, n, lanes).
-    cosines, sines
-        Shape (frequencies, n); frequencies are a multiple of 4.
-    """
-    for k in range(len(cosines)):
-        if k & 2:  # with that two before, of the same terms
-            continue
-        terms, others = folded[k & 1], folded[2 + (k & 1)]
-        real, real_2 = (
-            every(cosines[k, 0]) * row(terms, 0),
-            every(cosines[k + 2, 0]) * row(terms, 0),
-        )
-        imaginary = every(sines[k, 0]) * row(others, 0)
-        imaginary_2 = every(sines[k + 2, 0]) * row(others, 0)
-        for i in range(1, cosines.shape[1]):
-            term, other = row(terms, i), row(others, i)
-            real = real + every(cosines[k, i]) * term
-            real_2 = real_2 + every(cosines[k + 2, i]) * term
-            imaginary = imaginary + every(sines[k, i]) * other
-            imaginary_2 = imaginary_2 + every(sines[k + 2, i]) * other
-        put_row(power, k, real * real + imaginary * imaginary)
-        put_row(power, k + 2, real_2 * real_2 + imaginary_2 * imaginary_2)
-
-
-@compiled
-def _put_power(
-    samples: NDArray[Any],
-    start: int,
-    window: int,
-    hop: int,
-    pairs: NDArray[np.int64],
-    weights: Real,
-    share: Real,
-    cosines: Real,
-    sines: Real,
-    power: Real,
-) -> None:
-    """Write the power of windows of each channel.
-
-    Parameters
-    ----------
-    samples
-        Shape (n_channels, n).
-    start, window, hop
-        Where the first window begins, length of each, and from one to the next.
-    pairs, weights, share, cosines, sines
-        Of a window.
-    power
-        Shape (n_channels, windows, frequencies): multiples of the lanes and of TILE. Windows that
-        end behind the samples are of no meaning.
-    """
-    frequencies, n = cosines.shape
-    lanes = LANES if cosines.itemsize == 8 else LANES_32
-    length, runs = -(-min(hop, window) // TILE) * TILE, lanes + (window - 1) // hop
-    turned = np.empty((length, runs), cosines.dtype)
-    folded = np.empty((4, n, lanes), cosines.dtype)
-    found = np.empty((frequencies, lanes), cosines.dtype)
-    rest = np.zeros((runs - 1) * hop + length, samples.dtype)
-    for channel in range(len(samples)):
-        own = samples[channel]
-        for first in range(0, power.shape[1], lanes):
-            begin = start + first * hop
-            if begin + len(rest) <= len(own):
-                _put_side_by_side(own, begin, hop, turned)
-            else:
-                rest[: len(own) - begin] = own[begin:]
-                _put_side_by_side(rest, 0, hop, turned)
-            _fold(turned, window, hop, pairs, weights, share, folded)
-            _multiply(folded, cosines, sines, found)
-            for lane in range(0, lanes, TILE):
-                for k in range(0, frequencies, TILE):
-                    place = (first + lane) * frequencies + k
-                    turn(found, k * lanes + lane, lanes, power[channel], place, frequencies)
 
 
 def _folds(
@@ -229,7 +81,14 @@ class WindowPower:
         angle = 2 * np.pi / transform * before * np.arange(padded)[:, None]
         self._cosines, self._sines = np.cos(angle).astype(kind), np.sin(angle).astype(kind)
 
-    def __call__(self, samples: NDArray[Any], start: int, hop: int, count: int) -> Real:
+    def __call__(
+        self,
+        samples: NDArray[Any],
+        start: int,
+        hop: int,
+        count: int,
+        before: NDArray[Any] | None = None,
+    ) -> Real:
         """Return the power of windows, shape (..., count, frequencies).
 
         Parameters
@@ -238,13 +97,16 @@ class WindowPower:
             Shape (n,) or (n_channels, n), of any type of integers or of floating point.
         start, hop, count
             Where the first window begins, from one to the next [samples], and how many there are.
+        before
+            Samples that these follow, contiguous: there ``start`` may lie, less than 0.
         """
         rows = np.ascontiguousarray(np.atleast_2d(samples))
+        before = rows[:, :0].copy() if before is None else before
         lanes = LANES if self._cosines.itemsize == 8 else LANES_32
         shape = (len(rows), -(-count // lanes) * lanes, len(self._cosines))
         power = np.empty(shape, self._cosines.dtype)
         window = (self._pairs, self._weights, self._share, self._cosines, self._sines)
-        _put_power(rows, start, self.window, hop, *window, power)
+        put_power(before, rows, start, self.window, hop, *window, power)
         return power.reshape(*samples.shape[:-1], *shape[1:])[..., :count, : self.frequencies]
 
 
@@ -271,8 +133,13 @@ class RunningPower:
         -------
         Shape (n_channels, windows, frequencies).
         """
-        if self._tail is not None:
-            samples = np.concatenate([self._tail, samples], axis=1)
-        count = max(0, (samples.shape[1] - self._power.window) // self._hop + 1)
-        self._tail = samples[:, count * self._hop :].copy()
-        return self._power(samples, 0, self._hop, count)
+        tail = samples[:, :0].copy() if self._tail is None else self._tail
+        before, new = tail.shape[1], samples.shape[1]
+        count = max(0, (before + new - self._power.window) // self._hop + 1)
+        found = self._power(samples, -before, self._hop, count, tail)
+        done = count * self._hop - before
+        joined = (
+            samples[:, done:] if done >= 0 else np.concatenate([tail[:, done:], samples], axis=1)
+        )
+        self._tail = joined.copy()
+        return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from replay_blocks import START_NS, stream_of
@@ -57,6 +59,18 @@ def test_the_compiled_picker_says_what_the_plain_one_says(channels, rate_hz, kin
         assert np.array_equal(found.accepted, decisions.accepted)
         assert np.allclose(found.values, slow.value, rtol=1e-6)
         assert np.allclose(found.trace, slow.frames, rtol=1e-6, atol=1e-12)
+
+
+def test_a_sensor_whose_scale_is_negative_is_picked_as_the_plain_picker_does():
+    block = footsteps(9, 4_000.0, np.int16, seed=1)
+    turned = tuple(replace(c, scale=-2e-3) for c in block.stream.channels)
+    block = replace(block, stream=replace(block.stream, channels=turned))
+    parameters = VarianceChangePicker.Parameters()
+    slow = slow_toa_cv(block, parameters)
+    stage = DetectorStage("picks", "toa-cv", VarianceChangePicker, parameters)
+    found = outcome([*stage.process(block), *stage.flush()])
+    assert np.array_equal(found.times, slow.time_ns)
+    assert np.allclose(found.trace, slow.frames, rtol=1e-6, atol=1e-12)
 
 
 def test_a_sensor_that_comes_alive_after_long_silence_is_no_arrival():

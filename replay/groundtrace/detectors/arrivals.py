@@ -20,7 +20,7 @@ from ..lanes import LANES
 from .cells import CELL_S, LocalMaxima, NoiseLevel, NoiseRatio, Rises
 from .frames import FrameTrace
 from .lane_history import LaneHistory, SampleClock
-from .onset import mean_onsets, timed_onsets
+from .onset import with_onsets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -158,7 +158,8 @@ class ArrivalTracker:
             return Measured(NOTHING, self._trace.nothing())
         ratio = self._ratio(cells.level)
         self._reached = (cells, ratio)
-        begins = np.arange(cells.first, cells.first + len(cells))[self._trace.begins(len(cells))]
+        start, stop, step = self._trace.begins(len(cells)).indices(len(cells))
+        begins = np.arange(cells.first + start, cells.first + stop, step)
         rows = (ratio, cells.peak, cells.power, cells.high, cells.low)
         frames = self._trace.take(self.clock.at(begins * self._length), *rows)
         return Measured(self._candidates(ratio, final=False), frames)
@@ -195,10 +196,7 @@ class ArrivalTracker:
         ready = len(waiting.peak) if final else ready
         self._waiting = waiting.part(slice(ready, None))
         if ready:
-            held = self._refined(waiting.part(slice(ready)))
-            if len(self._held):
-                held = Candidates.concatenate([self._held, held])
-            self._held = held.rows(np.lexsort((held.channel, held.time_ns)))
+            self._held = self._refined(waiting.part(slice(ready)))
         return self._held if final else self._release()
 
     def _release(self) -> Candidates:
@@ -222,14 +220,13 @@ class ArrivalTracker:
         return 0 if self._reached is None else self._reached[0].first * self._length
 
     def _refined(self, rises: Rises) -> Candidates:
-        """Return candidates at the onsets of rises."""
-        channel = rises.channel
-        history, correlation = self.history, self.settings.correlation_s * self.rate_hz
-        span = history.first, history.end
-        anchor = self._anchors(rises)
-        found = mean_onsets(history.rows(), span, anchor, channel, self._windows, correlation)
-        whole, past_ns, value = timed_onsets(found, rises.value, self.rate_hz)
-        return Candidates(self.clock.at(whole) + past_ns, channel.astype(np.int32), value)
+        """Return the candidates that are held, and those at the onsets of rises."""
+        held = (self._held.time_ns, self._held.channel, self._held.value)
+        signal = (self.history.rows(), (self.history.first, self.history.end))
+        new = (self._anchors(rises), rises.channel, rises.value)
+        correlation = self.settings.correlation_s * self.rate_hz
+        clock = (self.clock.table, self.rate_hz)
+        return Candidates(*with_onsets(held, signal, new, self._windows, correlation, clock))
 
     def _anchors(self, rises: Rises) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..lanes import LANES, zero_rows
-from .arrival_kernels import OPEN, empty_cell, load, reduce_cells
 from .cell_kernels import ratio_to_noise, settled_maxima, window_maxima
+from .open_cell_kernels import OPEN, empty_cell, load, reduce_cells
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,7 +84,7 @@ class OpenCells:
         self.length = max(1, round(CELL_S * rate_hz))
         self.channels = channels
         self.groups = -(-channels // LANES)
-        self.cell = np.empty((self.groups, OPEN, LANES))
+        self.cell = zero_rows(self.groups, OPEN)
         for cell in self.cell:
             empty_cell(cell)
         self.filled = 0
@@ -93,10 +93,6 @@ class OpenCells:
     def room(self, samples: int) -> NDArray[np.float64]:
         """Return an array for the cells that some more samples complete, (OPEN, channels, n)."""
         return np.empty((OPEN, self.channels, (self.filled + samples) // self.length))
-
-    def lanes(self, cells: NDArray[np.float64], group: int) -> NDArray[np.float64]:
-        """Return the part of such an array that belongs to a group."""
-        return cells[:, group * LANES : (group + 1) * LANES]
 
     def done(self, cells: NDArray[np.float64], samples: int) -> Cells:
         """Return the cells, now that the samples were taken."""
@@ -126,8 +122,8 @@ class CellReducer:
             for signal, lanes in zip(signals, rows, strict=True):
                 load(np.ascontiguousarray(signal), group * LANES, 0, lanes)
             recorded, filtered, level = rows
-            state = (cells.cell[group], cells.filled, cells.length)
-            reduce_cells(recorded, filtered, level, *state, cells.lanes(found, group))
+            state = (group * LANES, cells.cell[group], cells.filled, cells.length)
+            reduce_cells(recorded, filtered, level, *state, found)
         return cells.done(found, n)
 
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:

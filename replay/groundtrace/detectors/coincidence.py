@@ -130,18 +130,19 @@ class Coincidence:
 
     def associate(self, pick: Pick) -> Candidates:
         """Take a pick; return the groups before it whose window is over."""
-        state, time_ns, front = self.state, pick.time_ns, self.state.front
-        if front is not None and time_ns - front.last_ns <= self._sharp_ns:
-            front.last_ns = time_ns
-            front.channels.add(pick.channel)
-            return NOTHING
+        state, time_ns = self.state, pick.time_ns
+        front, groups = state.front, state.groups
         if front is not None:
+            if time_ns - front.last_ns <= self._sharp_ns:
+                front.last_ns = time_ns
+                front.channels.add(pick.channel)
+                return NOTHING
             self._close(front)
-        front = state.front = _Group(time_ns, time_ns, {pick.channel})
-        if not state.groups or self._within(state.groups[0], front):
+        state.front = _Group(time_ns, time_ns, {pick.channel})
+        if not groups or time_ns - groups[0].first_ns <= self._window_ns:
             return NOTHING
-        over = [group for group in state.groups if not self._within(group, front)]
-        state.groups = state.groups[len(over) :]
+        over = [group for group in groups if time_ns - group.first_ns > self._window_ns]
+        state.groups = groups[len(over) :]
         return self._candidates(over)
 
     def finish(self) -> Candidates:
@@ -156,14 +157,12 @@ class Coincidence:
         groups = self.state.groups
         short = self._sharp_ns > 0 and front.last_ns - front.first_ns <= self._sharp_ns
         front.sharp = short and len(front.channels) >= self._most
-        if front.sharp or not groups or groups[-1].sharp or not self._within(groups[-1], front):
+        last = groups[-1] if groups and not front.sharp else None
+        if last is None or last.sharp or front.first_ns - last.first_ns > self._window_ns:
             groups.append(front)
         else:
-            groups[-1].last_ns = front.last_ns
-            groups[-1].channels |= front.channels
-
-    def _within(self, group: _Group, front: _Group) -> bool:
-        return front.first_ns - group.first_ns <= self._window_ns
+            last.last_ns = front.last_ns
+            last.channels |= front.channels
 
     def _candidates(self, groups: Sequence[_Group]) -> Candidates:
         if not groups:

@@ -27,8 +27,8 @@ def planar(block: SignalBlock) -> NDArray[np.float64]:
 
 def planar_as_stored(block: SignalBlock) -> NDArray[Any]:
     """Return a block's samples channel by channel, as compiled functions take them: not scaled."""
-    native = block.samples.dtype.newbyteorder("=")
-    return np.require(block.samples.T, native, ["C", "A", "W"])
+    samples = np.ascontiguousarray(block.samples.T, block.samples.dtype.newbyteorder("="))
+    return samples if samples.flags.behaved else samples.copy()
 
 
 def corner(hz: float, rate_hz: float) -> float:

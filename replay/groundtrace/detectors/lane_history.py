@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..lanes import LANES, zero_rows
-from .arrival_kernels import load
 from .cell_kernels import times_of
+from .open_cell_kernels import load
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,11 @@ class SampleClock:
     """Times of a run's samples by their index from its first block on.
 
     The anchor of the times may move from block to block: the source follows small steps of a clock.
+
+    Attributes
+    ----------
+    table
+        Anchors, as :func:`~groundtrace.detectors.cell_kernels.times_of` takes them.
     """
 
     def __init__(self) -> None:
@@ -28,7 +33,7 @@ class SampleClock:
         self._period_ns = 0.0
         self._starts = [0]  # index from which an anchor holds
         self._anchors = [(0, 0)]  # time of the anchor, and which index before ours it counts from
-        self._table = np.zeros((1, 3), np.int64)  # both, for compiled functions
+        self.table = np.zeros((1, 3), np.int64)  # both, for compiled functions
 
     def add(self, block: SignalBlock) -> None:
         """Count in a block of the run."""
@@ -42,7 +47,7 @@ class SampleClock:
 
     def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the times of samples [ns], shape (n,), as their blocks have them."""
-        return times_of(np.asarray(index, np.intp), self._table, self._period_ns)
+        return times_of(np.asarray(index, np.intp), self.table, self._period_ns)
 
     def time_of(self, index: int) -> int:
         """Return the time of one sample [ns]."""
@@ -57,7 +62,7 @@ class SampleClock:
 
     def _tabulate(self) -> None:
         rows = [(start, *anchor) for start, anchor in zip(self._starts, self._anchors, strict=True)]
-        self._table = np.array(rows, np.int64)
+        self.table = np.array(rows, np.int64)
 
 
 class LaneHistory:
@@ -92,7 +97,7 @@ class LaneHistory:
             # little more than a block stays near in the caches, and yet what is kept moves seldom
             wanted = max(room, 4 * kept + samples)
             rows = self._rows if wanted == room else zero_rows(signals, groups, wanted)
-            rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept].copy()
+            rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept]
             self._rows, self._begin = rows, 0
         self.end += samples
 
@@ -101,14 +106,13 @@ class LaneHistory:
         n = signals[0].shape[1]
         self.extend(n)
         for index, signal in enumerate(signals):
-            for group in range(self._rows.shape[1]):
-                rows = self.recent(n, group, index)
+            for group, rows in enumerate(self.recent(n, index)):
                 load(np.ascontiguousarray(signal), group * LANES, 0, rows)
 
-    def recent(self, samples: int, group: int, signal: int = 0) -> NDArray[np.float64]:
-        """Return the last samples of a group of channels, shape (n, LANES): a view."""
+    def recent(self, samples: int, signal: int = 0) -> NDArray[np.float64]:
+        """Return the last samples of a signal, shape (n_groups, n, LANES): a view."""
         stop = self._begin + self.end - self.first
-        return self._rows[signal, group, stop - samples : stop]
+        return self._rows[signal, :, stop - samples : stop]
 
     def rows(self, signal: int = 0) -> NDArray[np.float64]:
         """Return what is kept of a signal, shape (n_groups, n, LANES): a view."""

@@ -17,6 +17,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..compiled import compiled
 from ..lanes import LANES, every, greater, put_row, row
 from ..logarithms import ROUGHNESS, logarithm, rough_logarithm
+from .cell_kernels import times_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,30 +62,57 @@ def _rows_near_the_least(line: Array, n: int, margin: float) -> tuple[int, int]:
 
 
 @compiled
-def criterion_of(window: Array, sums: Array, found: Array, margin: float) -> None:
+def memory_of(n: int) -> Array:
+    """Return memory for sums of windows of up to n samples, shape (7, at least n / LANES, LANES).
+
+    Row 4 holds k = 1, 2, ..., row 5 their inverse, row 6 those of n - k as long as n is the same.
+    """
+    sums = np.ones((7, n // LANES + 1, LANES))
+    k, inverse = sums[4].reshape(-1), sums[5].reshape(-1)
+    for i in range(len(k)):
+        k[i], inverse[i] = i + 1.0, 1.0 / (i + 1.0)
+    return sums
+
+
+@compiled
+def _count_down(sums: Array, n: int) -> None:
+    inverse, down = sums[5].reshape(-1), sums[6].reshape(-1)
+    if down[0] == inverse[n - 2] and down[n - 2] == 1.0:
+        return
+    for i in range(len(down)):
+        down[i] = inverse[n - 2 - i] if i < n - 1 else 0.0
+
+
+@compiled
+def criterion_of(window: Array, sums: Array, found: Array, margin: float) -> tuple[int, int]:
     """Write AIC(k) for k = 1 ... n-1 of a window of n samples into ``found``.
 
-    ``found`` and the rows of ``sums``, shape (5, at least n / LANES, LANES), are used as lines.
+    ``found`` and the rows of ``sums``, as :func:`memory_of` has them, are used as lines.
     What is more than ``margin`` above the least, and lies before or after all that is not, is known
     roughly only: still above it, but up to n * ROUGHNESS too low.
+
+    Returns
+    -------
+    Where, on that line, lies what is known, away from the ends of the window: first, after last.
     """
     n = len(window)
+    _count_down(sums, n)
     total, square = sums[0].reshape(-1), sums[1].reshape(-1)
-    first = window[0]
-    total[0] = square[0] = 0.0
-    for i in range(1, n):
+    first, all_of_x, all_of_squares = window[0], 0.0, 0.0
+    for i in range(n):
         x = window[i] - first  # an offset would take the digits of the variance
-        total[i] = total[i - 1] + x
-        square[i] = square[i - 1] + x * x
+        all_of_x += x
+        all_of_squares += x * x
+        total[i], square[i] = all_of_x, all_of_squares
     rows = (n - 2) // LANES + 1
     most, nothing = every(0.0), every(0.0)
-    count, all_total, all_square = every(n * 1.0), every(total[n - 1]), every(square[n - 1])
+    count, all_total, all_square = every(n * 1.0), every(all_of_x), every(all_of_squares)
     for i in range(rows):
-        k = row(sums[4], i)
-        mean = row(sums[0], i) / k
-        put_row(sums[2], i, greater(row(sums[1], i) / k - mean * mean, nothing))
-        rest = (all_total - row(sums[0], i)) / (count - k)
-        spread = (all_square - row(sums[1], i)) / (count - k) - rest * rest
+        share, mean = row(sums[5], i), row(sums[0], i) * row(sums[5], i)
+        put_row(sums[2], i, greater(row(sums[1], i) * share - mean * mean, nothing))
+        share = row(sums[6], i)
+        rest = (all_total - row(sums[0], i)) * share
+        spread = (all_square - row(sums[1], i)) * share - rest * rest
         spread = greater(spread, nothing) if i + 1 < rows else _cut(sums[3], i, spread, n - 1)
         put_row(sums[3], i, spread)
         most = greater(spread, most)
@@ -99,28 +127,18 @@ def criterion_of(window: Array, sums: Array, found: Array, margin: float) -> Non
     for i in range(first_row, end):
         k, before, after = row(sums[4], i), row(sums[2], i), row(sums[3], i)
         put_row(found, i, k * logarithm(before) + (count - k) * logarithm(after))
+    return max(first_row * LANES, EDGE), min(end * LANES, n - 1 - EDGE)
 
 
 @compiled
-def memory_of(n: int) -> Array:
-    """Return memory for sums of windows of up to n samples; row 4 holds k = 1, 2, ..."""
-    sums = np.ones((5, n // LANES + 1, LANES))
-    k = sums[4].reshape(-1)
-    for i in range(len(k)):
-        k[i] = i + 1.0
-    return sums
-
-
-@compiled
-def _weighted(criterion: Array, scale: float) -> tuple[float, float]:
-    """Return mean and deviation of k under the weights exp(-scale AIC(k)), k = 1 ... n-1."""
-    stop = len(criterion) - EDGE
-    least = criterion[EDGE]
-    for i in range(EDGE, stop):
+def _weighted(criterion: Array, start: int, stop: int, scale: float) -> tuple[float, float]:
+    """Return mean and deviation of k under the weights exp(-scale AIC(k)) of some of the line."""
+    least = criterion[start]
+    for i in range(start, stop):
         least = criterion[i] if criterion[i] < least else least
     mass = place = 0.0
-    first, last = stop, EDGE
-    for i in range(EDGE, stop):
+    first, last = stop, start
+    for i in range(start, stop):
         distance = (criterion[i] - least) * scale
         criterion[i] = 0.0
         if distance < WEIGHTLESS:
@@ -163,8 +181,8 @@ def lane_onsets(
             continue
         for k in range(n):
             window[k] = rows[group, start[i] + k, lane]
-        criterion_of(window[:n], sums, criterion, WEIGHTLESS / scale)
-        result[0, i], result[1, i] = _weighted(criterion.reshape(-1)[: n - 1], scale)
+        known, end = criterion_of(window[:n], sums, criterion, WEIGHTLESS / scale)
+        result[0, i], result[1, i] = _weighted(criterion.reshape(-1), known, end, scale)
     return result
 
 
@@ -205,18 +223,39 @@ def mean_onsets(
 
 
 @compiled
-def timed_onsets(
-    found: Array, ratio: Array, rate_hz: float
-) -> tuple[Indices, NDArray[np.int64], NDArray[np.float32]]:
-    """Return the sample of each onset, the time past it [ns], and ratio and deviation [s], (m, 2).
+def with_onsets(
+    held: Any, signal: Any, rises: Any, windows: Indices, correlation: float, clock: Any
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
+    """Return candidates and new ones at refined onsets, in the order of (time, channel).
 
-    ``found`` is as :func:`mean_onsets` has it.
+    Parameters
+    ----------
+    held
+        Times, channels and values of candidates in that order, as of
+        :class:`~groundtrace.gates.Candidates`: ratio, and deviation of the onset [s].
+    signal, windows, correlation
+        Rows and span, windows and correlation, as :func:`mean_onsets` takes them.
+    rises
+        Of the new ones: anchor and channel, as :func:`mean_onsets` takes them, and ratio, (m,).
+    clock
+        Anchors as :func:`~groundtrace.detectors.cell_kernels.times_of` takes them, and rate [Hz].
     """
-    m = len(ratio)
-    whole, past_ns = np.empty(m, np.intp), np.empty(m, np.int64)
-    value = np.empty((m, 2), np.float32)
-    for i in range(m):
-        whole[i] = np.intp(np.floor(found[0, i]))
-        past_ns[i] = np.int64(np.rint((found[0, i] - whole[i]) * NS_PER_S / rate_hz))
-        value[i, 0], value[i, 1] = ratio[i], found[1, i] / rate_hz
-    return whole, past_ns, value
+    (known_ns, known_channel, known_value), (anchors, rate_hz) = held, clock
+    anchor, channel, ratio = rises
+    onset, deviation = mean_onsets(signal[0], signal[1], anchor, channel, windows, correlation)
+    whole = np.floor(onset).astype(np.intp)
+    at_ns = times_of(whole, anchors, NS_PER_S / rate_hz)
+    known, count = len(known_ns), len(known_ns) + len(ratio)
+    time_ns, own = np.empty(count, np.int64), np.empty(count, np.int32)
+    value = np.empty((count, 2), np.float32)
+    time_ns[:known], own[:known], value[:known] = known_ns, known_channel, known_value
+    for i in range(len(ratio)):
+        at_ns[i] += np.int64(np.rint((onset[i] - whole[i]) * NS_PER_S / rate_hz))
+        place = known + i
+        while place and (time_ns[place - 1], own[place - 1]) > (at_ns[i], channel[i]):
+            time_ns[place], own[place] = time_ns[place - 1], own[place - 1]
+            value[place] = value[place - 1]
+            place -= 1
+        time_ns[place], own[place] = at_ns[i], channel[i]
+        value[place, 0], value[place, 1] = ratio[i], deviation[i] / rate_hz
+    return time_ns, own, value

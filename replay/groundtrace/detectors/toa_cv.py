@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..gates import Level, Refractory
-from ..lanes import LANES, in_lanes, zero_rows
+from ..lanes import in_lanes, zero_rows
 from ..parameters import gate, measured
 from .arrival_kernels import COEFFICIENTS, SECTIONS, spread, variance_cells
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
@@ -94,8 +94,20 @@ class _Variance:
             self._memory = self._steady(samples[:, 0] * block.stream.scales)
         self._before = self._at_cell.copy()
         found = cells.room(n)
-        for group in range(cells.groups):
-            self._take(group, samples, history, found)
+        variance_cells(
+            samples,
+            self._scales,
+            history.recent(n),
+            self._coefficients,
+            self._memory,
+            self._alpha,
+            self._mean,
+            self._at_cell,
+            cells.cell,
+            cells.filled,
+            cells.length,
+            found,
+        )
         return cells.done(found, n)
 
     def level(self, band: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -104,38 +116,13 @@ class _Variance:
         mean.zi = (1 - self._alpha) * self._before.reshape(-1, 1)[: len(band)]
         return mean(band * band)
 
-    def _take(
-        self,
-        group: int,
-        samples: NDArray[Any],
-        history: LaneHistory,
-        found: NDArray[np.float64],
-    ) -> None:
-        """Take the samples of one group of channels."""
-        cells, memory = self._cells, self._memory
-        assert memory is not None
-        variance_cells(
-            samples,
-            self._scales[group],
-            group * LANES,
-            history.recent(samples.shape[1], group),
-            self._coefficients,
-            memory[group],
-            self._alpha,
-            self._mean[group],
-            self._at_cell[group],
-            cells.cell[group],
-            cells.filled,
-            cells.length,
-            cells.lanes(found, group),
-        )
-
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
         from scipy.signal import sosfilt_zi
 
-        steady = sosfilt_zi(self._sos).reshape(-1, 1)
-        return np.ascontiguousarray(steady * in_lanes(first))
+        memory = zero_rows(self._cells.groups, 2 * SECTIONS)
+        memory[:] = sosfilt_zi(self._sos).reshape(-1, 1) * in_lanes(first)
+        return memory
 
 
 @dataclass(slots=True)

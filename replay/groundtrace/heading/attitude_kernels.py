@@ -55,6 +55,22 @@ def gains(across: Array, spread: Array, gain: Array) -> None:
 
 
 @compiled
+def lessen(covariance: Array, across: Array, gain: Array, kept: NDArray[np.bool_]) -> None:
+    """Lessen a covariance, shape (n, n), in place, by a measurement with a gain, shape (3, n).
+
+    Rows that are kept have no gain (Schmidt): the covariance then is that of what is done.
+    """
+    n = len(covariance)
+    for i in range(n):
+        one, other = (across, gain) if kept[i] else (gain, across)
+        a, b, c = one[0, i], one[1, i], one[2, i]
+        for j in range(i, n):
+            covariance[i, j] -= a * other[0, j] + b * other[1, j] + c * other[2, j]
+        for j in range(i):
+            covariance[i, j] = covariance[j, i]
+
+
+@compiled
 def learn(
     state: Array,
     covariance: Array,
@@ -65,7 +81,7 @@ def learn(
 ) -> None:
     """Update by a measurement of three values, given its covariances as :func:`gains` takes them.
 
-    Rows that are kept learn nothing (Schmidt): the covariance then is that of what is done.
+    Rows that are ``kept`` learn nothing.
     """
     gain, change = np.empty(across.shape), np.empty(SIZE)
     gains(across, spread, gain)
@@ -75,13 +91,7 @@ def learn(
         change[i] = (
             gain[0, i] * innovation[0] + gain[1, i] * innovation[1] + gain[2, i] * innovation[2]
         )
-    for i in range(SIZE):
-        one, other = (across, gain) if kept[i] else (gain, across)
-        a, b, c = one[0, i], one[1, i], one[2, i]
-        for j in range(i, SIZE):
-            covariance[i, j] -= a * other[0, j] + b * other[1, j] + c * other[2, j]
-        for j in range(i):
-            covariance[i, j] = covariance[j, i]
+    lessen(covariance, across, gain, kept)
     turn_by(change, state[:4])
     for k in range(3, SIZE):
         state[1 + k] += change[k]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -251,8 +252,9 @@ class HeadingEstimator:
         return f"magnetometer calibrated: hard iron {x:.1f}, {y:.1f}, {z:.1f} uT taken out"
 
 
+@cache
 def axis_of(name: str) -> Array:
-    """Return the unit vector of a body axis such as ``x`` or ``-z``, shape (3,)."""
+    """Return the unit vector of a body axis such as ``x`` or ``-z``, shape (3,), to read only."""
     unit = np.eye(3)["xyz".index(name[-1])]
     return np.asarray(-unit if name.startswith("-") else unit)
 

@@ -1,4 +1,9 @@
-"""The smoothing of a foot's knots, and the gain of any smoothing, compiled."""
+"""The smoothing of a foot's knots, and the gain of any smoothing, compiled.
+
+Every moment of a finished walk is seen in the light of all stances after it as well. Source: H. E.
+Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA Journal
+3 (1965), for the error state: what is smoothed is the difference from the pose that was predicted.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import multiply, solve, transpose
+from ..heading.rotation_kernels import carry, multiply, product
 from .walk_kernels import POSE, SIZE, SPEED, move
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+
+#: Least variance of a part of a state, where the others' are 1.
+_KNOWN = 1e-12
 
 
 @compiled
@@ -33,24 +41,60 @@ def error_between(pose: Array, other: Array) -> Array:
 
 
 @compiled
+def factored(matrix: Array, least: float) -> None:
+    """Put the upper factor U of a covariance U' U in its place; no pivot is below ``least``."""
+    n = len(matrix)
+    for i in range(n):
+        share = 1.0 / math.sqrt(max(matrix[i, i], least))
+        for k in range(i, n):
+            matrix[i, k] *= share
+        for r in range(i + 1, n):
+            share = matrix[i, r]
+            for k in range(r, n):
+                matrix[r, k] -= share * matrix[i, k]
+
+
+@compiled
+def solve_factored(upper: Array, sides: Array) -> None:
+    """Solve ``U' U x = sides`` in place, shapes (n, n) and (n, k)."""
+    n, width = sides.shape
+    for i in range(n):
+        for r in range(i):
+            share = upper[r, i]
+            for k in range(width):
+                sides[i, k] -= share * sides[r, k]
+        share = 1.0 / upper[i, i]
+        for k in range(width):
+            sides[i, k] *= share
+    for i in range(n - 1, -1, -1):
+        for r in range(i + 1, n):
+            share = upper[i, r]
+            for k in range(width):
+                sides[i, k] -= share * sides[r, k]
+        share = 1.0 / upper[i, i]
+        for k in range(width):
+            sides[i, k] *= share
+
+
+@compiled
 def gain_of(spread: Array, step: Array, predicted: Array) -> Array:
     """Return ``spread @ step.T`` times the inverse of ``predicted``, rows of which differ much."""
     n = len(spread)
-    sides, even, scale = np.empty((n, n)), np.empty((n, n)), np.empty(n)
-    np.dot(step, spread, sides)  # the transpose of what is wanted
+    # the transpose of what is wanted
+    sides, even, scale = product(step, spread), np.empty((n, n)), np.empty(n)
     for i in range(n):
-        scale[i] = math.sqrt(max(predicted[i, i], 1e-30))
-    for i in range(n):
-        for k in range(n):
-            even[i, k] = predicted[i, k] / (scale[i] * scale[k])
-            sides[i, k] /= scale[i]
-        even[i, i] += 1e-12  # the heading may be known exactly at the start
-    solve(even, sides)
+        scale[i] = 1.0 / math.sqrt(max(predicted[i, i], 1e-30))
     for i in range(n):
         for k in range(n):
-            sides[i, k] /= scale[i]
+            even[i, k] = predicted[i, k] * scale[i] * scale[k]
+            sides[i, k] *= scale[i]
+        even[i, i] += _KNOWN  # the heading may be known exactly at the start
+    factored(even, _KNOWN)
+    solve_factored(even, sides)
     gain = np.empty((n, n))
-    transpose(sides, gain)
+    for i in range(n):
+        for k in range(n):
+            gain[k, i] = sides[i, k] * scale[i]
     return gain
 
 
@@ -77,7 +121,7 @@ def smooth(
     """
     count = len(poses)
     found, planar = np.empty((count, POSE)), np.empty((count, 3))
-    off, half, back = np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE)), np.empty((SIZE, SIZE))
+    off = np.empty((SIZE, SIZE))
     for i in range(count - 1, -1, -1):
         gain = gain_of(spreads[i], moves[i], wide[i])
         error, change = error_between(pose, guesses[i]), np.zeros(SIZE)
@@ -87,12 +131,7 @@ def smooth(
                 off[r, k] = spread[r, k] - wide[i, r, k]
         pose[:] = poses[i]
         move(pose, change)
-        np.dot(gain, off, half)
-        transpose(gain, back)
-        np.dot(half, back, off)
-        for r in range(SIZE):
-            for k in range(SIZE):
-                spread[r, k] = spreads[i, r, k] + off[r, k]
+        spread[:] = spreads[i] + carry(gain, off)
         found[i] = pose
         planar[i, 0], planar[i, 1], planar[i, 2] = spread[6, 6], spread[6, 7], spread[7, 7]
     return found, planar

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import carry, joseph, normalise, product, turn_by
+from ..heading.attitude_kernels import gains, lessen
+from ..heading.rotation_kernels import carry, normalise, product, turn_by
 from .strapdown_kernels import integrate, transition
 
 if TYPE_CHECKING:
@@ -36,18 +37,16 @@ STOOD, SWUNG, RESTED, STANDS = range(4)
 @compiled
 def correct(pose: Array, covariance: Array, first: int, value: Array, sigma: float) -> None:
     """Update, in place, by a measurement of three states from ``first`` on."""
-    pick, noise, spread = np.zeros((3, SIZE)), np.zeros((3, 3)), np.zeros((3, 3))
+    across, spread = covariance[first : first + 3].copy(), np.empty((3, 3))
+    gain, change = np.empty((3, SIZE)), np.zeros(SIZE)
     for a in range(3):
-        pick[a, first + a] = 1.0
-        noise[a, a] = sigma * sigma
         for b in range(3):
-            spread[a, b] = covariance[first + a, first + b] + noise[a, b]
-    gain, after = joseph(covariance, pick, spread, noise, np.zeros(SIZE, np.bool_))
-    covariance[:] = after
-    change = np.zeros(SIZE)
-    for i in range(SIZE):
-        for a in range(3):
-            change[i] += gain[i, a] * value[a]
+            spread[a, b] = across[a, first + b] + (sigma * sigma if a == b else 0.0)
+    gains(across, spread, gain)
+    lessen(covariance, across, gain, np.zeros(SIZE, np.bool_))
+    for a in range(3):
+        for i in range(SIZE):
+            change[i] += gain[a, i] * value[a]
     move(pose, change)
 
 

@@ -51,10 +51,12 @@ class Barometer:
 
         By the barometric formula of an atmosphere of one temperature.
         """
-        near = np.abs(self._time_ns - time_ns) <= AVERAGE_S * NS_PER_S
-        if not near.any():
+        # compiled functions are not imported where pipelines are only listed
+        from .step_kernels import mean_near
+
+        pressure = mean_near(self._time_ns, self._pressure, time_ns, round(AVERAGE_S * NS_PER_S))
+        if math.isnan(pressure):
             return math.nan
-        pressure = float(self._pressure[near].mean())
         if math.isnan(self.start_pa):
             self.start_pa = pressure
         return SCALE_HEIGHT_M * math.log(self.start_pa / pressure)

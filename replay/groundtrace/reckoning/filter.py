@@ -22,12 +22,6 @@ Array = NDArray[np.float64]
 #: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale.
 PLACE, OFFSET, DRIFT, MOUNT, SCALE = slice(0, 2), 2, 3, 4, 5
 SIZE = 6
-#: Random walk of the gyroscope's heading [rad/sqrt(s)].
-GYRO_WALK = math.radians(0.3)
-#: What a second at rest leaves of a gyroscope's bias [rad/s]; falls with the root of the time.
-REST_DRIFT = 0.0016
-#: An azimuth further off than this, in standard deviations, loses weight.
-CLEAR = 2.0
 #: An offset less sure than this is not known at all: nothing can be linearised about it [rad].
 LOST_RAD = 1.0
 
@@ -58,23 +52,8 @@ class ReckoningNoise:
     wander: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class State:
-    """A point of the filter's state space, shape (6,)."""
-
-    values: Array
-
-    def moved(self, error: Array) -> State:
-        """Return the state with an error added, shape (6,)."""
-        return State(self.values + error)
-
-    def error_from(self, other: State) -> Array:
-        """Return how far this state is from another, shape (6,)."""
-        return self.values - other.values
-
-
 class ReckoningFilter:
-    """Follows one walker; a change makes a new state and covariance, so that others may keep them.
+    """Follows one walker.
 
     Parameters
     ----------
@@ -115,47 +94,39 @@ class ReckoningFilter:
         variance = p[OFFSET, OFFSET] + p[OFFSET, MOUNT] + p[MOUNT, OFFSET] + p[MOUNT, MOUNT]
         return min(math.sqrt(max(float(variance), 0.0)), math.pi)
 
-    def turn(self, angle_rad: float) -> Array:
-        """Turn the walk so far about its beginning; return the matrix that turns a state's errors.
+    def turn(self, angle_rad: float) -> None:
+        """Turn the walk so far about its beginning.
 
         A filter that is lost is turned towards the first thing that tells a direction: far from it
         nothing could be linearised.
         """
-        self.state = turned_about(self.state, self.origin, angle_rad)
         turn = turning(angle_rad)
+        away = self.state[PLACE] - self.origin
+        self.state[PLACE] = self.origin + turn[PLACE, PLACE] @ away
+        self.state[OFFSET] += angle_rad
         self.covariance = turn @ self.covariance @ turn.T
-        return turn
 
     def wait(self, elapsed_s: float) -> Array:
         """Let time pass; return the transition, shape (6, 6)."""
         # compiled functions are not imported where pipelines are only listed
-        from . import step_kernels as compiled
+        from .track_kernels import wait
 
-        grown = GYRO_WALK**2 * elapsed_s + self.noise.wander**2
-        step, self.state, self.covariance = compiled.wait(
-            self.state, self.covariance, elapsed_s, grown
-        )
+        step = np.empty((SIZE, SIZE))
+        wait(self.state, self.covariance, elapsed_s, self.noise.wander, step)
         return step
 
-    def rest(self, rested_s: float) -> Array:
-        """Take it that the gyroscope was zeroed at rest; return the transition, shape (6, 6)."""
-        self.state, self.covariance = self.state.copy(), self.covariance.copy()
-        self.state[DRIFT] = 0.0
-        self.covariance[DRIFT, :] = self.covariance[:, DRIFT] = 0.0
-        left = REST_DRIFT / math.sqrt(rested_s)
-        self.covariance[DRIFT, DRIFT] = min(self.noise.drift, left) ** 2
-        forget = np.eye(SIZE)
-        forget[DRIFT, DRIFT] = 0.0
-        return forget
+    def rest(self, rested_s: float) -> None:
+        """Take it that the gyroscope was zeroed at rest."""
+        from .track_kernels import rest
+
+        rest(self.state, self.covariance, rested_s, self.noise.drift)
 
     def step(self, length_m: float, heading_rad: float) -> Array:
         """Go a step; return the transition, shape (6, 6)."""
-        from . import step_kernels as compiled
+        from .track_kernels import go
 
-        errors = (self.noise.length, self.noise.way)
-        step, self.state, self.covariance = compiled.go(
-            self.state, self.covariance, length_m, heading_rad, *errors
-        )
+        step, errors = np.empty((SIZE, SIZE)), (self.noise.length, self.noise.way)
+        go(self.state, self.covariance, length_m, heading_rad, *errors, step)
         return step
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
@@ -168,13 +139,9 @@ class ReckoningFilter:
         repeats
             How many sights in a row err alike.
         """
-        from . import step_kernels as compiled
+        from .track_kernels import sight
 
-        off = wrapped(offset_rad - float(self.state[OFFSET]))
-        known = float(self.covariance[OFFSET, OFFSET])
-        variance = sigma_rad**2 * max(repeats, 1.0)
-        variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
-        self.state, self.covariance = compiled.sight(self.state, self.covariance, off, variance)
+        sight(self.state, self.covariance, offset_rad, sigma_rad, repeats)
 
     def fix(self, place: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
@@ -206,11 +173,3 @@ def turning(angle_rad: float) -> Array:
     turn = np.eye(SIZE)
     turn[PLACE, PLACE] = [[cos, -sin], [sin, cos]]
     return turn
-
-
-def turned_about(values: Array, origin: Array, angle_rad: float) -> Array:
-    """Return a state, shape (6,), of the same walk in another direction from its ``origin``."""
-    out = values.copy()
-    out[PLACE] = origin + turning(angle_rad)[PLACE, PLACE] @ (values[PLACE] - origin)
-    out[OFFSET] += angle_rad
-    return out

@@ -65,8 +65,8 @@ class Motion:
 
     def between(self, start_ns: int, stop_ns: int) -> Motion:
         """Return the samples in ``[start_ns, stop_ns)``; the nearest one where there is none."""
-        first, last = np.searchsorted(self.time_ns, (start_ns, stop_ns)).tolist()
-        first = min(first, len(self) - 1)
+        last = int(self.time_ns.searchsorted(stop_ns))
+        first = min(int(self.time_ns.searchsorted(start_ns)), len(self) - 1)
         rows = slice(first, max(last, first + 1))
         return Motion(
             self.time_ns[rows],

@@ -45,7 +45,10 @@ class North:
 
         Without a field that is None and NaN.
         """
-        east, north, up = motion.field.mean(axis=0).tolist() if len(motion) else (math.nan,) * 3
+        # compiled functions are not imported where pipelines are only listed
+        from .step_kernels import mean_vector
+
+        east, north, up = mean_vector(motion.field)
         flat = math.hypot(east, north)
         if not math.isfinite(flat + up) or flat == 0:
             return None, math.nan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -138,7 +138,7 @@ class DeadReckoner:
         said += self._take_places(track, stride.time_ns)
         rested_s = stride.rested_s - self._rested_s
         self._last_ns, self._rested_s = stride.time_ns, stride.rested_s
-        stride = replace(stride, rested_s=rested_s)
+        stride = Stride(stride.time_ns, stride.length_m, stride.heading_rad, stride.sight, rested_s)
         facing = self._facing
         said += track.step(stride, facing.turn_rad, settled=facing.settled)
         azimuth = wrapped(track.filter.azimuth(stride.heading_rad + facing.turn_rad))

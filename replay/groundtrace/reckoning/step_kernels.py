@@ -1,4 +1,4 @@
-"""What is measured of each step, and the filter's loops, compiled."""
+"""What is measured of each step, compiled."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..compiled import compiled
-from ..heading.rotation_kernels import add_matrix, carry, held, turn
+from ..heading.rotation_kernels import add_matrix, held, turn
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-SIZE = 6
 _TWO_PI = 2.0 * math.pi
 
 
@@ -114,54 +113,20 @@ def resolved(orientation: Array, acceleration: Array, axis: Array) -> Array:
 
 
 @compiled
-def wait(
-    state: Array, covariance: Array, elapsed_s: float, grown: float
-) -> tuple[Array, Array, Array]:
-    """Return transition, state and covariance after a time in which the offset's has grown."""
-    step, moved = np.eye(SIZE), state.copy()
-    step[2, 3] = elapsed_s
-    moved[2] += elapsed_s * state[3]
-    after = carry(step, covariance)
-    after[2, 2] += grown
-    return step, moved, after
+def mean_vector(vectors: Array) -> tuple[float, float, float]:
+    """Return the mean of vectors, shape (n, 3); NaN where there is none."""
+    x, y, z, count = 0.0, 0.0, 0.0, float(len(vectors))
+    for i in range(len(vectors)):
+        x, y, z = x + vectors[i, 0], y + vectors[i, 1], z + vectors[i, 2]
+    return x / count, y / count, z / count
 
 
 @compiled
-def go(
-    state: Array, covariance: Array, length_m: float, heading_rad: float, error: float, way: float
-) -> tuple[Array, Array, Array]:
-    """Return transition, state and covariance after a step.
-
-    Parameters
-    ----------
-    length_m, heading_rad
-        As measured; the state scales and turns them.
-    error, way
-        Deviation of a length, as a part, and of the azimuth [rad].
-    """
-    azimuth = heading_rad + (state[2] + state[4])
-    length = length_m * math.exp(state[5])
-    ahead = (math.cos(azimuth), math.sin(azimuth))
-    aside = (-ahead[1], ahead[0])
-    step, moved = np.eye(SIZE), state.copy()
-    for i in range(2):
-        step[i, 2] = step[i, 4] = length * aside[i]
-        step[i, 5] = length * ahead[i]
-        moved[i] += length * ahead[i]
-    after = carry(step, covariance)
-    along, across = (error * length) ** 2, (way * length) ** 2
-    for i in range(2):
-        for k in range(2):
-            after[i, k] += ahead[i] * along * ahead[k] + aside[i] * across * aside[k]
-    return step, moved, after
-
-
-@compiled
-def sight(state: Array, covariance: Array, off: float, variance: float) -> tuple[Array, Array]:
-    """Return state and covariance after an offset that is ``off`` by so much was seen."""
-    gain = covariance[:, 2] / (covariance[2, 2] + variance)
-    after = np.empty((SIZE, SIZE))
-    for i in range(SIZE):
-        for k in range(SIZE):
-            after[i, k] = covariance[i, k] - gain[i] * covariance[2, k]
-    return state + gain * off, after
+def mean_near(time_ns: NDArray[np.int64], values: Array, middle_ns: int, reach_ns: int) -> float:
+    """Return the mean of the values at most ``reach_ns`` from a time; NaN where there is none."""
+    total, count = 0.0, 0.0
+    for i in range(len(time_ns)):
+        if abs(time_ns[i] - middle_ns) <= reach_ns:
+            total += values[i]
+            count += 1.0
+    return total / count

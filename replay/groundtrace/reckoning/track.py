@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +13,9 @@ import numpy as np
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..inertial.smoothing import Knot, smoothed
 from ..trackers.api import SMOOTHED
-from .filter import OFFSET, PLACE, SIZE, State, turned_about
+from .filter import LOST_RAD, OFFSET, SIZE
+from .knots import Knots
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .filter import ReckoningFilter
+    from .knots import Moment
 
     Array = NDArray[np.float64]
-    Known = Knot[State]
 
 #: Of a point without an update by a known place.
 NO_NIS = float("nan")
@@ -71,6 +72,14 @@ class Stride:
     sight: Sight | None
     rested_s: float
 
+    @property
+    def row(self) -> tuple[float, ...]:
+        """All but the time, as compiled functions lay it out."""
+        seen, sight = (math.nan, math.nan, math.nan), self.sight
+        if sight is not None:
+            seen = (sight.offset_rad, sight.sigma_rad, sight.repeats)
+        return self.length_m, self.heading_rad, *seen, self.rested_s
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fix:
@@ -103,19 +112,19 @@ class Track:
         self.stage = stage
         self.number = number
         self.smooth_s = smooth_s
-        self._knots = [self._knot(time_ns, np.eye(SIZE))]
-        self._begun = (copy.deepcopy(filter_), self._knots[0])
+        self._begun = (copy.deepcopy(filter_), time_ns)
         self._turn_rad = 0.0
         self._taken: list[Stride | Fix] | None = []  # None once settled
+        self._begin_knots(time_ns)
 
     @property
     def time_ns(self) -> int:
         """Until when the track goes."""
-        return self._knots[-1].time_ns
+        return int(self._knots.time_ns[self._knots.count - 1])
 
     def begin(self) -> list[TrackPoint]:
         """Return the point where the track begins."""
-        return [self._point(self._knots[-1], None, self.stage)]
+        return [self._point(self._knots.moment(-1), None, self.stage)]
 
     def step(self, stride: Stride, turn_rad: float, *, settled: bool) -> list[TrackPoint]:
         """Go a step, after what the compass says of it; return its point.
@@ -132,26 +141,28 @@ class Track:
         if self._taken is not None and turn_rad != self._turn_rad:
             self._again(self._taken, turn_rad)
         self._turn_rad = turn_rad
-        aimed = self._aimed(stride)
-        before = self._knots[-1]
-        self._go(aimed)
+        before = self._go([stride])
         self._take(stride, settled=settled)
-        return [self._point(self._knots[-1], before, self.stage), *self._due()]
+        return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
 
     def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
         fix = Fix(time_ns, place, sigma_m)
         self._aim(fix)
-        before = self._knots[-1]
+        before = self._knots.moment(-1)
         nis = self._meet(fix)
         self._take(fix, settled=False)
-        return [self._point(self._knots[-1], before, self.stage, nis), *self._due()]
+        return [self._point(self._knots.moment(-1), before, self.stage, nis), *self._due()]
 
     def finish(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
         points = self._smoothed() if self.smooth_s else []
-        self._knots = self._knots[-1:]
+        self._knots.keep_last()
         return points
+
+    def _begin_knots(self, time_ns: int) -> None:
+        self._knots = Knots()
+        self._knots.add(time_ns, self.filter.state, self.filter.covariance, np.eye(SIZE))
 
     def _take(self, item: Stride | Fix, *, settled: bool) -> None:
         """Remember what may have to be gone again."""
@@ -162,108 +173,87 @@ class Track:
 
     def _again(self, taken: Sequence[Stride | Fix], turn_rad: float) -> None:
         """Go the track again from its beginning, as the sensor is known to be turned by now."""
-        self._turn_rad, (filter_, knot) = turn_rad, self._begun
-        self.filter, self._knots = copy.deepcopy(filter_), [knot]
-        for item in taken:
-            if isinstance(item, Stride):
-                self._go(self._aimed(item))
-            else:
-                self._aim(item)
-                self._meet(item)
-
-    def _aimed(self, stride: Stride) -> Stride:
-        """Turn a track that is lost as the compass says; return the step with what is new in it."""
-        sight = stride.sight
-        if sight is None or not self.filter.lost:
-            return stride
-        self._turn(sight.offset_rad - float(self.filter.state[OFFSET]))
-        return replace(stride, sight=replace(sight, repeats=1.0))
+        self._turn_rad, (filter_, time_ns) = turn_rad, self._begun
+        self.filter = copy.deepcopy(filter_)
+        self._begin_knots(time_ns)
+        for kind, items in groupby(taken, type):
+            if kind is Stride:
+                self._go([item for item in items if isinstance(item, Stride)])
+                continue
+            for item in items:
+                if isinstance(item, Fix):
+                    self._aim(item)
+                    self._meet(item)
 
     def _aim(self, fix: Fix) -> None:
         """Turn a track that is lost towards a known place."""
         if self.filter.lost:
             self._turn(self.filter.angle_to(fix.place, fix.sigma_m) or 0.0)
 
-    def _go(self, stride: Stride) -> None:
-        sight, forget = stride.sight, None
-        if stride.rested_s > 0:
-            forget = self.filter.rest(stride.rested_s)
-        waited = self._wait(stride.time_ns)
-        waited = waited if forget is None else waited @ forget
-        predicted = self._knot(stride.time_ns, waited, shown=False)
-        if sight is not None:
-            self.filter.sight(sight.offset_rad, sight.sigma_rad, sight.repeats)
-        self._remember(predicted)
-        heading = stride.heading_rad + self._turn_rad
-        moved = self.filter.step(stride.length_m, heading)
-        self._remember(self._knot(stride.time_ns, moved))
+    def _go(self, taken: Sequence[Stride]) -> Moment:
+        """Go some steps; return where the walker was before the last of them.
+
+        A track that is lost is turned as the compass says first.
+        """
+        # compiled functions are not imported where pipelines are only listed
+        from .track_kernels import REPEATS, SEEN, strides
+
+        one, knots, noise = self.filter, self._knots, self.filter.noise
+        knots.make_room(2 * len(taken))
+        times = np.array([stride.time_ns for stride in taken], np.int64)
+        rows, at = np.array([stride.row for stride in taken]), 0
+        errors = (noise.drift, noise.wander, noise.length, noise.way)
+        while at < len(rows):
+            if one.lost and not math.isnan(rows[at, SEEN]):
+                self._turn(float(rows[at, SEEN]) - float(one.state[OFFSET]))
+                rows[at, REPEATS] = 1.0
+            given = (times[at:], rows[at:], self._turn_rad, LOST_RAD, errors)
+            gone = strides(one.state, one.covariance, *given, knots.columns, knots.count)
+            at, knots.count = at + gone, knots.count + 2 * gone
+        before = knots.moment(-3)
+        if not self.smooth_s:
+            knots.keep_last()
+        return before
 
     def _meet(self, fix: Fix) -> float:
         """Take a known place in; return the NIS."""
-        predicted = self._knot(fix.time_ns, self._wait(fix.time_ns))
-        nis = self.filter.fix(fix.place, fix.sigma_m)
-        self._remember(predicted)
-        return nis
-
-    def _wait(self, time_ns: int) -> Array:
-        return self.filter.wait(max(0, time_ns - self.time_ns) / NS_PER_S)
-
-    def _knot(self, time_ns: int, transition: Array, *, shown: bool = True) -> Known:
-        """Return what the filter says now."""
-        state, spread = State(self.filter.state), self.filter.covariance
-        return Knot(time_ns, shown, state, spread, state, spread, transition)
-
-    def _remember(self, predicted: Known) -> None:
-        """Keep a knot with what the filter has been told since."""
-        k, state, spread = predicted, State(self.filter.state), self.filter.covariance
+        one, knots = self.filter, self._knots
+        waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
+        knots.add(fix.time_ns, one.state, one.covariance, waited)
+        nis = one.fix(fix.place, fix.sigma_m)
+        knots.pose[knots.count - 1], knots.spread[knots.count - 1] = one.state, one.covariance
         if not self.smooth_s:
-            self._knots.clear()
-        self._knots.append(
-            Knot(k.time_ns, k.shown, k.predicted, k.predicted_spread, state, spread, k.transition)
-        )
+            knots.keep_last()
+        return nis
 
     def _due(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough."""
         if self._taken is not None:
             return []
-        if self.time_ns - self._knots[0].time_ns <= self.smooth_s * NS_PER_S:
+        if self.time_ns - int(self._knots.time_ns[0]) <= self.smooth_s * NS_PER_S:
             return []
-        points, self._knots = self._smoothed()[:-1], self._knots[-1:]
+        points = self._smoothed()[:-1]
+        self._knots.keep_last()
         return points
 
     def _turn(self, angle_rad: float) -> None:
         """Turn all that is remembered about the beginning."""
-        turn = self.filter.turn(angle_rad)
-        self._knots = [_turned(knot, self.filter.origin, angle_rad, turn) for knot in self._knots]
+        self.filter.turn(angle_rad)
+        self._knots.turn(self.filter.origin, angle_rad)
 
     def _smoothed(self) -> list[TrackPoint]:
-        stage, before = self.stage + SMOOTHED, None
-        points = []
-        for knot, (pose, spread) in zip(self._knots, smoothed(self._knots), strict=True):
-            if knot.shown:
-                found = replace(knot, pose=pose, spread=spread)
-                points.append(self._point(found, before, stage))
-                before = found
-        return points
+        stage, found = self.stage + SMOOTHED, self._knots.smoothed()
+        return [
+            self._point(now, before, stage)
+            for before, now in zip([None, *found[:-1]], found, strict=True)
+        ]
 
     def _point(
-        self, knot: Known, before: Known | None, stage: str, nis: float = NO_NIS
+        self, now: Moment, before: Moment | None, stage: str, nis: float = NO_NIS
     ) -> TrackPoint:
-        x, y = knot.pose.values[PLACE].tolist()
-        (xx, xy), (_, yy) = knot.spread[PLACE, PLACE].tolist()
+        time_ns, x, y, spread = now
         vx = vy = math.nan
-        if before is not None and knot.time_ns > before.time_ns:
-            elapsed_s = (knot.time_ns - before.time_ns) / NS_PER_S
-            vx, vy = ((knot.pose.values - before.pose.values)[PLACE] / elapsed_s).tolist()
-        return TrackPoint(knot.time_ns, self.number, x, y, vx, vy, (xx, xy, yy), stage, nis)
-
-
-def _turned(knot: Known, origin: Array, angle_rad: float, turn: Array) -> Known:
-    return replace(
-        knot,
-        predicted=State(turned_about(knot.predicted.values, origin, angle_rad)),
-        predicted_spread=turn @ knot.predicted_spread @ turn.T,
-        pose=State(turned_about(knot.pose.values, origin, angle_rad)),
-        spread=turn @ knot.spread @ turn.T,
-        transition=turn @ knot.transition @ turn.T,
-    )
+        if before is not None and time_ns > before.time_ns:
+            elapsed_s = (time_ns - before.time_ns) / NS_PER_S
+            vx, vy = (x - before.x_m) / elapsed_s, (y - before.y_m) / elapsed_s
+        return TrackPoint(time_ns, self.number, x, y, vx, vy, spread, stage, nis)

@@ -12,12 +12,13 @@ turn gravity into acceleration. All is causal, and the same whatever the blocks.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..detectors.filters import ExponentialMean, UnbiasedMean, planar
+from ..detectors.filters import planar
 from ..heading.aligned import columns_of_axes
 from ..heading.walking_axis import STEEP, level_axis
 
@@ -80,11 +81,10 @@ class BodyAxes:
         self._force = columns_of_axes(stream, "acceleration")
         self._turning = columns_of_axes(stream, "angular_velocity")
         self.forward = forward
-        memory = gravity_s * stream.rate_hz
         self._gravity_s = gravity_s
-        self._mean = UnbiasedMean(memory)
-        self._offset = UnbiasedMean(_OFFSET_S * stream.rate_hz)
-        self._turns = ExponentialMean(1 - float(np.exp(-1 / memory)))
+        self._keep = math.exp(-1 / (gravity_s * stream.rate_hz))
+        self._keep_offset = math.exp(-1 / (_OFFSET_S * stream.rate_hz))
+        self._state = np.zeros((4, 3))
 
     @staticmethod
     def fits(stream: Stream) -> bool:
@@ -93,30 +93,15 @@ class BodyAxes:
 
     def __call__(self, block: SignalBlock) -> BodyPart:
         """Take a block; return its samples in the body's axes."""
-        values = planar(block)
-        force = values[self._force]
-        gravity = self._mean(force)
-        if self._turning:
-            rate = values[self._turning]
-            rate = rate - self._offset(rate)
-            # a fixed direction turns against the body
-            gravity = gravity + self._turns(self._gravity_s * np.cross(gravity, rate, axis=0))
-        return BodyPart(block.sample_times(), self._resolved(force, gravity))
+        # compiled functions are not imported where pipelines are only listed
+        from .axis_kernels import directions, resolved
 
-    def _resolved(
-        self, force: NDArray[np.float64], gravity: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        length = np.sqrt(np.einsum("cn,cn->n", gravity, gravity))
-        up = np.divide(gravity, length, out=np.zeros_like(gravity), where=length > 0)
+        values = planar(block)
+        force = np.ascontiguousarray(values[self._force])
+        rate = np.ascontiguousarray(values[self._turning])
+        keeps = (self._keep, self._keep_offset, self._gravity_s)
+        gravity = directions(force, rate, self._state, keeps)
         if self.forward == "walk":
-            self.forward = level_axis(up[:, 0])
-        nominal = np.broadcast_to(axis_vector(self.forward)[:, None], up.shape)
-        steep = np.abs(np.einsum("cn,cn->n", nominal, up)) > STEEP
-        nominal = np.where(steep, np.roll(nominal, 1, axis=0), nominal)
-        ahead = nominal - np.einsum("cn,cn->n", nominal, up) * up
-        ahead /= np.sqrt(np.einsum("cn,cn->n", ahead, ahead))
-        right = np.cross(ahead, up, axis=0)
-        axes = (ahead, right, up)
-        out = np.stack([np.einsum("cn,cn->n", axis, force) for axis in axes])
-        out[2] -= length
-        return out
+            self.forward = level_axis(gravity[:, 0] / max(math.hypot(*gravity[:, 0]), 1e-300))
+        nominal = axis_vector(self.forward)
+        return BodyPart(block.sample_times(), resolved(force, gravity, nominal, STEEP))

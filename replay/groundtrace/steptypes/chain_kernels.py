@@ -17,6 +17,17 @@ if TYPE_CHECKING:
 
 
 @compiled
+def neighbours(row: Array, weights: Array, count: int) -> Array:
+    """Return weighted sums of neighbours, the first of each first, shape (count,)."""
+    out = np.zeros(count)
+    for k in range(len(weights)):
+        weight = weights[k]
+        for i in range(count):
+            out[i] += weight * row[i + k]
+    return out
+
+
+@compiled
 def strip(times_s: Array, values: Array, phase_s: Array, weights: Array, smoothed: Array) -> None:
     """Put signals, shape (c, m), at times ``phase_s`` in ``smoothed``, shape (c, n), averaged.
 
@@ -29,20 +40,19 @@ def strip(times_s: Array, values: Array, phase_s: Array, weights: Array, smoothe
         while j < last and times_s[j + 1] <= phase_s[i]:
             j += 1
         before[i], past[i] = j, phase_s[i] - times_s[j]
-    row = np.empty(n)
+    # nothing stands beyond the ends, and weighs nothing
+    row, ones = np.zeros(n + 2 * half), np.zeros(n + 2 * half)
+    ones[half : half + n] = 1.0
+    totals = neighbours(ones, weights, n)
     for c in range(len(values)):
         for i in range(n):
             j = before[i]
-            row[i] = values[c, j]
+            now = values[c, j]
             if j < last and past[i] > 0:
                 slope = (values[c, j + 1] - values[c, j]) / (times_s[j + 1] - times_s[j])
-                row[i] = slope * past[i] + values[c, j]
-        for i in range(n):
-            total, summed = 0.0, 0.0
-            for k in range(max(0, i - half), min(n, i + half + 1)):
-                total += weights[k - i + half]
-                summed += weights[k - i + half] * row[k]
-            smoothed[c, i] = summed / total
+                now = slope * past[i] + values[c, j]
+            row[half + i] = now
+        smoothed[c] = neighbours(row, weights, n) / totals
 
 
 @compiled

@@ -22,11 +22,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-
 from groundtrace_codecs.events import Quantity
 
-from ..gates import Candidates, Level
+from ..gates import Level
 
 # Ahead is read at run time, where the parameters are described
 from ..heading.walking_axis import Ahead, WalkingAxis, step_swing
@@ -38,6 +36,7 @@ from .type_gates import FRONTAL, LATERAL, TYPES, Applies, Duplicate
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from ..detector import Emits
@@ -136,36 +135,26 @@ class StepTypes:
         angle = self.axis.angle_rad
         return Shape(time_ns, step_s, frontal(strip, swing), lateral(strip), angle)
 
-    def candidates(
+    def rows(
         self, before: Sequence[Shape], step: Shape, after: Sequence[Shape]
-    ) -> Candidates:
-        """Return the four candidates of a step among those before and after it, by time."""
+    ) -> list[tuple[float, ...]]:
+        """Return the columns of a step's four candidates, among those before and after it."""
         earlier, later = linked(step, before[:-3:-1]), linked(step, after[:2])
-        order = corrected_lead(
+        lead = corrected_lead(
             [x.frontal for x in earlier], step.frontal, [x.frontal for x in later]
         )
-        near = [step, *earlier[:1], *later[:1]]
+        near = [step.frontal, *(x.frontal for x in (*earlier[:1], *later[:1]))]
         share = common_share([x.lateral for x in earlier], step.lateral, [x.lateral for x in later])
-        common = {
-            "share": share,
-            "window": max(x.frontal.window for x in near),
-            "density": max(x.frontal.density for x in near),
-            "lobe": step.lateral.lobe,
-            "leading": step.lateral.inside,
-            "own_share": step.lateral.share,
-            "own_lead": step.frontal.lead,
-            "step_time": step.step_s,
-            "mounting": step.mounting_rad,
-        }
-        slope = step.lateral.slopes
-        rows = []
+        window, density = max(x.window for x in near), max(x.density for x in near)
+        lobe, inside = step.lateral.lobe, step.lateral.inside
+        own = (step.lateral.share, step.frontal.lead, step.step_s, step.mounting_rad)
+        found: list[tuple[float, ...]] = []
         for sign, place in ((1, 0), (-1, 1), (-1, 2), (1, 3)):
-            signed = {"order": _signed(order, sign), "slope": _signed(slope, sign)}
-            evidence = signed["order" if place in FRONTAL else "slope"]
-            row = {**common, **signed, "evidence": evidence}
-            rows.append([row[c.name] for c in self.columns])
-        times = np.full(4, step.time_ns, np.int64)
-        return Candidates(times, np.arange(4, dtype=np.int32), np.array(rows, np.float32))
+            order, slope = _signed(lead, sign), _signed(step.lateral.slopes, sign)
+            evidence = order if place in FRONTAL else slope
+            patterns = (share, window, density, order, lobe, slope, inside)
+            found.append((evidence, *patterns, *own))
+        return found
 
 
 def _signed(value: float, sign: int) -> float:

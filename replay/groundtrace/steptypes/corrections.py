@@ -8,9 +8,8 @@ one step among others of its walk does not go aside by itself is ours.
 
 from __future__ import annotations
 
+from statistics import median
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -77,7 +76,7 @@ def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Latera
     three = [*before[:1], own, *after[:1]]
     if len(three) < 3:
         three = [own, *(before or after)]
-    return float(np.median([x.share for x in three])) if len(three) == 3 else own.share
+    return median(x.share for x in three) if len(three) == 3 else own.share
 
 
 def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Frontal]) -> float:
@@ -94,10 +93,14 @@ def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Fron
     confirmed = own.lead * own.slopes > 0 and abs(own.slopes) >= _CONFIRMS
     if not against or (confirmed and abs(own.lead) <= _FAR):
         return own.lead
-    return float(np.median([x.lead for pair in against for x in pair]))
+    return median(x.lead for pair in against for x in pair)
 
 
 def _agree_against(pair: Sequence[Frontal], lead: float) -> bool:
     """Return whether two neighbours agree on an order that is not that of ``lead``."""
-    signs = {np.sign(x.lead) for x in pair}
-    return len(pair) == 2 and len(signs) == 1 and np.sign(lead) not in signs
+    signs = {_sign(x.lead) for x in pair}
+    return len(pair) == 2 and len(signs) == 1 and _sign(lead) not in signs
+
+
+def _sign(value: float) -> int:
+    return (value > 0) - (value < 0)

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from ..gates import Candidates
     from .classifier import StepTypes
     from .corrections import Shape
 
@@ -109,8 +108,11 @@ class Follower:
         """Take the next step."""
         self._steps.append(step)
 
-    def told(self, *, final: bool = False) -> Iterator[tuple[StepEvent, Candidates]]:
-        """Yield the steps whose candidates are known by now; all of them where the run ends."""
+    def told(self, *, final: bool = False) -> Iterator[tuple[StepEvent, list[tuple[float, ...]]]]:
+        """Yield the steps whose candidates are known by now, and these row by row.
+
+        That is all steps where the run ends.
+        """
         run = self._signal
         if run is None or not len(run.time_ns):
             return
@@ -119,7 +121,7 @@ class Follower:
         while self._waiting and (final or self._surrounded(run)):
             place = len(self._shapes) - len(self._waiting)
             shapes = self._shapes
-            found = self.worker.candidates(shapes[:place], shapes[place], shapes[place + 1 :])
+            found = self.worker.rows(shapes[:place], shapes[place], shapes[place + 1 :])
             del shapes[: max(0, place - 1)]
             yield self._waiting.pop(0), found
         self._forget(run)
@@ -155,7 +157,8 @@ class Follower:
     def _measure(self, run: _Signal, step_s: float) -> None:
         step = self._steps.pop(0)
         reach_ns = round((BEFORE + 0.5) * step_s * NS_PER_S)
-        low, high = np.searchsorted(run.time_ns, (step.time_ns - reach_ns, step.time_ns + reach_ns))
+        low = run.time_ns.searchsorted(step.time_ns - reach_ns)
+        high = run.time_ns.searchsorted(step.time_ns + reach_ns)
         near = slice(max(0, min(int(low), len(run.time_ns) - 1)), max(int(high), 1))
         times_s = (run.time_ns[near] - step.time_ns) / NS_PER_S
         shape = self.worker.shape(step.time_ns, step_s, times_s, run.values[:, near])

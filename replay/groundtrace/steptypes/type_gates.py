@@ -20,6 +20,11 @@ TYPES = ("forward", "backward", "left", "right")
 FRONTAL, LATERAL = frozenset({0, 1}), frozenset({2, 3})
 
 
+def _which(types: frozenset[int]) -> NDArray[np.bool_]:
+    """Return of each type whether it is one of some."""
+    return np.array([place in types for place in range(len(TYPES))])
+
+
 @dataclass(frozen=True, slots=True)
 class Applies:
     """A level that only some types must reach; the others pass whatever it is."""
@@ -57,7 +62,7 @@ class Applies:
     ) -> NDArray[np.float64]:
         """Return the measured column; infinitely good where the level does not apply."""
         seen = self.level.values(candidates, columns, alive, threshold, carry)
-        applies = np.isin(candidates.channel, list(self.types))
+        applies = _which(self.types)[candidates.channel]
         return np.where(applies, seen, np.inf if self.at_least else -np.inf)
 
 
@@ -80,7 +85,10 @@ class Duplicate:
     ) -> NDArray[np.float64]:
         """Return the lateral share of frontal candidates whose step passed the lateral tests."""
         share = candidates.value[:, [c.name for c in columns].index("share")]
-        aside = np.isin(candidates.channel, list(LATERAL))
-        twice = np.isin(candidates.time_ns, candidates.time_ns[aside & alive])
+        aside = _which(LATERAL)[candidates.channel]
+        times = candidates.time_ns[aside & alive]
+        # a step's candidates have one time, and come in order
+        place = np.searchsorted(times, candidates.time_ns)
+        twice = np.append(times, -1)[place] == candidates.time_ns
         # just the threshold would pass
         return np.where(twice & ~aside, np.nextafter(share, np.float32(np.inf)), -np.inf)

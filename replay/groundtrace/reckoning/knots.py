@@ -1,0 +1,120 @@
+"""What the filter of dead reckoning said at the moments of a track."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .filter import OFFSET, PLACE, SIZE, turning
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Columns = tuple[NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]
+
+_MATRIX = (SIZE, SIZE)
+
+
+class Moment(NamedTuple):
+    """Where a walker was: time [ns], place [m], and its covariance (xx, xy, yy) [m2]."""
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    spread: tuple[float, float, float]
+
+
+@dataclass(slots=True)
+class Knots:
+    """Knots of a track in columns that have room for more.
+
+    Attributes
+    ----------
+    count
+        How many there are.
+    time_ns, shown
+        When, and whether a point of the track lies there, shape (m,).
+    predicted, predicted_spread
+        State before the measurements there, shape (m, 6), and covariance of its error, (m, 6, 6).
+    pose, spread
+        After them.
+    transition
+        From the knot before, shape (m, 6, 6).
+    """
+
+    count: int = 0
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    shown: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+    predicted: Array = field(default_factory=lambda: np.empty((0, SIZE)))
+    predicted_spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+    pose: Array = field(default_factory=lambda: np.empty((0, SIZE)))
+    spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+    transition: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+
+    @property
+    def columns(self) -> Columns:
+        """All columns, as compiled functions take them."""
+        states = (self.predicted, self.predicted_spread, self.pose, self.spread)
+        return self.time_ns, self.shown, *states, self.transition
+
+    def make_room(self, more: int) -> None:
+        """Have room for some more."""
+        if self.count + more > len(self.time_ns):
+            self._keep(slice(0, self.count), 2 * self.count + more)
+
+    def keep_last(self) -> None:
+        """Forget all but the last."""
+        self._keep(slice(self.count - 1, self.count), 8)
+
+    def _keep(self, rows: slice, size: int) -> None:
+        """Keep some, with room for a number in all."""
+        wider = []
+        for column in self.columns:
+            made = np.empty((size, *column.shape[1:]), column.dtype)
+            made[: rows.stop - rows.start] = column[rows]
+            wider.append(made)
+        self.count = rows.stop - rows.start
+        self.time_ns, self.shown, self.predicted, self.predicted_spread = wider[:4]
+        self.pose, self.spread, self.transition = wider[4:]
+
+    def add(self, time_ns: int, state: Array, covariance: Array, transition: Array) -> None:
+        """Add a shown one that is as it was predicted."""
+        self.make_room(1)
+        at, self.count = self.count, self.count + 1
+        self.time_ns[at], self.shown[at], self.transition[at] = time_ns, True, transition
+        self.predicted[at], self.predicted_spread[at] = state, covariance
+        self.pose[at], self.spread[at] = state, covariance
+
+    def moment(self, index: int) -> Moment:
+        """Return where the walker was at one, counted from behind where negative."""
+        at = index if index >= 0 else self.count + index
+        (xx, xy, *_), (_, yy, *_) = self.spread[at, PLACE].tolist()
+        x, y = self.pose[at, PLACE].tolist()
+        return Moment(int(self.time_ns[at]), x, y, (xx, xy, yy))
+
+    def turn(self, origin: Array, angle_rad: float) -> None:
+        """Turn all of them about a place, shape (2,), counter-clockwise."""
+        turn, rows = turning(angle_rad), slice(0, self.count)
+        for state in (self.predicted, self.pose):
+            away = state[rows, PLACE] - origin
+            state[rows, PLACE] = origin + away @ turn[PLACE, PLACE].T
+            state[rows, OFFSET] += angle_rad
+        for matrix in (self.predicted_spread, self.spread, self.transition):
+            matrix[rows] = turn @ matrix[rows] @ turn.T
+
+    def smoothed(self) -> list[Moment]:
+        """Return the shown ones as all knots tell them; the last is the filter's."""
+        # compiled functions are not imported where pipelines are only listed
+        from .track_kernels import smooth
+
+        shown = self.shown[: self.count]
+        poses, spreads = smooth(*(column[: self.count] for column in self.columns[2:]))
+        places, times = poses[shown, PLACE].tolist(), self.time_ns[: self.count][shown].tolist()
+        found = spreads[shown][:, (0, 0, 1), (0, 1, 1)].tolist()
+        return [
+            Moment(time_ns, x, y, (xx, xy, yy))
+            for time_ns, (x, y), (xx, xy, yy) in zip(times, places, found, strict=True)
+        ]

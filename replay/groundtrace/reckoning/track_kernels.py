@@ -1,0 +1,188 @@
+"""The filter of dead reckoning over many steps, and the smoothing of its track, compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..compiled import compiled
+from ..heading.compass_kernels import wrapped
+from ..heading.rotation_kernels import carry
+from ..inertial.smoothing_kernels import gain_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Times = NDArray[np.int64]
+    Columns = tuple[Times, NDArray[np.bool_], Array, Array, Array, Array, Array]
+    Noise = tuple[float, float, float, float]
+
+SIZE = 6
+#: Rows of the state: offset, its drift, mount, scale.
+OFFSET, DRIFT, MOUNT, SCALE = 2, 3, 4, 5
+#: Columns of a stride: length, heading, what the compass says as an offset, its deviation and how
+#: many in a row err alike, how long the sensor has rested since the step before.
+LENGTH, HEADING, SEEN, SIGMA, REPEATS, RESTED, STRIDE = range(7)
+#: Random walk of the gyroscope's heading [rad/sqrt(s)].
+GYRO_WALK = math.radians(0.3)
+#: What a second at rest leaves of a gyroscope's bias [rad/s]; falls with the root of the time.
+REST_DRIFT = 0.0016
+#: An azimuth further off than this, in standard deviations, loses weight.
+CLEAR = 2.0
+
+
+@compiled
+def rest(state: Array, covariance: Array, rested_s: float, drift: float) -> None:
+    """Take it, in place, that the gyroscope was zeroed at rest; ``drift`` is its at the start."""
+    state[DRIFT] = 0.0
+    for k in range(SIZE):
+        covariance[DRIFT, k] = covariance[k, DRIFT] = 0.0
+    covariance[DRIFT, DRIFT] = min(drift, REST_DRIFT / math.sqrt(rested_s)) ** 2
+
+
+@compiled
+def wait(state: Array, covariance: Array, elapsed_s: float, wander: float, step: Array) -> None:
+    """Let time pass, in place; ``step`` takes the transition. ``wander`` is the noise's [rad]."""
+    step[:] = np.eye(SIZE)
+    step[OFFSET, DRIFT] = elapsed_s
+    state[OFFSET] += elapsed_s * state[DRIFT]
+    covariance[:] = carry(step, covariance)
+    covariance[OFFSET, OFFSET] += GYRO_WALK**2 * elapsed_s + wander**2
+
+
+@compiled
+def go(
+    state: Array,
+    covariance: Array,
+    length_m: float,
+    heading_rad: float,
+    error: float,
+    way: float,
+    step: Array,
+) -> None:
+    """Go a step, in place; ``step`` takes the transition.
+
+    Parameters
+    ----------
+    state, covariance
+        Go on in place.
+    length_m, heading_rad
+        As measured; the state scales and turns them.
+    error, way
+        Deviation of a length, as a part, and of the azimuth [rad].
+    step
+        Takes the transition.
+    """
+    azimuth = heading_rad + (state[OFFSET] + state[MOUNT])
+    length = length_m * math.exp(state[SCALE])
+    ahead = (math.cos(azimuth), math.sin(azimuth))
+    aside = (-ahead[1], ahead[0])
+    step[:] = np.eye(SIZE)
+    for i in range(2):
+        step[i, OFFSET] = step[i, MOUNT] = length * aside[i]
+        step[i, SCALE] = length * ahead[i]
+        state[i] += length * ahead[i]
+    covariance[:] = carry(step, covariance)
+    along, across = (error * length) ** 2, (way * length) ** 2
+    for i in range(2):
+        for k in range(2):
+            covariance[i, k] += ahead[i] * along * ahead[k] + aside[i] * across * aside[k]
+
+
+@compiled
+def sight(
+    state: Array, covariance: Array, offset_rad: float, sigma_rad: float, repeats: float
+) -> None:
+    """Take a magnetic azimuth in, in place, as the offset it asks for."""
+    off, known = wrapped(offset_rad - state[OFFSET]), covariance[OFFSET, OFFSET]
+    variance = sigma_rad**2 * max(repeats, 1.0)
+    variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
+    row, gain = covariance[OFFSET].copy(), covariance[:, OFFSET] / (known + variance)
+    for i in range(SIZE):
+        state[i] += gain[i] * off
+        for k in range(SIZE):
+            covariance[i, k] -= gain[i] * row[k]
+
+
+@compiled
+def strides(
+    state: Array,
+    covariance: Array,
+    times: Times,
+    rows: Array,
+    turn_rad: float,
+    lost_rad: float,
+    noise: Noise,
+    knots: Columns,
+    count: int,
+) -> int:
+    """Go steps, in place, up to the first whose azimuth finds the offset lost; return how many.
+
+    The first is gone in any case.
+
+    Parameters
+    ----------
+    state, covariance
+        Go on in place.
+    times, rows
+        When steps end, shape (n,), and what is known of them, shape (n, STRIDE); SEEN is NaN where
+        the compass says nothing.
+    turn_rad
+        The way ahead against the axis whose heading they have.
+    lost_rad
+        Standard deviation of an offset that is not known at all.
+    noise
+        Drift, wander, and the errors of length and way.
+    knots, count
+        Columns, as :class:`.knots.Knots` has them, which take two knots of each step, and how many
+        there are.
+    """
+    time_ns, shown, predicted, predicted_spread, pose, spread, transition = knots
+    drift, wander, error, way = noise
+    for i in range(len(times)):
+        row, at = rows[i], count + 2 * i
+        seen = not math.isnan(row[SEEN])
+        if i > 0 and seen and covariance[OFFSET, OFFSET] > lost_rad**2:
+            return i
+        if row[RESTED] > 0:
+            rest(state, covariance, row[RESTED], drift)
+        elapsed_s = max(0, times[i] - time_ns[at - 1]) / NS_PER_S
+        wait(state, covariance, elapsed_s, wander, transition[at])
+        if row[RESTED] > 0:
+            transition[at, :, DRIFT] = 0.0
+        predicted[at], predicted_spread[at] = state, covariance
+        if seen:
+            sight(state, covariance, row[SEEN], row[SIGMA], row[REPEATS])
+        pose[at], spread[at] = state, covariance
+        heading_rad = row[HEADING] + turn_rad
+        go(state, covariance, row[LENGTH], heading_rad, error, way, transition[at + 1])
+        predicted[at + 1], predicted_spread[at + 1] = state, covariance
+        pose[at + 1], spread[at + 1] = state, covariance
+        time_ns[at] = time_ns[at + 1] = times[i]
+        shown[at], shown[at + 1] = False, True
+    return len(times)
+
+
+@compiled
+def smooth(
+    predicted: Array, predicted_spread: Array, pose: Array, spread: Array, transition: Array
+) -> tuple[Array, Array]:
+    """Return state and covariance at each knot as all knots tell them, (n, 6) and (n, 6, 6)."""
+    poses, spreads = pose.copy(), spread.copy()
+    off, apart = np.empty(SIZE), np.empty((SIZE, SIZE))
+    for i in range(len(pose) - 2, -1, -1):
+        gain = gain_of(spread[i], transition[i + 1], predicted_spread[i + 1])
+        for r in range(SIZE):
+            off[r] = poses[i + 1, r] - predicted[i + 1, r]
+            for k in range(SIZE):
+                apart[r, k] = spreads[i + 1, r, k] - predicted_spread[i + 1, r, k]
+        spreads[i] += carry(gain, apart)
+        for r in range(SIZE):
+            for k in range(SIZE):
+                poses[i, r] += gain[r, k] * off[k]
+    return poses, spreads
