@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 #: Records walked through one by one before their lengths are looked at, at first.
-_LOOK: Final = 64
+_LOOK: Final = 256
 _HEAD: Final = np.dtype([("opcode", "u1"), ("length", "<u8")])
 
 

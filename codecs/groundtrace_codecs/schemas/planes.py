@@ -27,14 +27,8 @@ def to_planes(values: NDArray[np.signedinteger[Any]]) -> bytes:
 
 def from_planes(data: bytes | bytearray | memoryview, out: NDArray[np.signedinteger[Any]]) -> None:
     """Put the integers of ``out.nbytes`` bytes of planes into ``out``."""
-    lowest, *upper = np.frombuffer(data, np.int8).reshape(out.dtype.itemsize, *out.shape)
-    # the upper digits of quiet samples are all zeros; numpy is fastest in arrays of one type
-    parts = [
-        np.multiply(d.astype(out.dtype), out.dtype.type(1 << 8 * k))
-        for k, d in enumerate(upper, start=1)
-        if np.count_nonzero(d)
-    ]
-    if not parts:
-        out[...] = lowest
-        return
-    np.add(sum(parts[1:], parts[0]), lowest.astype(out.dtype), out=out)
+    planes = np.frombuffer(data, np.int8).reshape(out.dtype.itemsize, *out.shape)
+    out[...] = planes[0]
+    for k in range(1, len(planes)):
+        if np.count_nonzero(planes[k]):  # the upper digits of quiet samples are all zeros
+            out += planes[k].astype(out.dtype) * out.dtype.type(1 << 8 * k)
