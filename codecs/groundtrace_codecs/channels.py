@@ -56,10 +56,9 @@ def probe(file: McapFile, channel_id: int) -> MessageTable:
     found = MessageTable.none()
     for table in file.tables({channel_id}):
         first = found[0] if found else table[0]
-        room = _PROBE_MESSAGES - len(found)
-        early = table[: min(table.before(first.log_time + _PROBE_NS), room)]
-        found = MessageTable.joined([found, early])
-        if len(early) < len(table) or len(found) == _PROBE_MESSAGES:
+        count = min(table.before(first.log_time + _PROBE_NS), _PROBE_MESSAGES - len(found))
+        found = MessageTable.joined([found, table[:count]])
+        if count < len(table):
             break
     return found
 
@@ -132,8 +131,8 @@ def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader |
     wave = _first_wave(probe(file, channel.id), place)
     if wave is None:
         return None
-    names = (f"ch{i + 1}" for i in range(wave.samples.shape[1]))
-    channels = tuple(Channel(name, "seismic", "count") for name in names)
+    columns = range(1, 1 + wave.samples.shape[1])
+    channels = tuple(Channel(f"ch{i}", "seismic", "count") for i in columns)
     irregular = wave.times_ns is not None
     rate = wave.rate_hz if wave.times_ns is None else median_rate(wave.times_ns)
     return WaveformReader(Stream(channel.topic, channels, rate, irregular=irregular), place)

@@ -6,6 +6,8 @@ import copy
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec
 
 from .detector import Associator
@@ -116,7 +118,7 @@ class AssociatorStage(PluginStage[Associator]):
             told, start = iter(accepted_events(block, run.worker.emits)), 0
             for place, own in groups:
                 part = _rows_of(block, slice(start, start + len(own)))
-                given[place] += [part, *islice(told, int(part.accepted.sum()))]
+                given[place] += [part, *islice(told, int(np.count_nonzero(part.accepted)))]
                 start += len(own)
         waiting.clear()
 

@@ -105,6 +105,9 @@ def smooth(
     guesses: Array,
     wide: Array,
     moves: Array,
+    guess: Array,
+    widest: Array,
+    step: Array,
     pose: Array,
     spread: Array,
 ) -> tuple[Array, Array]:
@@ -115,23 +118,29 @@ def smooth(
     poses, spreads
         Of the knots, shapes (n, 16) and (n, 15, 15).
     guesses, wide, moves
-        What was predicted of the knot after each, its covariance, and the transition to it.
+        What was predicted of them, its covariance, and the transition to them.
+    guess, widest, step
+        The same of the knot after the last.
     pose, spread
-        Of the knot after the last, smoothed; both go on in place.
+        Of that knot, smoothed; both go on in place.
     """
     count = len(poses)
     found, planar = np.empty((count, POSE)), np.empty((count, 3))
     off = np.empty((SIZE, SIZE))
     for i in range(count - 1, -1, -1):
-        gain = gain_of(spreads[i], moves[i], wide[i])
-        error, change = error_between(pose, guesses[i]), np.zeros(SIZE)
+        gain = gain_of(spreads[i], step, widest)
+        error, change = error_between(pose, guess), np.zeros(SIZE)
         for r in range(SIZE):
             for k in range(SIZE):
                 change[r] += gain[r, k] * error[k]
-                off[r, k] = spread[r, k] - wide[i, r, k]
+                off[r, k] = spread[r, k] - widest[r, k]
         pose[:] = poses[i]
         move(pose, change)
-        spread[:] = spreads[i] + carry(gain, off)
+        carried = carry(gain, off)
+        for r in range(SIZE):
+            for k in range(SIZE):
+                spread[r, k] = spreads[i, r, k] + carried[r, k]
         found[i] = pose
         planar[i, 0], planar[i, 1], planar[i, 2] = spread[6, 6], spread[6, 7], spread[7, 7]
+        guess, widest, step = guesses[i], wide[i], moves[i]
     return found, planar

@@ -95,20 +95,21 @@ class Walk:
         from . import walk_kernels as compiled
 
         pose, covariance = self.filter.pose.row, self.filter.covariance.copy()
-        since = self._transition.copy()
+        since, at, full = self._transition.copy(), start, True
         clocks = np.array([self.stood_s, self.swung_s, self.rested_s, float(stands)])
-        s = segments
-        at, self._pointed_ns, *knots = compiled.walk(
-            start,
-            *(s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
-            *(pose, covariance, since, clocks, self._pointed_ns, self._settings()),
-        )
+        s, settings = segments, self._settings()
+        while full:
+            at, self._pointed_ns, *knots = compiled.walk(
+                *(at, s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
+                *(pose, covariance, since, clocks, self._pointed_ns, settings),
+            )
+            full = len(knots[0]) == compiled.ROOM
+            self._add(Knots(*(np.array(column) for column in knots)), NO_NIS)
         if at > start:
             self.filter.pose, self.filter.covariance = Pose.of(pose), covariance
             self._transition = since
             self.stood_s, self.swung_s, self.rested_s, still = clocks.tolist()
             stands = still > 0
-            self._add(Knots(*(np.array(column) for column in knots)), NO_NIS)
         return at, stands
 
     def told(self) -> list[TrackPoint]:
@@ -212,7 +213,7 @@ class Walk:
     def _add(self, knots: Knots, nis: float) -> None:
         """Keep knots; say the points of those that are shown, and what is smoothed by then."""
         self._told += self._points(knots, self.stage, nis)
-        if not self.parameters.smooth:
+        if not (self.parameters.smooth and len(knots)):
             return
         begin = 0
         for place in np.flatnonzero(knots.shown).tolist():
@@ -239,12 +240,11 @@ class Walk:
         for part in before[::-1]:
             if not len(part):
                 continue
-            columns = ("predicted", "predicted_spread", "transition")
-            guesses, wide, moves = (
-                np.concatenate([getattr(part, name)[1:], getattr(later, name)[:1]])
-                for name in columns
+            found, planar = smooth(
+                *(part.pose, part.spread, part.predicted, part.predicted_spread, part.transition),
+                *(later.predicted[0], later.predicted_spread[0], later.transition[0]),
+                *(pose, spread),
             )
-            found, planar = smooth(part.pose, part.spread, guesses, wide, moves, pose, spread)
             told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, found, planar))
             later = part
         return [point for points in told[::-1] for point in points]
@@ -258,11 +258,12 @@ class Walk:
         planar: Array | None = None,
     ) -> list[TrackPoint]:
         """Return points where knots are shown, by their own poses or by others."""
-        rows, number = knots.shown, self.number
+        rows, number = np.flatnonzero(knots.shown), self.number
+        if not len(rows):
+            return []
         pose = knots.pose if pose is None else pose
-        if planar is None:
-            planar = knots.spread[:, PLANE[0], PLANE[1]]
-        columns = (knots.time_ns[rows], pose[rows][:, COLUMNS], planar[rows])
+        own = knots.spread[rows[:, None], PLANE[0], PLANE[1]] if planar is None else planar[rows]
+        columns = (knots.time_ns[rows], pose[rows[:, None], COLUMNS], own)
         return [
             TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
             for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(

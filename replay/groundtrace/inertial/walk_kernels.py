@@ -30,6 +30,8 @@ SPEED, PLACE, GYRO, FORCE, POSE = 4, 7, 10, 13, 16
     SURE, SHARE, SOLE, STILL_MPS, STILL_RADPS, REST_S, LOST_S, POINT_NS,
     CORRELATION_S, LOST_MPS, GRAVITY, ALL, SETTINGS,
 ) = range(19)  # fmt: skip
+#: Most knots of one call: fresh memory for many costs more than what it takes to fill a few.
+ROOM = 128
 #: Places among the clocks: how long the foot stood, was under way, rested; whether it stands.
 STOOD, SWUNG, RESTED, STANDS = range(4)
 
@@ -156,6 +158,8 @@ def walk(
 ) -> tuple[int, int, NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]:
     """Navigate from segment ``start`` on, in place, until something is to be decided.
 
+    It also ends where there are :data:`ROOM` knots.
+
     Parameters
     ----------
     time_ns, interval_s, rate, force, statistic, peak, length_s
@@ -172,12 +176,12 @@ def walk(
     The segment that was not gone on by; when the last point was; and the knots: time, whether
     shown, pose predicted, its covariance, pose, its covariance, transition from the knot before.
     """
-    samples, most = interval_s.shape[1], len(time_ns) - start
+    samples, most = interval_s.shape[1], min(len(time_ns) - start, ROOM)
     times, shown = np.empty(most, np.int64), np.empty(most, np.bool_)
     guesses, poses = np.empty((most, POSE)), np.empty((most, POSE))
     wide, spreads = np.empty((most, SIZE, SIZE)), np.empty((most, SIZE, SIZE))
     moves, count, at = np.empty((most, SIZE, SIZE)), 0, start
-    while at < len(time_ns):
+    while at < len(time_ns) and count < most:
         still = statistic[at] <= max(p[SURE], p[SHARE] * peak[at])
         if still and clocks[STANDS] == 0.0:
             break
