@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 SECTIONS = 2
 #: Coefficients of that many sections, those that are 1 left out.
 COEFFICIENTS = 5 * SECTIONS
-#: Rows of scaled samples that are filtered while they are in the nearest cache.
-PART = 32 * TILE
+#: Rows of samples that are put into lanes at once, and filtered while they are near in the caches.
+PART = 128 * TILE
 #: A filter's memory below this, at the end of a cell, is nothing: it would go on through numbers
 #: that are slow to count.
 NOTHING = 1e-140

@@ -94,8 +94,9 @@ class LaneHistory:
         kept = self.end - self.first
         if self._begin + kept + samples > self._rows.shape[2]:
             signals, groups, room, _ = self._rows.shape
-            # little more than a block stays near in the caches, and yet what is kept moves seldom
-            wanted = max(room, 4 * kept + samples)
+            # little more than a block stays near in the caches, and yet what is kept moves seldom;
+            # with a row to spare no view of several groups is contiguous: one type to compile for
+            wanted = max(room, 4 * kept + samples + 1)
             rows = self._rows if wanted == room else zero_rows(signals, groups, wanted)
             rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept]
             self._rows, self._begin = rows, 0

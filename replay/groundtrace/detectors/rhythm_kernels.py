@@ -40,12 +40,46 @@ def autocorrelation(x: Array, lags: int) -> Array:
 
 
 @compiled
+def median_size(window: Array) -> float:
+    """Return the median of absolute values, by parting them about one again and again (Hoare)."""
+    n = len(window)
+    x = np.empty(n)
+    for i in range(n):
+        x[i] = abs(window[i])
+    low, high, middle = 0, n - 1, n // 2
+    while low < high:
+        pivot, i, j = x[(low + high) // 2], low, high
+        while i <= j:
+            while x[i] < pivot:
+                i += 1
+            while x[j] > pivot:
+                j -= 1
+            if i <= j:
+                x[i], x[j] = x[j], x[i]
+                i, j = i + 1, j - 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    if n % 2:
+        return float(x[middle])
+    below = x[0]
+    for k in range(1, middle):
+        below = max(below, x[k])
+    return float(0.5 * (below + x[middle]))
+
+
+@compiled
 def clipped(window: Array, limit: float) -> Array:
     """Return a window, shape (n,), with its amplitudes clipped, less its mean."""
-    x = np.empty(len(window))
+    x, total = np.empty(len(window)), 0.0
     for i in range(len(window)):
         x[i] = min(max(window[i], -limit), limit)
-    x -= x.mean()
+        total += x[i]
+    for i in range(len(window)):
+        x[i] -= total / len(window)
     return x
 
 
@@ -104,7 +138,7 @@ def rhythms(
     out = np.empty((3, count))
     for w in range(count):
         window = signal[w * hop : w * hop + length]
-        out[0, w], out[1, w], out[2, w] = -1.0, 0.0, np.median(np.abs(window))
+        out[0, w], out[1, w], out[2, w] = -1.0, 0.0, median_size(window)
         if longest < shortest + 2:
             continue
         x = clipped(window, clip * out[2, w])
