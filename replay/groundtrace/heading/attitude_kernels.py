@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..compiled import compiled
-from .rotation_kernels import multiply, normalise, product, turn_by
+from .rotation_kernels import held, multiply, normalise, product, put, times, turn_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,6 +32,14 @@ SIGMA, RESTING, TOLD_BIAS, VALUES, PASSED, TOLD = 0, 1, 2, 5, 15, 16
     REST_RATE, REST_SPREAD, REST_FORCE, REST_S, REST_SPEED, GRAVITY, FIELD_SIGMA, PLAIN_SIGMA,
     IRON_START, DRIFT, FREE, STEP, SETTINGS,
 ) = range(21)  # fmt: skip
+
+
+@compiled
+def forget(covariance: Array, first: int, count: int) -> None:
+    """Let a few neighbours in the error state have no errors, in place."""
+    for i in range(first, first + count):
+        for k in range(len(covariance)):
+            covariance[i, k] = covariance[k, i] = 0.0
 
 
 @compiled
@@ -124,10 +132,12 @@ def hold(
 
     ``none`` is no row that is kept.
     """
-    across, spread = covariance[first : first + 3].copy(), np.empty((3, 3))
-    spread[:] = across[:, first : first + 3]
+    across, spread = np.empty((3, SIZE)), np.empty((3, 3))
     for a in range(3):
-        spread[a, a] += variance
+        for k in range(SIZE):
+            across[a, k] = covariance[first + a, k]
+        for b in range(3):
+            spread[a, b] = across[a, first + b] + (variance if a == b else 0.0)
     at = first + 1
     off = (values[0] - state[at], values[1] - state[at + 1], values[2] - state[at + 2])
     learn(state, covariance, across, spread, off, none)
@@ -136,15 +146,15 @@ def hold(
 @compiled
 def know_heading(covariance: Array, sigma: float) -> None:
     """Take the heading to be known to ``sigma`` [rad], by what this filter does not see."""
-    covariance[2, :] = 0.0
-    covariance[:, 2] = 0.0
+    forget(covariance, 2, 1)
     covariance[2, 2] = sigma * sigma
 
 
 @compiled
 def turn_heading(state: Array, covariance: Array, angle: float) -> None:
     """Turn the whole estimate about the vertical, counter-clockwise, in place."""
-    turn_by(np.array([0.0, 0.0, angle]), state[:4])
+    put(times((math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)), held(state)), state)
+    normalise(state[:4])
     c, s = math.cos(angle), math.sin(angle)
     x, y = state[VELOCITY], state[VELOCITY + 1]
     state[VELOCITY], state[VELOCITY + 1] = c * x - s * y, s * x + c * y
@@ -170,9 +180,7 @@ def face(state: Array, covariance: Array, field: Vector, sigma: float, iron: flo
 def take_earth(state: Array, covariance: Array, north: float, up: float, sigma: float) -> None:
     """Take a field for the earth's, by its horizontal and vertical part, in place."""
     state[EARTH], state[EARTH + 1] = north, up
-    for k in (12, 13):
-        covariance[k, :] = 0.0
-        covariance[:, k] = 0.0
+    forget(covariance, 12, 2)
     covariance[12, 12] = covariance[13, 13] = sigma * sigma
 
 
@@ -237,8 +245,7 @@ def move(state: Array, covariance: Array, rate: Vector, still: bool, dt: float, 
     state[RESTED] = state[RESTED] + dt if still else 0.0
     resting = bool(state[RESTED] > p[REST_S])
     if p[FREE] > 0.0:
-        covariance[2, :] = 0.0
-        covariance[:, 2] = 0.0
+        forget(covariance, 2, 1)
     variance = p[REST_SPEED] ** 2 if resting else p[SPEED] ** 2 * 2.0 / dt
     hold(state, covariance, 3, (0.0, 0.0, 0.0), variance, none)
     if resting:

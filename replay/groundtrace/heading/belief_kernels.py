@@ -23,9 +23,10 @@ from .attitude_kernels import (
     PLAIN_SIGMA,
     SIZE,
     face,
+    forget,
     take_earth,
 )
-from .compass_kernels import correct_field, deviation, seen_by_field, without
+from .compass_kernels import correct_field, deviation, seen_by_field, total, without
 from .rotation_kernels import product, solve
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def iron_change(
     """
     if belief[DOUBTED] == 0.0:
         return 0.0
-    x, y, z = without(state[IRON : IRON + 3], turned, field)
+    x, y, z = without((state[IRON], state[IRON + 1], state[IRON + 2]), turned, field)
     miss = math.sqrt(x * x + (state[EARTH] - y) ** 2 + (state[EARTH + 1] - z) ** 2)
     pick = seen_by_field(turned, (x, y, z))
     across, trace = product(pick, covariance), 0.0
@@ -92,8 +93,7 @@ def come_clean(state: Array, covariance: Array, belief: Array) -> None:
     """Drop the belief in other iron, in place."""
     if belief[DOUBTED] == 0.0:
         return
-    covariance[9:12, :] = 0.0
-    covariance[:, 9:12] = 0.0
+    forget(covariance, 9, 3)
     for i in range(3):
         state[IRON + i] = belief[CLEAN + i]
         for k in range(3):
@@ -119,11 +119,12 @@ def blame_iron(
 ) -> None:
     """Explain a frame's field by iron alone, in place; it is known as well as orientation is."""
     north, up = state[EARTH], state[EARTH + 1]
-    back, slope = np.eye(3), np.zeros((3, SIZE))
-    solve(turned.copy(), back)
+    back, slope, rest = np.zeros((3, 3)), np.zeros((3, SIZE)), turned.copy()
     for i in range(3):
-        covariance[9 + i, :] = 0.0
-        covariance[:, 9 + i] = 0.0
+        back[i, i] = 1.0
+    solve(rest, back)
+    forget(covariance, 9, 3)
+    for i in range(3):
         a, b, c = back[i, 0], back[i, 1], back[i, 2]
         state[IRON + i] = a * field[0] + b * (field[1] - north) + c * (field[2] - up)
         slope[i, 0], slope[i, 1], slope[i, 2] = c * north - b * up, a * up, -a * north
@@ -161,8 +162,8 @@ def watch(belief: Array, fields: Array, seen: Vector, turned_rad: float, length_
         belief[WATCHED] = count
         return False
     belief[WATCHED] = count
-    still = deviation(fields[:count, 2]) < STILL_T and deviation(fields[:count, 3]) < STILL_RAD
-    return still and fields[:count, 4].sum() >= LEAST_RAD
+    still = deviation(fields, count, 2) < STILL_T and deviation(fields, count, 3) < STILL_RAD
+    return still and total(fields, count, 4) >= LEAST_RAD
 
 
 @compiled
@@ -171,9 +172,8 @@ def replace_reference(
 ) -> None:
     """Take the watched fields for the place's, in place; face them where the one before failed."""
     verified, count = belief[VERIFIED] >= LEAST_RAD, int(belief[WATCHED])
-    watched = fields[:count]
-    belief[VERIFIED], belief[WATCHED] = watched[:, 4].sum(), 0.0
-    north, up = watched[:, 0].sum() / count, watched[:, 1].sum() / count
+    belief[VERIFIED], belief[WATCHED] = total(fields, count, 4), 0.0
+    north, up = total(fields, count, 0) / count, total(fields, count, 1) / count
     take_earth(state, covariance, north, up, p[PLAIN_SIGMA])
     if not verified:
         face(state, covariance, seen, p[PLAIN_SIGMA], p[IRON_START])

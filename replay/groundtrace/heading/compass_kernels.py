@@ -48,14 +48,21 @@ def keep(values: Array, counts: NDArray[np.int64], row: int, value: float) -> No
 
 
 @compiled
-def deviation(values: Array) -> float:
-    """Return the standard deviation of some values."""
-    mean, square = 0.0, 0.0
-    for k in range(len(values)):
-        mean += values[k] / len(values)
-    for k in range(len(values)):
-        square += (values[k] - mean) * (values[k] - mean)
-    return math.sqrt(square / len(values))
+def total(values: Array, count: int, column: int) -> float:
+    """Return the sum of the first few values of a column."""
+    summed = 0.0
+    for i in range(count):
+        summed += values[i, column]
+    return summed
+
+
+@compiled
+def deviation(values: Array, count: int, column: int) -> float:
+    """Return the standard deviation of the first few values of a column."""
+    mean, square = total(values, count, column) / count, 0.0
+    for i in range(count):
+        square += (values[i, column] - mean) * (values[i, column] - mean)
+    return math.sqrt(square / count)
 
 
 @compiled
@@ -86,7 +93,7 @@ def tests(
     changed = math.degrees(wrapped(recent[1, count - 1] - recent[1, 0]))
     out[0] = math.sqrt(x * x + y * y + z * z) / TESLA
     out[1] = abs(norm - math.hypot(north, up)) / TESLA
-    out[2] = deviation(recent[0, : counts[0, 0]]) / TESLA
+    out[2] = deviation(recent.T, counts[0, 0], 0) / TESLA
     out[3] = abs(flat - north) / TESLA
     out[4] = abs(math.degrees(left))
     out[5] = abs(changed) / (count * length_s)
@@ -104,12 +111,12 @@ def passes(values: Array, limits: Array) -> bool:
 
 
 @compiled
-def without(iron: Array, turned: Array, field: Vector) -> Vector:
+def without(iron: Vector, turned: Array, field: Vector) -> Vector:
     """Return a field in the earth frame without that of iron on the sensor, shape (3,).
 
     ``turned``, shape (3, 3), is what the frame's mean turn makes of it there.
     """
-    x, y, z = iron[0], iron[1], iron[2]
+    x, y, z = iron
     return (
         field[0] - (turned[0, 0] * x + turned[0, 1] * y + turned[0, 2] * z),
         field[1] - (turned[1, 0] * x + turned[1, 1] * y + turned[1, 2] * z),
@@ -145,6 +152,6 @@ def correct_field(
     kept = np.zeros(SIZE, np.bool_)
     kept[0] = kept[1] = kept[3] = kept[4] = kept[5] = True  # a field must not change the tilt
     kept[12] = kept[13] = not earth
-    x, y, z = without(state[IRON : IRON + 3], turned, field)
+    x, y, z = without((state[IRON], state[IRON + 1], state[IRON + 2]), turned, field)
     innovation = (-x, state[EARTH] - y, state[EARTH + 1] - z)
     update(state, covariance, seen_by_field(turned, (x, y, z)), innovation, variance, kept)

@@ -14,7 +14,7 @@ from . import frame_kernels as of
 from .attitude_kernels import alone, move, predict
 from .compass_kernels import TESLA, passes, tests, turn_about_vertical, without, wrapped
 from .frame_kernels import headings_into, sum_up
-from .rotation_kernels import add_matrix, held, product, rotated
+from .rotation_kernels import add_matrix, held, rotated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -47,7 +47,9 @@ def look(
     belief, fields, recent, counts = compass
     before, doubted = held(state), belief[by.DOUBTED] > 0.0
     sigma = p[at.DRIFT] * min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
-    iron = belief[by.CLEAN : by.SPREAD] if doubted else state[at.IRON : at.EARTH]
+    iron = (state[at.IRON], state[at.IRON + 1], state[at.IRON + 2])
+    if doubted:
+        iron = (belief[by.CLEAN], belief[by.CLEAN + 1], belief[by.CLEAN + 2])
     seen = without(iron, turned, field)
     tests(state[at.EARTH : at.RESTED], seen, sigma, recent, counts, dt, values)
     off = values[0] * TESLA
@@ -85,7 +87,11 @@ def go_on(
     """
     axes = np.zeros((3, 3))
     add_matrix(start, 1.0, axes)
-    turned[:] = product(axes, said[: of.FORCE].reshape(3, 3))
+    for i in range(3):
+        for k in range(3):
+            turned[i, k] = 0.0
+            for j in range(3):
+                turned[i, k] += axes[i, j] * said[of.MEAN_TURN + 3 * j + k]
     bias = (state[at.BIAS], state[at.BIAS + 1], state[at.BIAS + 2])
     rate = (said[of.RATE], said[of.RATE + 1], said[of.RATE + 2])
     pushed = rotated(start, (said[of.FORCE], said[of.FORCE + 1], said[of.FORCE + 2]))
@@ -199,7 +205,8 @@ def frames(
             take_field(state, covariance, compass, *given)
         for k in (at.VALUES + 8, at.VALUES + 9):
             row[k] = math.degrees(wrapped(heading[f * length] + row[k]))
-        row[at.TOLD_BIAS : at.VALUES] = state[at.BIAS : at.IRON]
+        for k in range(3):
+            row[at.TOLD_BIAS + k] = state[at.BIAS + k]
         if sees and due(watched, row[at.PASSED] > 0.0, tries):
             return f + 1, orientation, heading, told
     return count, orientation, heading, told

@@ -81,12 +81,6 @@ def normalise(q: Array) -> None:
 
 
 @compiled
-def of_vector(angle: Array, factor: float, out: Array) -> None:
-    """Put the quaternion of ``factor`` times a rotation vector [rad] in ``out``."""
-    put(of_angles(factor * angle[0], factor * angle[1], factor * angle[2]), out)
-
-
-@compiled
 def turn(q: Array, v: Array, out: Array) -> None:
     """Put ``v``, shape (3,), turned by a quaternion in ``out``, which may be ``v``."""
     out[0], out[1], out[2] = rotated(held(q), (v[0], v[1], v[2]))
