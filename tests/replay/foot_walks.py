@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from made_rotations import of_vectors
 
-from groundtrace.heading.rotations import matrix, of_vectors
+from groundtrace.heading.rotations import matrix
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 START_NS = 1_700_000_000_000_000_000

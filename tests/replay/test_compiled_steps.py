@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_rotations import of_vectors, running_products, skew
 
 from groundtrace.detectors.gcc_phat import ONSET, Apart, GccPhat
 from groundtrace.detectors.pair_delays import MISFIT_S, PASSES, Band, Delays, consistent, correlated
@@ -22,10 +23,7 @@ from groundtrace.heading.rotations import (
     matrix,
     mean_matrix,
     normalised,
-    of_vectors,
     product,
-    running_products,
-    skew,
     turned,
 )
 from groundtrace.inertial.error_state import ErrorStateFilter, SensorNoise

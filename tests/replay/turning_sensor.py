@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from made_rotations import of_vectors, running_products
 
 from groundtrace.heading.estimator import HeadingEstimator
 from groundtrace.heading.inertial_frames import Samples
 from groundtrace.heading.parameters import HeadingParameters
-from groundtrace.heading.rotations import headings_of, of_vectors, running_products, turned
+from groundtrace.heading.rotations import headings_of, turned
 
 RATE_HZ = 100.0
 #: The earth's field, east, north, up [T].

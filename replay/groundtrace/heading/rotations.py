@@ -34,16 +34,6 @@ def normalised(q: Array) -> Array:
     return np.asarray(q / np.sqrt(np.einsum("...i,...i", q, q))[..., None])
 
 
-def of_vectors(angle: Array) -> Array:
-    """Return the quaternions of rotation vectors [rad], shape (..., 3) to (..., 4)."""
-    half = 0.5 * np.sqrt(np.einsum("...i,...i", angle, angle))
-    out = np.empty((*angle.shape[:-1], 4))
-    out[..., 0] = np.cos(half)
-    # numpy's sinc is sin(pi x) / (pi x), and 1 at 0
-    out[..., 1:] = 0.5 * np.sinc(half / np.pi)[..., None] * angle
-    return out
-
-
 def turned(q: Array, vectors: Array) -> Array:
     """Return vectors, shape (..., 3), turned by quaternions, shape (..., 4)."""
     w, u = q[..., :1], q[..., 1:]
@@ -62,15 +52,6 @@ def crossed(a: Array, b: Array) -> Array:
     return out
 
 
-def running_products(q: Array) -> Array:
-    """Return q0, q0 q1, q0 q1 q2, ..., shape (n, 4), in about log2(n) array operations."""
-    out, reach = q.copy(), 1
-    while reach < len(out):
-        out[reach:] = product(out[:-reach], out[reach:])
-        reach *= 2
-    return out
-
-
 def matrix(q: Array) -> Array:
     """Return the rotation matrix of one quaternion, shape (3, 3)."""
     return mean_matrix(q[None, :])
@@ -86,12 +67,6 @@ def mean_matrix(q: Array) -> Array:
             [2 * (xz - wy), 2 * (yz + wx), ww - xx - yy + zz],
         ]
     )
-
-
-def skew(v: Array) -> Array:
-    """Return the matrix of the cross product with ``v``, shape (3, 3)."""
-    x, y, z = v.tolist()
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], np.float64)
 
 
 def levelled(force: Array) -> Array:
