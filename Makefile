@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check warm test build wheel bench fuzz big accept proto screenshot clean
+.PHONY: demo dev fmt check warm test build wheel bench fuzz big accept proto screenshot recompile clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -96,5 +96,8 @@ screenshot: $(VENV)/installed ## the picture in the README
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
 	$(BIN)/python -m groundtrace_viewers.headless build/room-walk.rrd docs/screenshot.png --at 8.0425
 
-clean:
+recompile: ## forget compiled functions: after a change of one that other files' functions call
+	find . -name "*.nb[ci]" -delete
+
+clean: recompile
 	rm -rf $(VENV) build dist
