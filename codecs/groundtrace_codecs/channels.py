@@ -55,8 +55,8 @@ def probe(file: McapFile, channel_id: int) -> MessageTable:
     """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
     found = MessageTable.none()
     for table in file.tables({channel_id}):
-        first = found[0] if found else table[0]
-        count = min(table.before(first.log_time + _PROBE_NS), _PROBE_MESSAGES - len(found))
+        end_ns = (found or table)[0].log_time + _PROBE_NS
+        count = min(table.before(end_ns), _PROBE_MESSAGES - len(found))
         found = MessageTable.joined([found, table[:count]])
         if count < len(table):
             break
@@ -133,9 +133,9 @@ def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader |
         return None
     columns = range(1, 1 + wave.samples.shape[1])
     channels = tuple(Channel(f"ch{i}", "seismic", "count") for i in columns)
-    irregular = wave.times_ns is not None
     rate = wave.rate_hz if wave.times_ns is None else median_rate(wave.times_ns)
-    return WaveformReader(Stream(channel.topic, channels, rate, irregular=irregular), place)
+    stream = Stream(channel.topic, channels, rate, irregular=wave.times_ns is not None)
+    return WaveformReader(stream, place)
 
 
 def _first_wave(messages: Sequence[Message], place: str) -> Waveform | None:
@@ -170,8 +170,7 @@ class RosReader:
             found = read_samples(source, tables, log_ns)
             if not len(found.times_ns):
                 continue
-            in_order = order == sorted(order)
-            values = found.values if in_order else found.values[:, order]
+            values = found.values if order == sorted(order) else found.values[:, order]
             if stream.irregular:
                 first = messages[0].sequence
                 block = SignalBlock(stream, int(found.times_ns[0]), first, values, found.times_ns)
