@@ -8,7 +8,7 @@ them while ten minutes of an IMU are read, a tenth to a sixth of the time that i
 from __future__ import annotations
 
 import ctypes
-import platform
+import sys
 
 #: The most that glibc takes for the larger of the two (its manual, "Malloc Tunable Parameters").
 _KEPT_BYTES = 32 << 20
@@ -17,7 +17,8 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD 
 
 def keep_freed_memory() -> bool:
     """Let this process keep up to 32 MiB that it freed; return whether the C library can."""
-    if platform.libc_ver()[0] != "glibc":
-        return False
-    mallopt = ctypes.CDLL(None).mallopt
-    return all(mallopt(name, _KEPT_BYTES) for name in (_MMAP_THRESHOLD, _TRIM_THRESHOLD))
+    # other C libraries of Linux have no such function
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    return mallopt is not None and all(
+        mallopt(name, _KEPT_BYTES) for name in (_MMAP_THRESHOLD, _TRIM_THRESHOLD)
+    )

@@ -45,7 +45,7 @@ class WaveformRun:
         self._others: list[bytes | memoryview] = []
         self._next = self._first.first + len(self._first)
         self._stored = wave.stored
-        self._same = (wave.stored, *wave.samples.T.shape, stream.rate_hz, b"")
+        self._same = (*wave.samples.T.shape, stream.rate_hz, b"")
         self.length = wave.samples.nbytes
 
     def take(self, data: bytes | memoryview) -> bool:
@@ -58,14 +58,10 @@ class WaveformRun:
         except DecodeError:
             return False
         first = self._first
-        same = (
-            message.format,
-            message.channels,
-            message.samples,
-            message.sample_rate,
-            message.sample_times_ns,
-        )
-        if same != self._same or message.first_sample != self._next:
+        same = (message.channels, message.samples, message.sample_rate, message.sample_times_ns)
+        if message.format != self._stored or same != self._same:
+            return False
+        if message.first_sample != self._next:
             return False
         stamp = message.timestamp
         lag_ns = stamp.seconds * NS_PER_S + stamp.nanos - first.anchor_ns
