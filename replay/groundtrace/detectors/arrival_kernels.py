@@ -143,11 +143,8 @@ def _cells_of_lanes(
             _take_variance(part, start, stop, alpha, mean, least, cell)
             start = stop
             if filled == length:
-                close_cell(cell, length, closed, index % TILE)
+                index, filled = close_cell(cell, length, closed, first, cells, index), 0
                 put_row(at_cell, 0, row(mean, 0))
-                index, filled = index + 1, 0
-                if index % TILE == 0:
-                    put_cells(closed, first, cells, index - TILE, TILE)
     put_cells(closed, first, cells, index - index % TILE, index % TILE)
 
 

@@ -72,15 +72,6 @@ def take_extremes(recorded: NDArray[Any], start: int, stop: int, scale: Any, cel
 
 
 @compiled
-def close_cell(cell: Array, length: int, closed: Array, place: int) -> None:
-    """Put the open cell among the closed ones, shape (OPEN * TILE, LANES); begin the next."""
-    put_row(cell, 2, row(cell, 2) / every(length * 1.0))
-    for k in range(OPEN):
-        put_row(closed, k * TILE + place, row(cell, k))
-    empty_cell(cell)
-
-
-@compiled
 def put_cells(closed: Array, first: int, cells: Array, index: int, count: int) -> None:
     """Put closed cells to those of their channels, from ``index`` on; ``first`` is a channel."""
     _, channels, n = cells.shape
@@ -92,6 +83,23 @@ def put_cells(closed: Array, first: int, cells: Array, index: int, count: int) -
         for lane in range(min(LANES, channels - first)):
             for i in range(count):
                 cells[k, first + lane, index + i] = closed[k * TILE + i, lane]
+
+
+@compiled
+def close_cell(
+    cell: Array, length: int, closed: Array, first: int, cells: Array, index: int
+) -> int:
+    """Put the open cell among the closed ones, shape (OPEN * TILE, LANES), and begin the next.
+
+    ``index`` is its place; return that of the next. What is closed goes to ``cells`` by the tile.
+    """
+    put_row(cell, 2, row(cell, 2) / every(length * 1.0))
+    for k in range(OPEN):
+        put_row(closed, k * TILE + index % TILE, row(cell, k))
+    empty_cell(cell)
+    if (index + 1) % TILE == 0:
+        put_cells(closed, first, cells, index + 1 - TILE, TILE)
+    return index + 1
 
 
 @compiled
@@ -136,8 +144,5 @@ def reduce_cells(
         filled += stop - start
         start = stop
         if filled == length:
-            close_cell(cell, length, closed, index % TILE)
-            index, filled = index + 1, 0
-            if index % TILE == 0:
-                put_cells(closed, first, cells, index - TILE, TILE)
+            index, filled = close_cell(cell, length, closed, first, cells, index), 0
     put_cells(closed, first, cells, index - index % TILE, index % TILE)
