@@ -106,7 +106,7 @@ class WaveformReader:
     def __init__(self, stream: Stream, place: str) -> None:
         self.streams: tuple[Stream, ...] = (stream,)
         self._place = place
-        self._length = 0  # of the last message's samples: most have the same [bytes]
+        self._count = 0  # samples of the last message: most have as many
 
     def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
         """Yield one block per message, or per run of messages that continue each other."""
@@ -116,8 +116,8 @@ class WaveformReader:
             if run is None or not (joined and run.take(message.data)):
                 if run is not None:
                     yield Stamped(log_ns, run.block())
-                run = WaveformRun(self.streams[0], message.data, self._place, self._length)
-                self._length = run.length
+                run = WaveformRun(self.streams[0], message.data, self._place, self._count)
+                self._count = run.count
             log_ns = message.log_time
         if run is not None:
             yield Stamped(log_ns, run.block())

@@ -25,6 +25,8 @@ _IN_PLANES = {"i16le": "i16planes", "i32le": "i32planes"}
 _NAMES = {np.dtype(kind): name for name, kind in FORMATS.items()}
 _STORED = {**FORMATS, **{stored: FORMATS[plain] for plain, stored in _IN_PLANES.items()}}
 _MAX_ANCHOR_NS = 1 << 62
+#: Bytes of the widest sample.
+_WIDEST = 8
 #: Key of the field ``data``: number 8, length-delimited.
 _DATA_KEY = 8 << 3 | 2
 
@@ -43,17 +45,26 @@ class Waveform(NamedTuple):
     stored: str
 
 
+def fits(size: int, name: str, count: int) -> bool:
+    """Tell whether ``count`` samples stored as ``name`` can take ``size`` bytes."""
+    most = count * np.dtype(_STORED[name]).itemsize
+    if name in FORMATS:
+        return size == most > 0
+    return 0 < size <= most and size % count == 0
+
+
 def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]:
     if message.format not in _STORED:
         known = ", ".join(_STORED)
         raise SchemaError(f"{place}: format: expected one of {known}, found {message.format!r}")
     dtype = np.dtype(_STORED[message.format])
     shape = (message.channels, message.samples)
-    size = math.prod(shape) * dtype.itemsize
-    if size == 0 or size != len(data):
+    count = math.prod(shape)
+    if not fits(len(data), message.format, count):
+        planes = "" if message.format in FORMATS else ", or fewer times as many as samples,"
         raise SchemaError(
-            f"{place}: data: expected {size} bytes for {shape[0]} channels of {shape[1]} samples, "
-            f"found {len(data)}"
+            f"{place}: data: expected {count * dtype.itemsize} bytes{planes} for {shape[0]} "
+            f"channels of {shape[1]} samples, found {len(data)}"
         )
     # The transposed view keeps each channel contiguous, as stored.
     if message.format in FORMATS:
@@ -73,7 +84,7 @@ def stored(samples: NDArray[Any]) -> tuple[str, bytes]:
 
 
 def put_samples(data: bytes | memoryview, name: str, out: NDArray[Any]) -> None:
-    """Put the samples of ``out.nbytes`` bytes stored as ``name`` into ``out``."""
+    """Put samples stored as ``name`` into ``out``; their bytes must fit it."""
     if name in FORMATS:
         out[...] = np.frombuffer(data, out.dtype).reshape(out.shape)
     else:
@@ -102,25 +113,28 @@ def _opening(length: int) -> bytes:
 
 
 def apart(
-    data: bytes | memoryview, length: int
+    data: bytes | memoryview, count: int
 ) -> tuple[bytes | memoryview, bytes | memoryview | None]:
-    """Split a message before its last field where that is ``length`` bytes of samples.
+    """Split a message before its last field where that holds ``count`` samples.
 
     A message is a sequence of fields, so what comes before is one as well; None where it is not
     known to end so.
     """
-    opening = _opening(length)
-    start = len(data) - length
-    fields = start - len(opening)
-    if length <= 0 or fields < 0 or data[fields:start] != opening:
-        return data, None
-    return data[:fields], data[start:]
+    width = min(_WIDEST, len(data) // count) if count else 0
+    while width:
+        opening = _opening(width * count)
+        start = len(data) - width * count
+        fields = start - len(opening)
+        if fields >= 0 and data[fields:start] == opening:
+            return data[:fields], data[start:]
+        width -= 1
+    return data, None
 
 
-def _parsed(data: bytes | memoryview, place: str, length: int) -> tuple[Any, bytes | memoryview]:
+def _parsed(data: bytes | memoryview, place: str, count: int) -> tuple[Any, bytes | memoryview]:
     """Parse a message, and give its samples' bytes, where they lie if that can be."""
     block = message_class("WaveformBlock")
-    fields, samples = apart(data, length)
+    fields, samples = apart(data, count)
     if samples is not None:
         with suppress(DecodeError):
             return block.FromString(fields), samples
@@ -129,7 +143,7 @@ def _parsed(data: bytes | memoryview, place: str, length: int) -> tuple[Any, byt
 
 
 def decode_waveform(
-    data: bytes | memoryview, place: str = "WaveformBlock", length: int = 0
+    data: bytes | memoryview, place: str = "WaveformBlock", count: int = 0
 ) -> Waveform:
     """Decode a WaveformBlock.
 
@@ -139,8 +153,8 @@ def decode_waveform(
         The message.
     place
         Named in errors.
-    length
-        How many bytes of samples it has, if it has as many as others: they are then not copied.
+    count
+        How many samples it has, if it has as many as others: they are then not copied.
 
     Raises
     ------
@@ -148,7 +162,7 @@ def decode_waveform(
         Where the bytes are not a WaveformBlock with at least one sample of one channel; names
         ``place``.
     """
-    message, packed = _parsed(data, place, length)
+    message, packed = _parsed(data, place, count)
     times = _times(message, place)
     rate = message.sample_rate
     if times is None and not 0.0 < rate < math.inf:

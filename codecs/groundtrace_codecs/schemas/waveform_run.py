@@ -9,7 +9,7 @@ from google.protobuf.message import DecodeError
 
 from ..signals import NS_PER_S, SignalBlock, Stream
 from .protobuf import message_class
-from .waveform import apart, decode_waveform, put_samples, to_block
+from .waveform import apart, decode_waveform, fits, put_samples, to_block
 
 
 class WaveformRun:
@@ -23,13 +23,13 @@ class WaveformRun:
         The first message.
     place
         Named in errors.
-    length
+    count
         As :func:`decode_waveform` takes it.
 
     Attributes
     ----------
-    length
-        How many bytes of samples the first message has.
+    count
+        How many samples the first message has, all channels together.
 
     Raises
     ------
@@ -38,19 +38,19 @@ class WaveformRun:
     """
 
     def __init__(
-        self, stream: Stream, data: bytes | memoryview, place: str, length: int = 0
+        self, stream: Stream, data: bytes | memoryview, place: str, count: int = 0
     ) -> None:
-        wave = decode_waveform(data, place, length)
+        wave = decode_waveform(data, place, count)
         self._first = to_block(stream, wave, place)
         self._others: list[bytes | memoryview] = []
         self._next = self._first.first + len(self._first)
         self._stored = wave.stored
         self._same = (*wave.samples.T.shape, stream.rate_hz, b"")
-        self.length = wave.samples.nbytes
+        self.count = wave.samples.size
 
     def take(self, data: bytes | memoryview) -> bool:
         """Take a message that continues the run as plainly as most do; else return False."""
-        fields, packed = apart(data, self.length)
+        fields, packed = apart(data, self.count)
         if packed is None or self._first.times_ns is not None:
             return False
         try:
@@ -60,6 +60,8 @@ class WaveformRun:
         first = self._first
         same = (message.channels, message.samples, message.sample_rate, message.sample_times_ns)
         if message.format != self._stored or same != self._same:
+            return False
+        if not fits(len(packed), self._stored, self.count):
             return False
         if message.first_sample != self._next:
             return False
