@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .compiled import compiled
+from .compiled import compiled, in_place
 from .lanes import LANES, LANES_32, every, multiply_add, put_row, row, row_from
 from .tiles import TILE, turn
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Indices = NDArray[np.intp]
 
 
-@compiled
+@in_place
 def _put_side_by_side(samples: NDArray[Any], first: int, hop: int, turned: Real) -> None:
     """Put runs of samples, a hop apart, into columns.
 
@@ -40,7 +40,7 @@ def _put_side_by_side(samples: NDArray[Any], first: int, hop: int, turned: Real)
             turned[j, run] = samples[first + run * hop + j]
 
 
-@compiled
+@in_place
 def _fold(turned: Real, places: Indices, weights: Real, mean: Real, folded: Real) -> None:
     """Fold the windows of all lanes about their middle, and about a quarter of the transform.
 
@@ -71,7 +71,7 @@ def _fold(turned: Real, places: Indices, weights: Real, mean: Real, folded: Real
         put_row(folded, 3 * n + i, near + far)
 
 
-@compiled
+@in_place
 def _take_mean(turned: Real, every_place: Indices, share: Real, mean: Real) -> None:
     """Write twice the mean of each window, (lanes,); ``share`` is what a sample has in it, (1,)."""
     level = every(share[0]) * row_from(turned, every_place[0])
@@ -80,7 +80,7 @@ def _take_mean(turned: Real, every_place: Indices, share: Real, mean: Real) -> N
     put_row(mean, 0, level)
 
 
-@compiled
+@in_place
 def _products(waves: Real, k: int, folded: Real, first: int) -> Any:
     """Return the sums of terms, from row ``first`` on, times four waves, every other one."""
     n, term = waves.shape[1], row(folded, first)
@@ -95,7 +95,7 @@ def _products(waves: Real, k: int, folded: Real, first: int) -> Any:
     return one, two, three, four
 
 
-@compiled
+@in_place
 def _multiply(folded: Real, cosines: Real, sines: Real, power: Real) -> None:
     """Write the power of the windows of all lanes, shape (frequencies, lanes).
 
@@ -118,7 +118,7 @@ def _multiply(folded: Real, cosines: Real, sines: Real, power: Real) -> None:
             put_row(power, k + 6, d * d + h * h)
 
 
-@compiled
+@in_place
 def _join(before: NDArray[Any], after: NDArray[Any], start: int, joined: NDArray[Any]) -> None:
     """Write samples from ``start`` of the later ones on, 0 behind them; the others end there."""
     for i in range(len(joined)):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..lanes import (
     LANES,
     absolute,
@@ -40,7 +40,7 @@ PART = 128 * TILE
 NOTHING = 1e-140
 
 
-@compiled
+@in_place
 def spread(sos: Array, coefficients: Array) -> None:
     """Write the coefficients of two sections into rows, in the order in which they are needed."""
     order = ((0, 0), (0, 1), (0, 4), (0, 2), (0, 5), (1, 0), (1, 1), (1, 4), (1, 2), (1, 5))
@@ -48,13 +48,13 @@ def spread(sos: Array, coefficients: Array) -> None:
         put_row(coefficients, k, every(sos[order[k]]))
 
 
-@compiled
+@in_place
 def _remembered(c: Array, k: int, x: Any, y: Any, later: Any) -> Any:
     """Return a section's memory after a sample that came in and went out; ``k`` is its first."""
     return row(c, k + 1) * x - row(c, k + 2) * y + later, row(c, k + 3) * x - row(c, k + 4) * y
 
 
-@compiled
+@in_place
 def _filter(
     recorded: NDArray[Any],
     scale: Any,
@@ -92,7 +92,7 @@ def _filter(
     put_row(memory, 3, cut_off(s, every(least)))
 
 
-@compiled
+@in_place
 def _take_variance(
     rows: Array, start: int, stop: int, alpha: float, mean: Array, least: float, cell: Array
 ) -> None:
@@ -111,7 +111,7 @@ def _take_variance(
     put_row(cell, 2, total)
 
 
-@compiled
+@in_place
 def _cells_of_lanes(
     samples: NDArray[Any],
     scales: Array,
@@ -126,10 +126,11 @@ def _cells_of_lanes(
     filled: int,
     length: int,
     cells: Array,
+    recorded: NDArray[Any],
+    closed: Array,
 ) -> None:
     """Do the work of :func:`variance_cells` for one group, ``first`` its first channel."""
-    index, recorded = 0, np.empty((PART, LANES), samples.dtype)
-    scale, closed = row(scales, 0), np.empty((OPEN * TILE, LANES))
+    index, scale = 0, row(scales, 0)
     for begin in range(0, len(rows), PART):
         part = rows[begin : begin + PART]
         load(samples, first, begin, recorded[: len(part)])
@@ -184,6 +185,7 @@ def variance_cells(
     cells
         Shape (OPEN, n_channels, n_cells): gets the cells.
     """
+    recorded, closed = np.empty((PART, LANES), samples.dtype), np.empty((OPEN * TILE, LANES))
     for group in range(len(rows)):
         _cells_of_lanes(
             samples,
@@ -199,4 +201,6 @@ def variance_cells(
             filled,
             length,
             cells,
+            recorded,
+            closed,
         )

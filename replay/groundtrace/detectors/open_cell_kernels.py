@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..lanes import LANES, absolute, every, floating, greater, lesser, put_row, row, stored_row
 from ..tiles import TILE, turn
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 OPEN = 5
 
 
-@compiled
+@in_place
 def load(samples: NDArray[Any], first: int, start: int, rows: NDArray[Any]) -> None:
     """Put samples into rows, shape (n, LANES).
 
@@ -47,7 +47,7 @@ def load(samples: NDArray[Any], first: int, start: int, rows: NDArray[Any]) -> N
             rows[i, lane] = own[start + i]
 
 
-@compiled
+@in_place
 def empty_cell(cell: Array) -> None:
     """Begin an open cell, shape (OPEN, LANES)."""
     put_row(cell, 0, every(-np.inf))
@@ -57,7 +57,7 @@ def empty_cell(cell: Array) -> None:
     put_row(cell, 4, every(np.inf))
 
 
-@compiled
+@in_place
 def take_extremes(recorded: NDArray[Any], start: int, stop: int, scale: Any, cell: Array) -> None:
     """Take the extremes of rows; ``scale`` is a row that they are multiplied by."""
     most, least = row(cell, 3), row(cell, 4)
@@ -71,7 +71,7 @@ def take_extremes(recorded: NDArray[Any], start: int, stop: int, scale: Any, cel
     put_row(cell, 4, lesser(lesser(one, other), least))
 
 
-@compiled
+@in_place
 def put_cells(closed: Array, first: int, cells: Array, index: int, count: int) -> None:
     """Put closed cells to those of their channels, from ``index`` on; ``first`` is a channel."""
     _, channels, n = cells.shape
@@ -85,7 +85,7 @@ def put_cells(closed: Array, first: int, cells: Array, index: int, count: int) -
                 cells[k, first + lane, index + i] = closed[k * TILE + i, lane]
 
 
-@compiled
+@in_place
 def close_cell(
     cell: Array, length: int, closed: Array, first: int, cells: Array, index: int
 ) -> int:
@@ -102,7 +102,7 @@ def close_cell(
     return index + 1
 
 
-@compiled
+@in_place
 def _take_level(filtered: Array, level: Array, start: int, stop: int, cell: Array) -> None:
     most, peak, total = row(cell, 0), row(cell, 1), row(cell, 2)
     for i in range(start, stop):
