@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from turning_sensor import run, turning
 
-from groundtrace.heading.calibration import TOO_LITTLE, Calibration, fit_ellipsoid
+from groundtrace.heading.calibration import TOO_LITTLE, Calibration, _quadric, fit_ellipsoid
 
 RNG = np.random.default_rng(4)
 SOFT = np.array([[1.15, 0.06, 0.0], [0.06, 0.9, 0.03], [0.0, 0.03, 1.0]])
@@ -34,6 +34,12 @@ def test_a_minority_of_disturbed_fields_does_not_move_the_fit() -> None:
     found = fit_ellipsoid(fields)
     assert found is not None
     assert found.centre == pytest.approx(HARD, abs=0.5)
+
+
+def test_fields_on_two_sheets_are_no_ellipsoid() -> None:
+    x, y = RNG.uniform(-1, 1, (2, 200))
+    z = RNG.choice([-1.0, 1.0], 200) * np.sqrt(1 + 5 * x**2 + 3 * y**2)
+    assert _quadric(np.stack([x, y, z], axis=1), np.ones(200)) is None
 
 
 def test_turning_in_a_plane_is_too_little() -> None:

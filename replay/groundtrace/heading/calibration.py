@@ -164,7 +164,7 @@ def _quadric(x: Array, weight: Array) -> Fit | None:
     # a quadric that does not enclose its centre comes out with the other sign
     if values[1] < 0:
         values, shape, v = -values, -shape, -v
-    if values[0] <= 0 or values[2] > 9 * values[0]:
+    if values.min() <= 0 or values.max() > 9 * values.min():
         return None
     lengths = np.sqrt(values / np.cbrt(values.prod()))
     return -np.linalg.solve(shape, v[6:]), (vectors * lengths) @ vectors.T
