@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from groundtrace.reckoning.facing import SETTLED, Facing
-from groundtrace.reckoning.level_motion import LevelMotion, Motion
+from groundtrace.reckoning.level_motion import Motion
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -38,12 +38,11 @@ class Walker:
 
 def told(walker: Walker, facing: Facing, count: int = 20, kind: str = "") -> float:
     """Direction that a wearer is said to look in after some steps [degrees]."""
-    sensor = cast("LevelMotion", walker)
     for k in range(10, 10 + count):
         time_ns = round(k * STEP_S * NS_PER_S)
         step = StepEvent(time_ns, "step", "", "/acc", "steps", 1.0, type=kind)
-        facing.watch(step, STEP_S, sensor)
-    heading = facing.heading(walker.between(0, NS_PER_S)) + facing.turn_rad
+        facing.watch(step, STEP_S, walker.between(time_ns - NS_PER_S, time_ns + NS_PER_S))
+    heading = facing.heading(walker.between(0, NS_PER_S), 0, NS_PER_S) + facing.turn_rad
     return (math.degrees(heading) + 180) % 360 - 180
 
 

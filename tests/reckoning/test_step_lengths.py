@@ -56,14 +56,13 @@ def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> Motion:
 
 
 def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:
-    shape = shape_of(motion(0.05, 0.5), NS_PER_S // 20)
+    shape = shape_of(motion(0.05, 0.5), 0, NS_PER_S // 2)
     assert shape.rise_m == pytest.approx(0.05, rel=0.1)
     assert shape.swing == pytest.approx(0.05 * (4 * math.pi) ** 2, rel=0.1)
 
 
 def test_a_step_of_hardly_any_samples_has_no_shape() -> None:
-    whole = motion(0.05, 0.5)
-    assert shape_of(whole.between(0, 1), NS_PER_S // 20) == StepShape(0.0, 0.0)
+    assert shape_of(motion(0.05, 0.5, 20.0).between(0, 1), 0, 1) == StepShape(0.0, 0.0)
 
 
 def test_degrees_become_metres_to_the_east_and_north() -> None:

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from typed_walks import accelerations
 
 from groundtrace.conformance import rechunked
-from groundtrace.heading.walking_axis import WalkingAxis, step_swing
+from groundtrace.heading.walking_axis import Swing, WalkingAxis, step_swing
 from groundtrace.steptypes.axes import BodyAxes, axis_vector
 
 G = 9.80665
@@ -117,7 +117,7 @@ def test_steps_to_the_side_say_nothing_of_the_mounting() -> None:
     assert axis.angle_rad == 0.0
 
 
-def swing_of(direction_deg: float, lead: float = 0.25, size: float = 0.5) -> np.ndarray:
+def swing_of(direction_deg: float, lead: float = 0.25, size: float = 0.5) -> Swing:
     """Swing of one step whose acceleration in a direction leads the one upward, in steps."""
     phase = np.arange(-80, 51) / 32
     along = size * np.cos(2 * np.pi * (phase + lead))

@@ -57,7 +57,7 @@ def test_slopes_tell_forward_from_backward_as_the_order_does() -> None:
 def test_a_step_without_a_frontal_maximum_leads_as_its_swing_does() -> None:
     strip = walking(0.25)
     strip[0] = -PHASE
-    found = frontal(strip, np.array([1j, 0]))
+    found = frontal(strip, (1j, 0))
     assert (found.lead, found.density) == (0.25, 0.0)
 
 

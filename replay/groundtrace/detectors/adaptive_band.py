@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -51,10 +52,12 @@ class Followed(NamedTuple):
     usual: NDArray[np.float64]
 
 
+@cache
 def _kernels() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the weights of each node's band, and last of the signal rises are timed in.
 
-    Shape (nodes + 1, taps), from the oldest neighbour on; and the first and last that counts.
+    Shape (nodes + 1, taps), from the oldest neighbour on; and the first and last that counts. Both
+    are to read only.
     """
     reach = len(gaussian(_COARSE * _NODES_S[-1])) // 2
     timed = lowpass(_TIMED_HZ, _TIMED_S, np.arange(-reach, reach + 1) / GRID_HZ)

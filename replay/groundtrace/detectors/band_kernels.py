@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..lanes import LANES
 from .grid_kernels import TOGETHER, sums_together
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Places = NDArray[np.int64]
 
 
-@compiled
+@in_place
 def between(values: Array, place: float) -> float:
     """Return the value at a place, on the straight line between its neighbours."""
     low = int(place)
@@ -26,7 +26,7 @@ def between(values: Array, place: float) -> float:
     return float((values[low + 1] - values[low]) * (place - low) + values[low])
 
 
-@compiled
+@in_place
 def place_among(nodes: Array, value: float) -> float:
     """Return the place of a value among nodes that rise, at most that of the first and last."""
     last = len(nodes) - 1

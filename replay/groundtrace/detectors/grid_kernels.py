@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..lanes import LANES, every, put_row, row_from
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Arra
     return out
 
 
-@compiled
+@in_place
 def summed(values: Array, start: int, stop: int) -> float:
     """Return the sum of values ``[start, stop)``, the first two added first."""
     total = 0.0
@@ -62,7 +62,7 @@ def summed(values: Array, start: int, stop: int) -> float:
     return total
 
 
-@compiled
+@in_place
 def product_sum(x: Array, at: int, weights: Array, rows: int, sums: Array) -> float:
     """Return the sum of products of weights and what stands from ``at`` on, a few rows of each.
 
@@ -138,7 +138,7 @@ def grid_points(
     return low, recorded, own, past
 
 
-@compiled
+@in_place
 def sums_together(
     x: Array, at: int, weights: Array, span: tuple[int, int], out: Array, to: int
 ) -> None:

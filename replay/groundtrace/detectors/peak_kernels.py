@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-@compiled
+@in_place
 def vertex(before: float, middle: float, after: float) -> float:
     """Return where the parabola through three values has its vertex, from the middle one."""
     return 0.5 * (before - after) / (before - 2.0 * middle + after)
 
 
-@compiled
+@in_place
 def risen(signal: Array, here: int, near: int, back: int, part: float) -> float:
     """Return where a signal reaches a part of its rise to the peak within ``near`` of a place."""
     top = max(0, here - near)
@@ -43,7 +43,7 @@ def risen(signal: Array, here: int, near: int, back: int, part: float) -> float:
     return float(before + (level - signal[before]) / (signal[before + 1] - signal[before]))
 
 
-@compiled
+@in_place
 def higher(band: Array, here: int, reach: int) -> int:
     """Return how many points away the nearest higher value is; 0 where none is within ``reach``."""
     for away in range(1, reach + 1):

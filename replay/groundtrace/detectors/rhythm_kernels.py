@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..lanes import LANES
 from .grid_kernels import TOGETHER, sums_together
 
@@ -17,33 +17,39 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-@compiled
-def autocorrelation(x: Array, lags: int) -> Array:
-    """Return the correlations of a window, shape (n,), with itself shifted by 0 to ``lags``.
+@in_place
+def autocorrelation(x: Array, n: int, lags: int, energy: Array, sums: Array) -> None:
+    """Put the correlations of a window with itself shifted by 0 to ``lags`` in ``sums``.
 
     Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
-    at all multiples of its period. Shape (lags + 1,).
+    at all multiples of its period.
+
+    Parameters
+    ----------
+    x, n
+        The window in its first n places; 0 in as many behind them as there are sums.
+    energy
+        Shape (n + 1,), written over.
+    sums
+        Shape (m,), m a multiple of TOGETHER and more than ``lags``.
     """
-    n, groups = len(x), -(-(lags + 1) // TOGETHER)
-    line, energy = np.zeros(n + groups * TOGETHER), np.zeros(n + 1)
-    line[:n] = x
-    sums = np.empty(groups * TOGETHER)
     rows = sums.reshape(-1, LANES)
+    energy[0] = 0.0
     for i in range(n):
         energy[i + 1] = energy[i] + x[i] * x[i]
-    for g in range(groups):
-        sums_together(line, g * TOGETHER, x, (0, max(n - g * TOGETHER, 0)), rows, 4 * g)
-    out = sums[: lags + 1]
+    for g in range(len(sums) // TOGETHER):
+        sums_together(x, g * TOGETHER, x, (0, max(n - g * TOGETHER, 0)), rows, 4 * g)
     for lag in range(lags + 1):
-        out[lag] /= math.sqrt(energy[n - lag] * (energy[n] - energy[lag]) + 1e-9)
-    return out
+        sums[lag] /= math.sqrt(energy[n - lag] * (energy[n] - energy[lag]) + 1e-9)
 
 
-@compiled
-def median_size(window: Array) -> float:
-    """Return the median of absolute values, by parting them about one again and again (Hoare)."""
+@in_place
+def median_size(window: Array, x: Array) -> float:
+    """Return the median of absolute values, by parting them about one again and again (Hoare).
+
+    They are moved about in ``x``, shape (n,) or more.
+    """
     n = len(window)
-    x = np.empty(n)
     for i in range(n):
         x[i] = abs(window[i])
     low, high, middle = 0, n - 1, n // 2
@@ -71,30 +77,34 @@ def median_size(window: Array) -> float:
     return float(0.5 * (below + x[middle]))
 
 
-@compiled
-def clipped(window: Array, limit: float) -> Array:
-    """Return a window, shape (n,), with its amplitudes clipped, less its mean."""
-    x, total = np.empty(len(window)), 0.0
+@in_place
+def clip_window(window: Array, limit: float, x: Array) -> None:
+    """Put a window, shape (n,), with its amplitudes clipped, less its mean, in ``x``."""
+    total = 0.0
     for i in range(len(window)):
         x[i] = min(max(window[i], -limit), limit)
         total += x[i]
     for i in range(len(window)):
         x[i] -= total / len(window)
-    return x
 
 
-@compiled
+@in_place
 def between(values: Array, place: float) -> float:
     """Return the value at a place, on the straight line between its neighbours."""
     low, high = values[int(place)], values[int(place) + 1]
     return float((high - low) * (place - int(place)) + low)
 
 
-@compiled
-def best_period(correlation: Array, repeats: int, shortest: int, longest: int) -> tuple[int, float]:
-    """Return the period that stands out, in points, and its strength; 0 and -1 for none."""
-    comb = np.zeros(longest - shortest + 1)
-    for i in range(len(comb)):
+@in_place
+def best_period(
+    correlation: Array, repeats: int, shortest: int, longest: int, comb: Array
+) -> tuple[int, float]:
+    """Return the period that stands out, in points, and its strength; 0 and -1 for none.
+
+    ``comb``, shape (longest - shortest + 1,), is written over.
+    """
+    for i in range(longest - shortest + 1):
+        comb[i] = 0.0
         for k in range(1, repeats + 1):
             comb[i] += correlation[k * (shortest + i)]
         comb[i] /= repeats
@@ -135,21 +145,24 @@ def rhythms(
     """
     count = (len(signal) - length) // hop + 1
     shortest, longest = periods
-    out = np.empty((3, count))
+    out, lags = np.empty((3, count)), repeats * longest
+    sums = np.empty(-(-(lags + 1) // TOGETHER) * TOGETHER)
+    x, energy = np.zeros(length + len(sums)), np.empty(length + 1)
+    comb = np.empty(max(longest - shortest + 1, 1))
     for w in range(count):
         window = signal[w * hop : w * hop + length]
-        out[0, w], out[1, w], out[2, w] = -1.0, 0.0, median_size(window)
+        out[0, w], out[1, w], out[2, w] = -1.0, 0.0, median_size(window, x)
         if longest < shortest + 2:
             continue
-        x = clipped(window, clip * out[2, w])
-        correlation = autocorrelation(x, repeats * longest)
-        period, strength = best_period(correlation, repeats, shortest, longest)
+        clip_window(window, clip * out[2, w], x)
+        autocorrelation(x, length, lags, energy, sums)
+        period, strength = best_period(sums, repeats, shortest, longest, comb)
         if not period:
             continue
         steps = 1
-        if period >= 3 * fastest and between(correlation, period / 3) > part * strength:
+        if period >= 3 * fastest and between(sums, period / 3) > part * strength:
             steps = 3
-        elif period >= 2 * fastest and between(correlation, period / 2) > -part * strength:
+        elif period >= 2 * fastest and between(sums, period / 2) > -part * strength:
             steps = 2
         out[0, w], out[1, w] = strength, period / steps
     return out

@@ -37,7 +37,6 @@ TURN, SPEED, BIAS, IRON, EARTH = (
 SIZE = 14
 _ONE = np.eye(SIZE)
 _PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
-_NONE = np.zeros(SIZE, np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,10 +211,11 @@ class Attitude:
         frozen
             Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
         """
-        from .attitude_kernels import update
+        from .attitude_kernels import NONE, ROOM, update
 
         x, y, z = innovation.tolist()
-        self._go_on(update, pick, (x, y, z), variance, _NONE if frozen is None else frozen)
+        kept = NONE if frozen is None else frozen
+        self._go_on(update, pick, (x, y, z), variance, kept, np.empty((ROOM, SIZE)))
 
     def _go_on(self, change: Callable[..., None], *given: Any) -> None:
         """Let a compiled function change state and covariance."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import in_place
 from .rotation_kernels import held, multiply, normalise, product, put, times, turn_by
 
 if TYPE_CHECKING:
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .rotation_kernels import Vector
 
     Array = NDArray[np.float64]
+    Rows = NDArray[np.bool_]
 
 SIZE = 14
 #: Places in the state: orientation, velocity, bias, iron, earth's field; how long the sensor has
@@ -34,7 +35,14 @@ SIGMA, RESTING, TOLD_BIAS, VALUES, PASSED, TOLD = 0, 1, 2, 5, 15, 16
 ) = range(21)  # fmt: skip
 
 
-@compiled
+#: Rows of the room that a measurement of three values writes over, shape (ROOM, SIZE): what it
+#: sees of the state, its covariance with the state, the innovation's, the gain, and the change.
+SEES, ACROSS, APART, GAIN, CHANGE, ROOM = 0, 3, 6, 9, 12, 13
+#: Rows of the error state that a measurement may not change.
+NONE = np.zeros(SIZE, np.bool_)
+
+
+@in_place
 def forget(covariance: Array, first: int, count: int) -> None:
     """Let a few neighbours in the error state have no errors, in place."""
     for i in range(first, first + count):
@@ -42,7 +50,7 @@ def forget(covariance: Array, first: int, count: int) -> None:
             covariance[i, k] = covariance[k, i] = 0.0
 
 
-@compiled
+@in_place
 def gains(across: Array, spread: Array, gain: Array) -> None:
     """Put the gain of a measurement of three values in ``gain``, shape (3, n): one column a value.
 
@@ -62,8 +70,8 @@ def gains(across: Array, spread: Array, gain: Array) -> None:
         gain[0, i], gain[1, i], gain[2, i] = (a - l10 * b - l20 * c) / l00, b, c
 
 
-@compiled
-def lessen(covariance: Array, across: Array, gain: Array, kept: NDArray[np.bool_]) -> None:
+@in_place
+def lessen(covariance: Array, across: Array, gain: Array, kept: Rows) -> None:
     """Lessen a covariance, shape (n, n), in place, by a measurement with a gain, shape (3, n).
 
     Rows that are kept have no gain (Schmidt): the covariance then is that of what is done.
@@ -78,21 +86,14 @@ def lessen(covariance: Array, across: Array, gain: Array, kept: NDArray[np.bool_
             covariance[i, j] = covariance[j, i]
 
 
-@compiled
-def learn(
-    state: Array,
-    covariance: Array,
-    across: Array,
-    spread: Array,
-    innovation: Vector,
-    kept: NDArray[np.bool_],
-) -> None:
-    """Update by a measurement of three values, given its covariances as :func:`gains` takes them.
+@in_place
+def learn(state: Array, covariance: Array, innovation: Vector, kept: Rows, room: Array) -> None:
+    """Update by a measurement of three values, given its covariances in the room.
 
     Rows that are ``kept`` learn nothing.
     """
-    gain, change = np.empty(across.shape), np.empty(SIZE)
-    gains(across, spread, gain)
+    across, gain, change = room[ACROSS:APART], room[GAIN:CHANGE], room[CHANGE]
+    gains(across, room[APART:GAIN], gain)
     for i in range(SIZE):
         if kept[i]:
             gain[0, i] = gain[1, i] = gain[2, i] = 0.0
@@ -105,34 +106,33 @@ def learn(
         state[1 + k] += change[k]
 
 
-@compiled
+@in_place
 def update(
     state: Array,
     covariance: Array,
     pick: Array,
     innovation: Vector,
     variance: float,
-    kept: NDArray[np.bool_],
+    kept: Rows,
+    room: Array,
 ) -> None:
     """Update, in place, by a measurement of three values; ``pick``, (3, SIZE), is what it sees."""
-    spread, across = np.zeros((3, 3)), product(pick, covariance)
+    across, spread = room[ACROSS:APART], room[APART:GAIN]
+    product(pick, covariance, across)
     for a in range(3):
         for b in range(3):
             spread[a, b] = variance if a == b else 0.0
             for k in range(SIZE):
                 spread[a, b] += across[a, k] * pick[b, k]
-    learn(state, covariance, across, spread, innovation, kept)
+    learn(state, covariance, innovation, kept, room)
 
 
-@compiled
+@in_place
 def hold(
-    state: Array, covariance: Array, first: int, values: Vector, variance: float, none: Any
+    state: Array, covariance: Array, first: int, values: Vector, variance: float, room: Array
 ) -> None:
-    """Update by a measurement of three neighbours in the error state, which have these values.
-
-    ``none`` is no row that is kept.
-    """
-    across, spread = np.empty((3, SIZE)), np.empty((3, 3))
+    """Update by a measurement of three neighbours in the error state, which have these values."""
+    across, spread = room[ACROSS:APART], room[APART:GAIN]
     for a in range(3):
         for k in range(SIZE):
             across[a, k] = covariance[first + a, k]
@@ -140,17 +140,17 @@ def hold(
             spread[a, b] = across[a, first + b] + (variance if a == b else 0.0)
     at = first + 1
     off = (values[0] - state[at], values[1] - state[at + 1], values[2] - state[at + 2])
-    learn(state, covariance, across, spread, off, none)
+    learn(state, covariance, off, NONE, room)
 
 
-@compiled
+@in_place
 def know_heading(covariance: Array, sigma: float) -> None:
     """Take the heading to be known to ``sigma`` [rad], by what this filter does not see."""
     forget(covariance, 2, 1)
     covariance[2, 2] = sigma * sigma
 
 
-@compiled
+@in_place
 def turn_heading(state: Array, covariance: Array, angle: float) -> None:
     """Turn the whole estimate about the vertical, counter-clockwise, in place."""
     put(times((math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)), held(state)), state)
@@ -168,7 +168,7 @@ def turn_heading(state: Array, covariance: Array, angle: float) -> None:
             covariance[k, first], covariance[k, first + 1] = c * x - s * y, s * x + c * y
 
 
-@compiled
+@in_place
 def face(state: Array, covariance: Array, field: Vector, sigma: float, iron: float) -> None:
     """Turn north to where a field points, earth frame, known to ``sigma`` and iron by ``iron``."""
     turn_heading(state, covariance, math.atan2(field[0], field[1]))
@@ -176,7 +176,7 @@ def face(state: Array, covariance: Array, field: Vector, sigma: float, iron: flo
     know_heading(covariance, math.hypot(sigma, iron) / flat)
 
 
-@compiled
+@in_place
 def take_earth(state: Array, covariance: Array, north: float, up: float, sigma: float) -> None:
     """Take a field for the earth's, by its horizontal and vertical part, in place."""
     state[EARTH], state[EARTH + 1] = north, up
@@ -184,7 +184,7 @@ def take_earth(state: Array, covariance: Array, north: float, up: float, sigma: 
     covariance[12, 12] = covariance[13, 13] = sigma * sigma
 
 
-@compiled
+@in_place
 def carry_on(covariance: Array, turned: Array, force: Vector, dt: float) -> None:
     """Carry a covariance to the end of a frame, in place.
 
@@ -210,7 +210,7 @@ def carry_on(covariance: Array, turned: Array, force: Vector, dt: float) -> None
             covariance[j, i] -= dt * (turned[i, 0] * u + turned[i, 1] * v + turned[i, 2] * w)
 
 
-@compiled
+@in_place
 def predict(
     state: Array,
     covariance: Array,
@@ -238,22 +238,23 @@ def predict(
     normalise(state[:4])
 
 
-@compiled
-def move(state: Array, covariance: Array, rate: Vector, still: bool, dt: float, p: Array) -> bool:
+@in_place
+def move(
+    state: Array, covariance: Array, rate: Vector, still: bool, dt: float, p: Array, room: Array
+) -> bool:
     """Hold velocity and, at rest, bias; return whether the sensor rests. ``rate`` as measured."""
-    none = np.zeros(SIZE, np.bool_)
     state[RESTED] = state[RESTED] + dt if still else 0.0
     resting = bool(state[RESTED] > p[REST_S])
     if p[FREE] > 0.0:
         forget(covariance, 2, 1)
     variance = p[REST_SPEED] ** 2 if resting else p[SPEED] ** 2 * 2.0 / dt
-    hold(state, covariance, 3, (0.0, 0.0, 0.0), variance, none)
+    hold(state, covariance, 3, (0.0, 0.0, 0.0), variance, room)
     if resting:
-        hold(state, covariance, 6, rate, p[REST_RATE_LEFT] ** 2, none)
+        hold(state, covariance, 6, rate, p[REST_RATE_LEFT] ** 2, room)
     return resting
 
 
-@compiled
+@in_place
 def alone(
     state: Array, turned: Array, bias: Vector, rate: Vector, resting: bool, dt: float
 ) -> None:

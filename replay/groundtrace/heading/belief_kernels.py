@@ -12,24 +12,28 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..compiled import compiled
+from ..compiled import in_place
 from .attitude_kernels import (
+    ACROSS,
+    APART,
+    CHANGE,
     EARTH,
     FIELD_SIGMA,
+    GAIN,
     IRON,
     IRON_START,
     PLAIN_SIGMA,
+    SEES,
     SIZE,
     face,
     forget,
     take_earth,
 )
 from .compass_kernels import correct_field, deviation, seen_by_field, total, without
-from .rotation_kernels import product, solve
+from .rotation_kernels import identity, product, solve
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from .rotation_kernels import Vector
@@ -55,9 +59,15 @@ STILL_T, STILL_RAD = 1.5e-6, math.radians(2.5)
 WATCH = 5
 
 
-@compiled
+@in_place
 def iron_change(
-    state: Array, covariance: Array, turned: Array, field: Vector, off: float, belief: Array
+    state: Array,
+    covariance: Array,
+    turned: Array,
+    field: Vector,
+    off: float,
+    belief: Array,
+    room: Array,
 ) -> float:
     """Return how much the iron changed [T], 0 where that is no better explanation of a field.
 
@@ -72,8 +82,9 @@ def iron_change(
         return 0.0
     x, y, z = without((state[IRON], state[IRON + 1], state[IRON + 2]), turned, field)
     miss = math.sqrt(x * x + (state[EARTH] - y) ** 2 + (state[EARTH + 1] - z) ** 2)
-    pick = seen_by_field(turned, (x, y, z))
-    across, trace = product(pick, covariance), 0.0
+    pick, across, trace = room[SEES:ACROSS], room[ACROSS:APART], 0.0
+    seen_by_field(turned, (x, y, z), pick)
+    product(pick, covariance, across)
     for a in range(3):
         for k in range(SIZE):
             trace += across[a, k] * pick[a, k]
@@ -88,7 +99,7 @@ def iron_change(
     return math.sqrt(change)
 
 
-@compiled
+@in_place
 def come_clean(state: Array, covariance: Array, belief: Array) -> None:
     """Drop the belief in other iron, in place."""
     if belief[DOUBTED] == 0.0:
@@ -101,7 +112,7 @@ def come_clean(state: Array, covariance: Array, belief: Array) -> None:
     belief[DOUBTED] = belief[FOR_IRON] = belief[FOR_CLEAN] = 0.0
 
 
-@compiled
+@in_place
 def begin_doubt(state: Array, covariance: Array, belief: Array) -> None:
     """Keep the clean belief, where it is not kept yet; nothing speaks for one or the other."""
     if belief[DOUBTED] == 0.0:
@@ -113,15 +124,19 @@ def begin_doubt(state: Array, covariance: Array, belief: Array) -> None:
     belief[FOR_CLEAN] = belief[FOR_IRON] = 0.0
 
 
-@compiled
+@in_place
 def blame_iron(
-    state: Array, covariance: Array, turned: Array, field: Vector, sigma_t: float
+    state: Array, covariance: Array, turned: Array, field: Vector, sigma_t: float, room: Array
 ) -> None:
     """Explain a frame's field by iron alone, in place; it is known as well as orientation is."""
     north, up = state[EARTH], state[EARTH + 1]
-    back, slope, rest = np.zeros((3, 3)), np.zeros((3, SIZE)), turned.copy()
+    slope, across = room[SEES:ACROSS], room[ACROSS:APART]
+    back, rest = room[APART:GAIN, :3], room[GAIN:CHANGE, :3]
+    slope[:] = 0.0
+    identity(back)
     for i in range(3):
-        back[i, i] = 1.0
+        for k in range(3):
+            rest[i, k] = turned[i, k]
     solve(rest, back)
     forget(covariance, 9, 3)
     for i in range(3):
@@ -129,7 +144,7 @@ def blame_iron(
         state[IRON + i] = a * field[0] + b * (field[1] - north) + c * (field[2] - up)
         slope[i, 0], slope[i, 1], slope[i, 2] = c * north - b * up, a * up, -a * north
         slope[i, 12], slope[i, 13] = -b, -c
-    across = product(slope, covariance)
+    product(slope, covariance, across)
     for i in range(3):
         for k in range(SIZE):
             covariance[9 + i, k] = covariance[k, 9 + i] = across[i, k]
@@ -140,7 +155,7 @@ def blame_iron(
                 covariance[9 + i, 9 + j] += across[i, k] * slope[j, k]
 
 
-@compiled
+@in_place
 def watch(belief: Array, fields: Array, seen: Vector, turned_rad: float, length_s: float) -> bool:
     """Take a field that failed, earth frame; return whether those watched are the place's.
 
@@ -166,7 +181,7 @@ def watch(belief: Array, fields: Array, seen: Vector, turned_rad: float, length_
     return still and total(fields, count, 4) >= LEAST_RAD
 
 
-@compiled
+@in_place
 def replace_reference(
     state: Array, covariance: Array, belief: Array, fields: Array, seen: Vector, p: Array
 ) -> None:
@@ -179,7 +194,7 @@ def replace_reference(
         face(state, covariance, seen, p[PLAIN_SIGMA], p[IRON_START])
 
 
-@compiled
+@in_place
 def learn(
     state: Array,
     covariance: Array,
@@ -192,6 +207,7 @@ def learn(
     length_s: float,
     undisturbed: bool,
     p: Array,
+    room: Array,
 ) -> None:
     """Correct the attitude by a frame's field, as iron on the sensor where it is disturbed.
 
@@ -204,23 +220,25 @@ def learn(
         by the clean belief.
     turned_rad, length_s
         How far the sensor turned in the frame, and its length.
+    room
+        As :mod:`.attitude_kernels` lays it out, written over.
     """
     doubted = belief[DOUBTED] > 0.0
     some_iron = belief[FOR_IRON] > 0.0
     undecided = some_iron and belief[FOR_IRON] < _TO_BELIEVE and belief[FOR_CLEAN] < _TO_CLEAN
     if undisturbed and doubted and undecided:
         # both beliefs explain it: neither is dropped, and the clean one learns nothing wrong
-        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, False)
+        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, False, room)
     elif undisturbed:
         belief[VERIFIED] += turned_rad
         belief[WATCHED] = 0.0
         come_clean(state, covariance, belief)
-        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, True)
+        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, True, room)
     elif watch(belief, fields, seen, turned_rad, length_s):
         replace_reference(state, covariance, belief, fields, seen, p)
         come_clean(state, covariance, belief)
     elif doubted and some_iron:
-        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, False)
+        correct_field(state, covariance, turned, field, p[FIELD_SIGMA] ** 2, False, room)
     else:
         begin_doubt(state, covariance, belief)
-        blame_iron(state, covariance, turned, field, _BLAME_SIGMA_T)
+        blame_iron(state, covariance, turned, field, _BLAME_SIGMA_T, room)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
-from .attitude_kernels import EARTH, IRON, SIZE, update
+from ..compiled import in_place
+from .attitude_kernels import ACROSS, EARTH, IRON, SEES, SIZE, update
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,16 +18,19 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 TESLA = 1e-6
+#: A field must not change the tilt; and the earth's field only where it is surely that.
+TILT = np.isin(np.arange(SIZE), [0, 1, 3, 4, 5])
+TILT_AND_EARTH = np.isin(np.arange(SIZE), [0, 1, 3, 4, 5, 12, 13])
 _TWO_PI = 2.0 * math.pi
 
 
-@compiled
+@in_place
 def wrapped(angle: float) -> float:
     """Return an angle within [-pi, pi)."""
     return (angle + math.pi) % _TWO_PI - math.pi
 
 
-@compiled
+@in_place
 def turn_about_vertical(before: Quaternion, after: Quaternion) -> float:
     """Return by how much an orientation was turned about the vertical [rad]."""
     w = after[0] * before[0] + after[1] * before[1] + after[2] * before[2] + after[3] * before[3]
@@ -35,7 +38,7 @@ def turn_about_vertical(before: Quaternion, after: Quaternion) -> float:
     return wrapped(2.0 * math.atan2(z, w))
 
 
-@compiled
+@in_place
 def keep(values: Array, counts: NDArray[np.int64], row: int, value: float) -> None:
     """Add a value to those of a row, and drop the oldest where there are too many."""
     count, most = counts[row, 0], counts[row, 1]
@@ -47,7 +50,7 @@ def keep(values: Array, counts: NDArray[np.int64], row: int, value: float) -> No
     counts[row, 0] = count + 1
 
 
-@compiled
+@in_place
 def total(values: Array, count: int, column: int) -> float:
     """Return the sum of the first few values of a column."""
     summed = 0.0
@@ -56,7 +59,7 @@ def total(values: Array, count: int, column: int) -> float:
     return summed
 
 
-@compiled
+@in_place
 def deviation(values: Array, count: int, column: int) -> float:
     """Return the standard deviation of the first few values of a column."""
     mean, square = total(values, count, column) / count, 0.0
@@ -65,7 +68,7 @@ def deviation(values: Array, count: int, column: int) -> float:
     return math.sqrt(square / count)
 
 
-@compiled
+@in_place
 def tests(
     earth: Array,
     seen: Vector,
@@ -100,7 +103,7 @@ def tests(
     out[6] = abs(math.degrees(math.atan2(-seen[2], flat) - math.atan2(-up, north)))
 
 
-@compiled
+@in_place
 def passes(values: Array, limits: Array) -> bool:
     """Return whether all tests pass, their values as they are stored."""
     passed = 0
@@ -110,7 +113,7 @@ def passes(values: Array, limits: Array) -> bool:
     return passed == len(limits)
 
 
-@compiled
+@in_place
 def without(iron: Vector, turned: Array, field: Vector) -> Vector:
     """Return a field in the earth frame without that of iron on the sensor, shape (3,).
 
@@ -124,13 +127,13 @@ def without(iron: Vector, turned: Array, field: Vector) -> Vector:
     )
 
 
-@compiled
-def seen_by_field(turned: Array, seen: Vector) -> Array:
-    """Return what a field in the earth frame, the sensor's iron taken out, sees of the errors.
+@in_place
+def seen_by_field(turned: Array, seen: Vector, pick: Array) -> None:
+    """Put what a field in the earth frame, the sensor's iron taken out, sees of the errors in one.
 
-    Shape (3, SIZE); ``turned`` is as that of :func:`without`.
+    That is ``pick``, shape (3, SIZE); ``turned`` is as that of :func:`without`.
     """
-    pick = np.zeros((3, SIZE))
+    pick[:] = 0.0
     for i in range(3):
         for k in range(3):
             pick[i, 9 + k] = -turned[i, k]
@@ -138,20 +141,24 @@ def seen_by_field(turned: Array, seen: Vector) -> Array:
     pick[0, 1], pick[0, 2], pick[1, 0] = z, -y, -z
     pick[1, 2], pick[2, 0], pick[2, 1] = x, y, -x
     pick[1, 12] = pick[2, 13] = -1.0
-    return pick
 
 
-@compiled
+@in_place
 def correct_field(
-    state: Array, covariance: Array, turned: Array, field: Vector, variance: float, earth: bool
+    state: Array,
+    covariance: Array,
+    turned: Array,
+    field: Vector,
+    variance: float,
+    earth: bool,
+    room: Array,
 ) -> None:
     """Turn towards north by a field, earth frame; ``earth``: it may correct the earth's as well.
 
     ``turned`` is as that of :func:`without`.
     """
-    kept = np.zeros(SIZE, np.bool_)
-    kept[0] = kept[1] = kept[3] = kept[4] = kept[5] = True  # a field must not change the tilt
-    kept[12] = kept[13] = not earth
     x, y, z = without((state[IRON], state[IRON + 1], state[IRON + 2]), turned, field)
     innovation = (-x, state[EARTH] - y, state[EARTH + 1] - z)
-    update(state, covariance, seen_by_field(turned, (x, y, z)), innovation, variance, kept)
+    pick = room[SEES:ACROSS]
+    seen_by_field(turned, (x, y, z), pick)
+    update(state, covariance, pick, innovation, variance, TILT if earth else TILT_AND_EARTH, room)

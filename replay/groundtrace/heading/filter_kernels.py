@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from . import attitude_kernels as at
 from . import belief_kernels as by
 from . import frame_kernels as of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Compass = tuple[Array, Array, Array, Counts]
 
 
-@compiled
+@in_place
 def look(
     state: Array,
     covariance: Array,
@@ -38,6 +38,7 @@ def look(
     p: Array,
     limits: Array,
     values: Array,
+    room: Array,
 ) -> bool:
     """Test a frame's field and learn from it, in place; return whether it passes.
 
@@ -53,15 +54,15 @@ def look(
     seen = without(iron, turned, field)
     tests(state[at.EARTH : at.RESTED], seen, sigma, recent, counts, dt, values)
     off = values[0] * TESLA
-    values[7] = by.iron_change(state, covariance, turned, field, off, belief) / TESLA
+    values[7] = by.iron_change(state, covariance, turned, field, off, belief, room) / TESLA
     passed = passes(values, limits)
     said = (turned, field, seen, turned_rad, dt)
-    by.learn(state, covariance, belief, fields, *said, passed, p)
+    by.learn(state, covariance, belief, fields, *said, passed, p, room)
     state[at.OFFSET] -= turn_about_vertical(before, held(state))
     return passed
 
 
-@compiled
+@in_place
 def go_on(
     start: Quaternion,
     said: Array,
@@ -71,6 +72,7 @@ def go_on(
     covariance: Array,
     dt: float,
     p: Array,
+    room: Array,
 ) -> bool:
     """Go on to the end of a frame that says so, in place; return whether the sensor rests.
 
@@ -82,10 +84,11 @@ def go_on(
         As :mod:`.frame_kernels` lays it out.
     turned
         Takes what its mean turn makes of the body in the earth frame, shape (3, 3).
-    state, covariance, p
+    state, covariance, p, room
         As :mod:`.attitude_kernels` lays them out.
     """
-    axes = np.zeros((3, 3))
+    axes = room[at.APART : at.GAIN, :3]
+    axes[:] = 0.0
     add_matrix(start, 1.0, axes)
     for i in range(3):
         for k in range(3):
@@ -99,12 +102,12 @@ def go_on(
     still = math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2) < p[at.REST_RATE]
     still = still and said[of.RATE_SPREAD] < p[at.REST_SPREAD]
     still = still and said[of.FORCE_SPREAD] < p[at.REST_FORCE]
-    resting = move(state, covariance, rate, still, dt, p)
+    resting = move(state, covariance, rate, still, dt, p, room)
     alone(state, turned, bias, rate, resting, dt)
     return resting
 
 
-@compiled
+@in_place
 def take_field(
     state: Array,
     covariance: Array,
@@ -117,11 +120,13 @@ def take_field(
     p: Array,
     limits: Array,
     told: Array,
+    room: Array,
 ) -> None:
     """Let a frame's field be looked at, and tell of it what :func:`frames` does."""
     _, _, recent, counts = compass
     values, turned_rad = told[at.VALUES : at.VALUES + 8], said[of.SPEED] * dt
-    passed = look(state, covariance, compass, turned, field, turned_rad, dt, p, limits, values)
+    given = (turned, field, turned_rad, dt, p, limits, values, room)
+    passed = look(state, covariance, compass, *given)
     if passed:
         state[at.DELAY] += said[of.ACROSS] + delay_s * said[of.ALONG]
         state[at.DELAY + 1] += said[of.ALONG]
@@ -129,7 +134,7 @@ def take_field(
     told[at.PASSED] = 1.0 if passed else 0.0
 
 
-@compiled
+@in_place
 def due(watched: Counts, passed: bool, tries: tuple[int, int, float]) -> bool:
     """Count a field; return whether so many failed that a calibration is to be tried."""
     every, least, failing = tries
@@ -186,11 +191,12 @@ def frames(
     count, dt = len(rate) // length, length * p[at.STEP]
     orientation, heading = np.empty((count * length, 4)), np.empty(count * length)
     told, turned = np.full((count, at.TOLD), np.nan), np.empty((3, 3))
-    said, turns, room = np.empty(of.FRAME), np.empty((length, 2, 4)), np.empty((length, 6))
+    said, turns, each = np.empty(of.FRAME), np.empty((length, 2, 4)), np.empty((length + 1, 6))
+    room = np.empty((at.ROOM, at.SIZE))
     for f in range(count):
         part, start, row = slice(f * length, (f + 1) * length), held(state), told[f]
         delay_s, bias = state[at.DELAY] / state[at.DELAY + 1], state[at.BIAS : at.IRON]
-        sum_up(rate[part], force[part], field[part], bias, delay_s, p[at.STEP], turns, room, said)
+        sum_up(rate[part], force[part], field[part], bias, delay_s, p[at.STEP], turns, each, said)
         earth = rotated(start, (said[of.FIELD], said[of.FIELD + 1], said[of.FIELD + 2]))
         sees = math.isfinite(earth[0] + earth[1] + earth[2])
         if sees and math.isnan(state[at.EARTH]):
@@ -198,10 +204,10 @@ def frames(
         headings_into(start, turns, axis, orientation[part], heading[part])
         row[at.SIGMA] = min(math.sqrt(max(covariance[2, 2], 0.0)), math.pi)
         row[at.VALUES + 8], row[at.PASSED] = state[at.OFFSET], 1.0
-        resting = go_on(start, said, turns[length - 1, 0], turned, state, covariance, dt, p)
+        resting = go_on(start, said, turns[length - 1, 0], turned, state, covariance, dt, p, room)
         row[at.RESTING] = 1.0 if resting else 0.0
         if sees:
-            given = (turned, earth, said, delay_s, dt, p, limits, row)
+            given = (turned, earth, said, delay_s, dt, p, limits, row, room)
             take_field(state, covariance, compass, *given)
         for k in (at.VALUES + 8, at.VALUES + 9):
             row[k] = math.degrees(wrapped(heading[f * length] + row[k]))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from .rotation_kernels import add_matrix, crossed, held, of_angles, put, rotated, times
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ MEAN_TURN, FORCE, FIELD, RATE, SPEED, RATE_SPREAD, FORCE_SPREAD, ACROSS, ALONG, 
 )  # fmt: skip
 
 
-@compiled
+@in_place
 def spread(x: Array) -> float:
     """Return the root mean square deviation of vectors, shape (n, 3), from their mean."""
     apart = 0.0
@@ -40,7 +40,7 @@ def spread(x: Array) -> float:
     return math.sqrt(apart / len(x))
 
 
-@compiled
+@in_place
 def turn_through(
     rate: Array, force: Array, bias: Array, step_s: float, turns: Array, out: Array
 ) -> None:
@@ -64,16 +64,17 @@ def turn_through(
     out[SPEED] = math.sqrt(square / count)
 
 
-@compiled
+@in_place
 def field_of(
     field: Array, rate: Array, bias: Array, turns: Array, delay_s: float, room: Array, out: Array
 ) -> None:
     """Put the mean field in the axes of the frame's start, and sums that tell its delay, in one.
 
-    ``room``, shape (n, 6), is written over.
+    ``room``, shape (n + 1, 6), is written over.
     """
     count = len(field)
-    mean = np.zeros(6)
+    mean = room[count]
+    mean[:] = 0.0
     for i in range(count):
         w = (rate[i, 0] - bias[0], rate[i, 1] - bias[1], rate[i, 2] - bias[2])
         ahead = of_angles(-delay_s * w[0], -delay_s * w[1], -delay_s * w[2])
@@ -94,7 +95,7 @@ def field_of(
     out[ACROSS], out[ALONG] = across, along
 
 
-@compiled
+@in_place
 def sum_up(
     rate: Array,
     force: Array,
@@ -120,14 +121,14 @@ def sum_up(
         Takes the rotations from the end and from the middle of each sample's interval to the
         frame's start, shape (n, 2, 4).
     room
-        Shape (n, 6), written over.
+        Shape (n + 1, 6), written over.
     """
     turn_through(rate, force, bias, step_s, turns, out)
     out[RATE_SPREAD], out[FORCE_SPREAD] = spread(rate), spread(force)
     field_of(field, rate, bias, turns, delay_s, room, out)
 
 
-@compiled
+@in_place
 def headings_into(
     start: Quaternion, turns: Array, axis: Array, orientation: Array, heading: Array
 ) -> None:

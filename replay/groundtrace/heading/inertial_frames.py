@@ -110,7 +110,7 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
         delay_s,
         step_s,
         turns,
-        np.empty((len(samples), 6)),
+        np.empty((len(samples) + 1, 6)),
         said,
     )
     field = said[at.FIELD : at.RATE]

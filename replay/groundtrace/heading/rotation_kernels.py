@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
+from ..lanes import LANES, every, put_row, row_from
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     Vector = tuple[float, float, float]
 
 
-@compiled
+@in_place
 def held(a: Array) -> Quaternion:
     """Return a quaternion out of an array."""
     return a[0], a[1], a[2], a[3]
 
 
-@compiled
+@in_place
 def times(a: Quaternion, b: Quaternion) -> Quaternion:
     """Return the product a b."""
     return (
@@ -37,7 +38,7 @@ def times(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@compiled
+@in_place
 def of_angles(x: float, y: float, z: float) -> Quaternion:
     """Return the quaternion of a rotation vector [rad]."""
     half = 0.5 * math.sqrt(x * x + y * y + z * z)
@@ -45,13 +46,13 @@ def of_angles(x: float, y: float, z: float) -> Quaternion:
     return math.cos(half), share * x, share * y, share * z
 
 
-@compiled
+@in_place
 def crossed(a: Vector, b: Vector) -> Vector:
     """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
+@in_place
 def rotated(q: Quaternion, v: Vector) -> Vector:
     """Return a vector turned by a quaternion."""
     x, y, z = crossed((q[1], q[2], q[3]), v)
@@ -60,19 +61,19 @@ def rotated(q: Quaternion, v: Vector) -> Vector:
     return v[0] + q[0] * twice[0] + a, v[1] + q[0] * twice[1] + b, v[2] + q[0] * twice[2] + c
 
 
-@compiled
+@in_place
 def put(q: Quaternion, out: Array) -> None:
     """Put a quaternion in an array."""
     out[0], out[1], out[2], out[3] = q
 
 
-@compiled
+@in_place
 def multiply(a: Array, b: Array, out: Array) -> None:
     """Put the product a b in ``out``, which may be either of them."""
     put(times(held(a), held(b)), out)
 
 
-@compiled
+@in_place
 def normalise(q: Array) -> None:
     """Make a quaternion's length 1."""
     length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -80,20 +81,27 @@ def normalise(q: Array) -> None:
         q[k] /= length
 
 
-@compiled
+@in_place
 def turn(q: Array, v: Array, out: Array) -> None:
     """Put ``v``, shape (3,), turned by a quaternion in ``out``, which may be ``v``."""
     out[0], out[1], out[2] = rotated(held(q), (v[0], v[1], v[2]))
 
 
-@compiled
+@in_place
+def turn_each(q: Array, v: Array, out: Array) -> None:
+    """Put vectors, shape (n, 3), turned by a quaternion each, shape (n, 4), in ``out``."""
+    for i in range(len(q)):
+        turn(q[i], v[i], out[i])
+
+
+@in_place
 def turn_by(error: Array, orientation: Array) -> None:
     """Turn an orientation, shape (4,), by a small rotation in the earth frame, (3,)."""
     put(times(of_angles(error[0], error[1], error[2]), held(orientation)), orientation)
     normalise(orientation)
 
 
-@compiled
+@in_place
 def add_matrix(q: Quaternion, share: float, out: Array) -> None:
     """Add ``share`` times the rotation matrix of a quaternion to ``out``, shape (3, 3)."""
     w, x, y, z = q
@@ -108,30 +116,51 @@ def add_matrix(q: Quaternion, share: float, out: Array) -> None:
     out[2, 2] += share * (w * w - x * x - y * y + z * z)
 
 
-@compiled
-def product(left: Array, right: Array) -> Array:
-    """Return ``left @ right``; zeros of the left matrix are passed over."""
-    out = np.zeros((left.shape[0], right.shape[1]))
+@in_place
+def identity(out: Array) -> None:
+    """Make a matrix, shape (n, n), the identity."""
+    out[:] = 0.0
+    for i in range(len(out)):
+        out[i, i] = 1.0
+
+
+@in_place
+def product(left: Array, right: Array, out: Array) -> None:
+    """Put ``left @ right`` in ``out``; zeros of the left matrix are passed over.
+
+    Each row of the right matrix and of ``out`` lies in one piece.
+    """
+    width = right.shape[1]
     for i in range(left.shape[0]):
-        for k in range(left.shape[1]):
-            share = left[i, k]
-            if share != 0.0:
-                for j in range(right.shape[1]):
-                    out[i, j] += share * right[k, j]
-    return out
+        for j in range(width if width < LANES else 0):
+            out[i, j] = 0.0
+            for k in range(left.shape[1]):
+                if left[i, k] != 0.0:
+                    out[i, j] += left[i, k] * right[k, j]
+        for j in range(0, width if width >= LANES else 0, LANES):
+            # the last row of lanes ends where the matrix does
+            first, total = min(j, width - LANES), every(0.0)
+            for k in range(left.shape[1]):
+                if left[i, k] != 0.0:
+                    total = total + every(left[i, k]) * row_from(right[k], first)
+            put_row(out[i, first:], 0, total)
 
 
-@compiled
-def carry(step: Array, covariance: Array) -> Array:
-    """Return ``step @ covariance @ step.T``, shape (n, n); zeros of the step are passed over."""
-    half, across = product(step, covariance), np.empty(covariance.shape)
+@in_place
+def carry(step: Array, covariance: Array, room: Array) -> None:
+    """Put ``step @ covariance @ step.T`` in the covariance, shape (n, n).
+
+    Zeros of the step are passed over. ``room``, shape (2, n, n), is written over.
+    """
+    half, across = room[0], room[1]
+    product(step, covariance, half)
     transpose(half, across)
     # the result's transpose, so that neighbours in memory are added
-    transpose(product(step, across), half)
-    return half
+    product(step, across, half)
+    transpose(half, covariance)
 
 
-@compiled
+@in_place
 def transpose(matrix: Array, out: Array) -> None:
     """Put the transpose of a matrix, shape (n, m), in ``out``."""
     for i in range(matrix.shape[0]):
@@ -139,7 +168,7 @@ def transpose(matrix: Array, out: Array) -> None:
             out[k, i] = matrix[i, k]
 
 
-@compiled
+@in_place
 def solve(matrix: Array, sides: Array) -> None:
     """Solve ``matrix @ x = sides`` in place, by elimination with the largest pivot.
 
@@ -192,7 +221,8 @@ def joseph(
         Shape (n,): rows that keep their estimate.
     """
     n, m = len(covariance), len(pick)
-    across, gain, left = product(pick, covariance), np.empty((n, m)), np.zeros((n, n))
+    across, gain, left = np.empty((m, n)), np.empty((n, m)), np.zeros((n, n))
+    product(pick, covariance, across)
     solve(spread.copy(), across)
     transpose(across, gain)
     for i in range(n):
@@ -202,7 +232,8 @@ def joseph(
             gain[i, k] = share
             for j in range(n):
                 left[i, j] -= share * pick[k, j]
-    after = carry(left, covariance)
+    after = covariance.copy()
+    carry(left, after, np.empty((2, n, n)))
     for i in range(n):
         for a in range(m):
             for b in range(m):

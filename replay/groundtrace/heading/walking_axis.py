@@ -23,11 +23,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 #: What looks ahead: an axis of the sensor, or what the walk tells.
 Ahead = Literal["walk", "x", "-x", "y", "-y", "z", "-z"]
+#: Swing of a step ahead and to the right, as complex parts of the vertical one.
+Swing = tuple[complex, complex]
 #: An axis nearer than the first to the vertical says nothing about ahead; where the walk tells it,
 #: an axis farther than the second is the reference, so that no bow makes it steep [cosine].
 STEEP, LEVEL = 0.9, 0.7
@@ -72,9 +76,9 @@ class WalkingAxis:
             return angle
         return angle - math.copysign(math.pi, angle)
 
-    def add(self, swing: NDArray[np.complex128]) -> None:
-        """Take a step's swing ahead and to the right, as parts of the vertical one, shape (2,)."""
-        ahead, right = swing.tolist()
+    def add(self, swing: Swing) -> None:
+        """Take a step's swing."""
+        ahead, right = swing
         size = 1 + abs(ahead) ** 2 + abs(right) ** 2
         a, r = ahead.imag / size, right.imag / size
         if self.nominal and abs(_principal(a * a, a * r, r * r)) > _REACH_RAD:
@@ -96,10 +100,8 @@ def _principal(aa: float, ar: float, rr: float) -> float:
     return 0.5 * math.atan2(2 * ar, aa - rr)
 
 
-def step_swing(
-    values: NDArray[np.float64], phase: NDArray[np.float64]
-) -> NDArray[np.complex128] | None:
-    """Return the swing ahead and to the right at the frequency of the steps, shape (2,).
+def step_swing(values: NDArray[np.float64], phase: NDArray[np.float64]) -> Swing | None:
+    """Return the swing ahead and to the right at the frequency of the steps.
 
     Parameters
     ----------
@@ -116,10 +118,10 @@ def step_swing(
     from ..reckoning.step_kernels import swing
 
     found, ahead, right = swing(np.ascontiguousarray(values), phase)
-    return np.array([ahead, right]) if found else None
+    return (ahead, right) if found else None
 
 
-def level_axis(up: NDArray[np.float64]) -> Axis:
+def level_axis(up: Sequence[float] | NDArray[np.float64]) -> Axis:
     """Return the first axis that is level enough, up being a unit vector, shape (3,)."""
     if abs(up[0]) < LEVEL:
         return "x"

@@ -113,7 +113,8 @@ class ErrorStateFilter:
         growth[GYRO] = noise.gyro_bias_walk**2 * length_s
         growth[FORCE] = noise.force_bias_walk**2 * length_s
         self.pose = step.pose
-        self.covariance = carry(step.transition, self.covariance)
+        self.covariance = self.covariance.copy()
+        carry(step.transition, self.covariance, np.empty((2, STATES, STATES)))
         np.einsum("ii->i", self.covariance)[:] += growth
         return step.transition
 

@@ -102,18 +102,11 @@ def integrate(pose: Pose, segment: Segment) -> Step:
     # compiled functions are not imported where pipelines are only listed
     from . import strapdown_kernels as compiled
 
-    orientation, velocity, place, gained, turned_rad, pushed_mps = compiled.integrate(
-        pose.orientation,
-        pose.velocity,
-        pose.place,
-        np.stack([pose.gyro_bias, pose.force_bias]),
-        segment.interval_s,
-        segment.rate,
-        segment.force,
-        GRAVITY_MPS2,
-    )
-    moved = compiled.transition(
-        pose.orientation, orientation, gained, segment.length_s, GRAVITY_MPS2
-    )
+    row, moved, transition = pose.row, np.empty(compiled.MOVED), np.empty((STATES, STATES))
+    given = (segment.interval_s, segment.rate, segment.force, GRAVITY_MPS2)
+    compiled.integrate(row, *given, moved)
+    compiled.transition(row, moved, segment.length_s, GRAVITY_MPS2, np.empty((4, 4)), transition)
+    orientation, velocity, place, _ = np.split(moved, [4, 7, compiled.GAINED])
     after = Pose(normalised(orientation), velocity, place, pose.gyro_bias, pose.force_bias)
-    return Step(after, moved, turned_rad, pushed_mps)
+    turned_rad, pushed_mps = moved[compiled.TURNED :].tolist()
+    return Step(after, transition, turned_rad, pushed_mps)

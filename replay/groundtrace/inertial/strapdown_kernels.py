@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..compiled import compiled
+from ..compiled import in_place
 from ..heading.rotation_kernels import (
     add_matrix,
     held,
+    identity,
     normalise,
     of_angles,
     put,
@@ -19,6 +18,7 @@ from ..heading.rotation_kernels import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from ..heading.rotation_kernels import Vector
@@ -26,48 +26,50 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
-@compiled
+#: Columns of a pose: orientation, velocity, place, biases of gyroscope and accelerometer.
+SPEED, PLACE, GYRO, FORCE, POSE = 4, 7, 10, 13, 16
+#: Places in what is told of a segment, after orientation, velocity and place at its end: what was
+#: gained of velocity, and how far it turned and was pushed.
+GAINED, TURNED, PUSHED, MOVED = 10, 13, 14, 15
+
+
+@in_place
 def felt(sample: Array, bias: Array) -> Vector:
     """Return a sample less its bias, shape (3,) each."""
     return sample[0] - bias[0], sample[1] - bias[1], sample[2] - bias[2]
 
 
-@compiled
+@in_place
 def integrate(
-    orientation: Array,
-    velocity: Array,
-    place: Array,
-    biases: Array,
-    interval_s: Array,
-    rate: Array,
-    force: Array,
-    gravity: float,
-) -> tuple[Array, Array, Array, Array, float, float]:
+    pose: Array, interval_s: Array, rate: Array, force: Array, gravity: float, out: Array
+) -> None:
     """Go over a segment, rates and forces taken as straight between samples.
 
     Parameters
     ----------
-    orientation, velocity, place
-        At its start, shapes (4,), (3,), (3,).
-    biases
-        Of gyroscope and accelerometer, shape (2, 3).
+    pose
+        At its start, as :attr:`.strapdown.Pose.row`.
     interval_s, rate, force
         Shapes (n,), (n + 1, 3), (n + 1, 3).
     gravity
         Its acceleration [m/s2].
-
-    Returns
-    -------
-    Orientation, velocity, place at its end, what was gained of velocity, and how far it turned and
-    was pushed.
+    out
+        Takes orientation, velocity and place at its end, what was gained of velocity, and how far
+        it turned and was pushed, in the places above.
     """
-    q = held(orientation)
+    q, velocity, there, gained = (
+        held(pose),
+        pose[SPEED:PLACE],
+        out[PLACE:GAINED],
+        out[GAINED:TURNED],
+    )
     turned_rad, pushed_mps = 0.0, 0.0
-    speed, there, gained = velocity.copy(), place.copy(), np.zeros(3)
-    before = rotated(q, felt(force[0], biases[1]))
+    for k in range(3):
+        there[k], gained[k] = pose[PLACE + k], 0.0
+    before = rotated(q, felt(force[0], pose[FORCE:POSE]))
     for i in range(len(interval_s)):
         dt = interval_s[i]
-        last, rates = felt(rate[i], biases[0]), felt(rate[i + 1], biases[0])
+        last, rates = felt(rate[i], pose[GYRO:FORCE]), felt(rate[i + 1], pose[GYRO:FORCE])
         x, y, z = (
             0.5 * (rates[0] + last[0]) * dt,
             0.5 * (rates[1] + last[1]) * dt,
@@ -75,7 +77,7 @@ def integrate(
         )
         turned_rad += math.sqrt(x * x + y * y + z * z)
         q = times(q, of_angles(x, y, z))
-        now = rotated(q, felt(force[i + 1], biases[1]))
+        now = rotated(q, felt(force[i + 1], pose[FORCE:POSE]))
         size = 0.0
         for k in range(3):
             push = 0.5 * (now[k] + before[k]) * dt - (gravity * dt if k == 2 else 0.0)
@@ -84,17 +86,26 @@ def integrate(
             size += push * push
         before = now
         pushed_mps += math.sqrt(size)
-    end = np.empty(4)
-    put(q, end)
+    put(q, out)
     for k in range(3):
-        speed[k] += gained[k]
-    return end, speed, there, gained, turned_rad, pushed_mps
+        out[SPEED + k] = velocity[k] + gained[k]
+    out[TURNED], out[PUSHED] = turned_rad, pushed_mps
 
 
-@compiled
-def transition(first: Array, last: Array, gained: Array, length_s: float, gravity: float) -> Array:
-    """Return the transition of a short segment, shape (15, 15), by orientations at its ends."""
-    middle, axes, out = 0.5 * (first + last), np.zeros((3, 3)), np.eye(15)
+@in_place
+def transition(
+    pose: Array, moved: Array, length_s: float, gravity: float, room: Array, out: Array
+) -> None:
+    """Put the transition of a short segment in ``out``, shape (15, 15).
+
+    ``moved`` is what :func:`integrate` made of the pose; the room, shape (4, 4) or more, is written
+    over.
+    """
+    middle, axes, gained = room[3], room[:3, :3], moved[GAINED:TURNED]
+    identity(out)
+    axes[:] = 0.0
+    for k in range(4):
+        middle[k] = 0.5 * (pose[k] + moved[k])
     normalise(middle)
     add_matrix(held(middle), length_s, axes)
     x, y, z = gained[0], gained[1], gained[2] + gravity * length_s
@@ -112,4 +123,3 @@ def transition(first: Array, last: Array, gained: Array, length_s: float, gravit
             out[6 + i, k] = 0.5 * length_s * out[3 + i, k]
             out[6 + i, 12 + k] = 0.5 * length_s * out[3 + i, 12 + k]
             out[6 + i, 9 + k] = length_s / 3.0 * out[3 + i, 9 + k]
-    return out

@@ -215,10 +215,10 @@ class Walk:
         self._told += self._points(knots, self.stage, nis)
         if not (self.parameters.smooth and len(knots)):
             return
-        begin = 0
+        begin, times, longest_ns = 0, knots.time_ns.tolist(), self.parameters.smooth_s * NS_PER_S
         for place in np.flatnonzero(knots.shown).tolist():
-            first = self._knots[0].time_ns[0] if self._knots else knots.time_ns[begin]
-            if knots.time_ns[place] - first > self.parameters.smooth_s * NS_PER_S:
+            first = int(self._knots[0].time_ns[0]) if self._knots else times[begin]
+            if times[place] - first > longest_ns:
                 self._knots.append(knots.rows(begin, place + 1))
                 self._told += self._smoothed()[:-1]
                 self._knots, begin = [knots.rows(place, place + 1)], place + 1

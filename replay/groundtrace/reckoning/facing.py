@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..heading.estimator import axis_of
-from ..heading.walking_axis import STEEP, WalkingAxis, level_axis, step_swing
+from ..heading.walking_axis import STEEP, WalkingAxis, level_axis
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import StepEvent
 
+    from ..heading.rotation_kernels import Vector
     from ..heading.walking_axis import Ahead, Axis
-    from .level_motion import LevelMotion, Motion
+    from .level_motion import Motion
 
 #: A step of another time than this says nothing of the walking axis [s].
 SHORTEST_S, LONGEST_S = 0.25, 1.0
@@ -41,22 +42,20 @@ class Facing:
         The axis whose direction is given; None before the first step where the walk tells.
     steps
         How many steps have told.
+    turn_rad
+        The way ahead against the reference, counter-clockwise [rad].
     """
 
     ahead: Ahead
     reference: Axis | None = None
     steps: int = 0
+    turn_rad: float = 0.0
     _walking: WalkingAxis = field(default_factory=lambda: WalkingAxis(nominal=False, keep=KEEP))
 
     @property
     def settled(self) -> bool:
         """Whether what is told will hardly change."""
         return self.ahead != "walk" or self.steps >= SETTLED
-
-    @property
-    def turn_rad(self) -> float:
-        """Return the way ahead against the reference, counter-clockwise [rad]."""
-        return 0.0 if self.ahead != "walk" else -self._walking.angle_rad
 
     @property
     def news(self) -> str:
@@ -68,40 +67,36 @@ class Facing:
         turned = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
         return f"the walk tells that ahead is {turned}; steps before were gone again with that"
 
-    def watch(self, step: StepEvent, interval_s: float, sensor: LevelMotion) -> None:
-        """Take the next step; the signal must be known until a second after it."""
+    def watch(self, step: StepEvent, interval_s: float, motion: Motion) -> None:
+        """Take the next step; the motion must be known until a second after it."""
         if self.ahead != "walk":
             self.reference = self.ahead
             return
         reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
-        motion = sensor.between(step.time_ns - reach_ns, step.time_ns + reach_ns)
         # compiled functions are not imported where pipelines are only listed
-        from .step_kernels import resolved
+        from .step_kernels import mean_up, swing_about
 
-        reference = self._refer(motion)
+        times, about = motion.time_ns, (step.time_ns - reach_ns, step.time_ns + reach_ns)
+        reference = self._refer(mean_up(times, motion.orientation, *about))
         self.steps += 1
-        covered = motion.time_ns[-1] - motion.time_ns[0] >= 1.9 * reach_ns
-        if not (covered and SHORTEST_S <= interval_s <= LONGEST_S):
-            return
-        phase = (motion.time_ns - step.time_ns) / reach_ns
-        values = resolved(motion.orientation, motion.acceleration, axis_of(reference))
-        swing = step_swing(values, phase)
-        if swing is not None and (sign := SIGN.get(step.type, 1.0)):
-            self._walking.add(sign * swing)
+        if SHORTEST_S <= interval_s <= LONGEST_S and (sign := SIGN.get(step.type, 1.0)):
+            given = (times, motion.orientation, motion.acceleration, axis_of(reference))
+            found, ahead, right = swing_about(*given, step.time_ns, reach_ns)
+            if found:
+                self._walking.add((sign * ahead, sign * right))
+        self.turn_rad = -self._walking.angle_rad
 
-    def heading(self, motion: Motion) -> float:
-        """Return the mean direction of the reference in the level axes [rad]."""
+    def heading(self, motion: Motion, start_ns: int, stop_ns: int) -> float:
+        """Return the mean direction of the reference in the level axes in a time [rad]."""
         assert self.reference is not None  # a step was watched
         from .step_kernels import mean_heading
 
-        return mean_heading(motion.orientation, axis_of(self.reference))
+        axis = axis_of(self.reference)
+        return mean_heading(motion.time_ns, motion.orientation, axis, start_ns, stop_ns)
 
-    def _refer(self, motion: Motion) -> Axis:
+    def _refer(self, up: Vector) -> Axis:
         """Return the reference; another one, and all to be told anew, where it stands upright."""
-        from .step_kernels import mean_up
-
-        up = mean_up(motion.orientation)
-        if self.reference is None or abs(up @ axis_of(self.reference)) > STEEP:
+        if self.reference is None or abs(up["xyz".index(self.reference[-1])]) > STEEP:
             self.reference, self.steps = level_axis(up), 0
             self._walking = WalkingAxis(nominal=False, keep=KEEP)
         return self.reference

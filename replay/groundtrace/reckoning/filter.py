@@ -9,6 +9,7 @@ led there, by the covariances that steps have built up.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -78,6 +79,13 @@ class ReckoningFilter:
         self.covariance = np.diag(np.square(sigmas))
         self.origin = self.state[PLACE].copy()
 
+    def copy(self) -> ReckoningFilter:
+        """Return an independent copy."""
+        made = copy.copy(self)
+        made.state, made.covariance = self.state.copy(), self.covariance.copy()
+        made.origin = self.origin.copy()
+        return made
+
     @property
     def lost(self) -> bool:
         """Whether nothing has told the offset yet."""
@@ -112,7 +120,7 @@ class ReckoningFilter:
         from .track_kernels import wait
 
         step = np.empty((SIZE, SIZE))
-        wait(self.state, self.covariance, elapsed_s, self.noise.wander, step)
+        wait(self.state, self.covariance, elapsed_s, self.noise.wander, step, _room())
         return step
 
     def rest(self, rested_s: float) -> None:
@@ -126,7 +134,7 @@ class ReckoningFilter:
         from .track_kernels import go
 
         step, errors = np.empty((SIZE, SIZE)), (self.noise.length, self.noise.way)
-        go(self.state, self.covariance, length_m, heading_rad, *errors, step)
+        go(self.state, self.covariance, length_m, heading_rad, *errors, step, _room())
         return step
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
@@ -141,7 +149,7 @@ class ReckoningFilter:
         """
         from .track_kernels import sight
 
-        sight(self.state, self.covariance, offset_rad, sigma_rad, repeats)
+        sight(self.state, self.covariance, offset_rad, sigma_rad, repeats, _room())
 
     def fix(self, place: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
@@ -165,6 +173,11 @@ class ReckoningFilter:
         if min(float(np.linalg.norm(gone)), float(np.linalg.norm(seen))) < sigma_m:
             return None
         return wrapped(math.atan2(seen[1], seen[0]) - math.atan2(gone[1], gone[0]))
+
+
+def _room() -> Array:
+    """Return what compiled functions write over."""
+    return np.empty((2, SIZE, SIZE))
 
 
 def turning(angle_rad: float) -> Array:

@@ -91,9 +91,9 @@ class Knots:
     def moment(self, index: int) -> Moment:
         """Return where the walker was at one, counted from behind where negative."""
         at = index if index >= 0 else self.count + index
-        (xx, xy, *_), (_, yy, *_) = self.spread[at, PLACE].tolist()
-        x, y = self.pose[at, PLACE].tolist()
-        return Moment(int(self.time_ns[at]), x, y, (xx, xy, yy))
+        place, spread = self.pose.item, self.spread.item
+        covariance = spread(at, 0, 0), spread(at, 0, 1), spread(at, 1, 1)
+        return Moment(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
 
     def turn(self, origin: Array, angle_rad: float) -> None:
         """Turn all of them about a place, shape (2,), counter-clockwise."""

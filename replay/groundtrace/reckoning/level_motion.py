@@ -18,7 +18,6 @@ from ..heading.api import HeadingFrames
 from ..heading.attitude import GRAVITY_MPS2, Attitude, AttitudeNoise
 from ..heading.estimator import HeadingEstimator, joined
 from ..heading.parameters import HeadingParameters
-from ..heading.rotations import turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,9 +64,7 @@ class Motion:
 
     def between(self, start_ns: int, stop_ns: int) -> Motion:
         """Return the samples in ``[start_ns, stop_ns)``; the nearest one where there is none."""
-        last = int(self.time_ns.searchsorted(stop_ns))
-        first = min(int(self.time_ns.searchsorted(start_ns)), len(self) - 1)
-        rows = slice(first, max(last, first + 1))
+        rows = slice(*self._rows(start_ns, stop_ns))
         return Motion(
             self.time_ns[rows],
             self.orientation[rows],
@@ -75,6 +72,16 @@ class Motion:
             self.field[rows],
             self.rested_s[rows],
         )
+
+    def rested_by(self, start_ns: int, stop_ns: int) -> float:
+        """Return how long the sensor has been at rest by the end of what is between [s]."""
+        return float(self.rested_s[self._rows(start_ns, stop_ns)[1] - 1])
+
+    def _rows(self, start_ns: int, stop_ns: int) -> tuple[int, int]:
+        # compiled functions are not imported where pipelines are only listed
+        from .step_kernels import rows_between
+
+        return rows_between(self.time_ns, start_ns, stop_ns)
 
 
 @dataclass(slots=True)
@@ -101,13 +108,11 @@ class LevelMotion:
         """Time of the last sample; long ago where there is none [ns]."""
         return -(2**62) if self._motion is None else int(self._motion.time_ns[-1])
 
-    def between(self, start_ns: int, stop_ns: int) -> Motion:
-        """Return the samples in ``[start_ns, stop_ns)``, at least one; there must be some.
-
-        A step later than what is remembered gets the oldest sample.
-        """
+    @property
+    def felt(self) -> Motion:
+        """What is remembered; there must be some."""
         assert self._motion is not None  # a frame was taken
-        return self._motion.between(start_ns, stop_ns)
+        return self._motion
 
     def add(self, samples: Samples) -> None:
         """Take samples of any number."""
@@ -119,6 +124,9 @@ class LevelMotion:
         self._take(self._estimator.finish())
 
     def _take(self, given: Sequence[HeadingFrame]) -> None:
+        # compiled functions are not imported where pipelines are only listed
+        from ..heading.rotation_kernels import turn_each
+
         if not given:
             return
         frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
@@ -126,7 +134,9 @@ class LevelMotion:
         waiting = self._waiting[0]
         self._waiting = [waiting.rows(count, len(waiting))]
         samples = waiting.rows(0, count)
-        force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
+        force, field_ = np.empty((count, 3)), np.empty((count, 3))
+        turn_each(frames.orientation, samples.force, force)
+        turn_each(frames.orientation, samples.field, field_)
         force[:, 2] -= GRAVITY_MPS2
         rested_s = self._rested(frames)
         new = Motion(samples.time_ns, frames.orientation, force, field_, rested_s)

@@ -40,15 +40,17 @@ class North:
     usual: tuple[float, float] | None = None
     steps: int = 0
 
-    def sight(self, motion: Motion, length_m: float) -> tuple[Sight | None, float]:
+    def sight(
+        self, motion: Motion, start_ns: int, stop_ns: int, length_m: float
+    ) -> tuple[Sight | None, float]:
         """Return the azimuth that a step's field tells, and how far that field is off [T].
 
-        Without a field that is None and NaN.
+        Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
         """
         # compiled functions are not imported where pipelines are only listed
         from .step_kernels import mean_vector
 
-        east, north, up = mean_vector(motion.field)
+        east, north, up = mean_vector(motion.time_ns, motion.field, start_ns, stop_ns)
         flat = math.hypot(east, north)
         if not math.isfinite(flat + up) or flat == 0:
             return None, math.nan

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,13 +25,11 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import StepEvent, TrackPoint
 
     from ..detector import Emits
-    from .level_motion import LevelMotion
+    from .level_motion import Motion
     from .places import KnownPlace
 
 #: Time of a step that follows none [s].
 USUAL_STEP_S = 0.55
-#: Signal on both sides of a step that serves its smoothing [ns].
-MARGIN_NS = NS_PER_S // 20
 #: Direction of a step against the way the walker looks, counter-clockwise [rad].
 ASIDE = {"backward": math.pi, "left": math.pi / 2, "right": -math.pi / 2}
 #: How fast a walker may have come from where they were seen first [m/s].
@@ -41,8 +38,7 @@ WALK_MPS = 1.5
 ANYHOW = 0.9
 
 
-@dataclass(frozen=True, slots=True)
-class _Measured:
+class _Measured(NamedTuple):
     """A step as measured: where it goes, and how long it took."""
 
     stride: Stride
@@ -100,19 +96,18 @@ class DeadReckoner:
         """Take known places, in order of time; they count with the step after them."""
         self._places += places
 
-    def measure(self, step: StepEvent, sensor: LevelMotion, height_m: float) -> Candidates:
+    def measure(self, step: StepEvent, motion: Motion, height_m: float) -> Candidates:
         """Return a step as a candidate, by what the sensor felt; the step is remembered."""
         p = self.parameters
         interval_s = self._interval_s(step.time_ns)
-        start_ns = step.time_ns - round(interval_s * NS_PER_S)
-        shape = shape_of(sensor.between(start_ns - MARGIN_NS, step.time_ns + MARGIN_NS), MARGIN_NS)
+        span = step.time_ns - round(interval_s * NS_PER_S), step.time_ns
+        shape = shape_of(motion, *span)
         length_m = step_length(shape, step.type, p)
-        motion = sensor.between(start_ns, step.time_ns)
-        self._facing.watch(step, interval_s, sensor)
-        heading = self._facing.heading(motion) + ASIDE.get(step.type, 0.0)
-        sight, off = self._north.sight(motion, length_m)
+        self._facing.watch(step, interval_s, motion)
+        heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
+        sight, off = self._north.sight(motion, *span, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
-        stride = Stride(step.time_ns, length_m, heading, sight, float(motion.rested_s[-1]))
+        stride = Stride(step.time_ns, length_m, heading, sight, motion.rested_by(*span))
         self._measured = _Measured(stride, interval_s)
         turn = self._facing.turn_rad
         azimuth = math.degrees(wrapped(self._azimuth(stride, turn)))

@@ -240,7 +240,7 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             run.steps.pop(0)
             self._know(run, step.time_ns + LATE_NS)
             height_m = run.barometer.height_m(step.time_ns)
-            found = run.worker.measure(step, sensor.motion, height_m)
+            found = run.worker.measure(step, sensor.motion.felt, height_m)
             block, run.carry = decided_block(
                 run.spec, found, run.worker, self.parameters, run.carry
             )

@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
-from ..heading.rotation_kernels import add_matrix, held, turn
+from ..compiled import compiled, in_place
+from ..heading.rotation_kernels import add_matrix, held, rotated
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..heading.rotation_kernels import Vector
+
     Array = NDArray[np.float64]
+    Times = NDArray[np.int64]
 
 _TWO_PI = 2.0 * math.pi
 
@@ -24,15 +27,48 @@ def spread_of(x: Array) -> float:
     return float(x.max() - x.min())
 
 
+@in_place
+def place_of(time_ns: Times, at_ns: int) -> int:
+    """Return the place of the first of times that rise that is not before ``at_ns``."""
+    low, high = 0, len(time_ns)
+    while low < high:
+        middle = (low + high) // 2
+        if time_ns[middle] < at_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@in_place
+def rows_between(time_ns: Times, start_ns: int, stop_ns: int) -> tuple[int, int]:
+    """Return first and last place plus one of samples in ``[start_ns, stop_ns)``.
+
+    Where there is none it is those of one sample that is near.
+    """
+    first = min(place_of(time_ns, start_ns), len(time_ns) - 1)
+    return first, max(place_of(time_ns, stop_ns), first + 1)
+
+
 @compiled
 def shape(
-    time_ns: NDArray[np.int64], acceleration: Array, margin_ns: int, smooth_s: float
+    time_ns: Times,
+    acceleration: Array,
+    start_ns: int,
+    stop_ns: int,
+    margin_ns: int,
+    smooth_s: float,
 ) -> tuple[float, float]:
     """Return swing and rise of a step by its accelerations, shape (n, 3), the last of them upward.
 
-    Averages over ``smooth_s`` reach as far as there are samples, and count as nothing beyond.
+    Averages over ``smooth_s`` reach as far as there are samples, up to ``margin_ns`` before and
+    after the step, and count as nothing beyond. Without three samples both are 0.
     """
+    begin, end = rows_between(time_ns, start_ns - margin_ns, stop_ns + margin_ns)
+    time_ns, acceleration = time_ns[begin:end], acceleration[begin:end]
     n = len(time_ns)
+    if n < 3:
+        return 0.0, 0.0
     period_s = (time_ns[n - 1] - time_ns[0]) / 1e9 / (n - 1)
     width = max(1, round(smooth_s / period_s))
     later = (width - 1) // 2
@@ -52,31 +88,34 @@ def shape(
     return spread_of(inside), spread_of(height)
 
 
-@compiled
-def mean_heading(orientation: Array, axis: Array) -> float:
+@in_place
+def mean_heading(
+    time_ns: Times, orientation: Array, axis: Array, start_ns: int, stop_ns: int
+) -> float:
     """Return the mean direction of a body axis in the horizontal plane, turns followed [rad]."""
-    pointing, total, before, turns = np.empty(3), 0.0, 0.0, 0.0
-    for i in range(len(orientation)):
-        turn(orientation[i], axis, pointing)
-        angle = math.atan2(pointing[1], pointing[0])
-        if i > 0:
+    begin, end = rows_between(time_ns, start_ns, stop_ns)
+    ahead, total, before, turns = (axis[0], axis[1], axis[2]), 0.0, 0.0, 0.0
+    for i in range(begin, end):
+        x, y, _ = rotated(held(orientation[i]), ahead)
+        angle = math.atan2(y, x)
+        if i > begin:
             turns -= _TWO_PI * round((angle - before) / _TWO_PI)
         before = angle
         total += angle + turns
-    return total / len(orientation)
+    return total / (end - begin)
 
 
 @compiled
-def mean_up(orientation: Array) -> Array:
-    """Return which way up is in the axes of a body, on average, shape (3,)."""
-    mean, up = np.zeros((3, 3)), np.empty(3)
-    for i in range(len(orientation)):
-        add_matrix(held(orientation[i]), 1.0 / len(orientation), mean)
-    up[:] = mean[2]
-    return up
+def mean_up(time_ns: Times, orientation: Array, start_ns: int, stop_ns: int) -> Vector:
+    """Return which way up is in the axes of a body, on average."""
+    begin, end = rows_between(time_ns, start_ns, stop_ns)
+    mean = np.zeros((3, 3))
+    for i in range(begin, end):
+        add_matrix(held(orientation[i]), 1.0 / (end - begin), mean)
+    return mean[2, 0], mean[2, 1], mean[2, 2]
 
 
-@compiled
+@in_place
 def swing(values: Array, phase: Array) -> tuple[bool, complex, complex]:
     """Return the swing of two signals as parts of the third's, shape (3, n), at one per step.
 
@@ -98,31 +137,54 @@ def swing(values: Array, phase: Array) -> tuple[bool, complex, complex]:
     return True, ahead * back, right * back
 
 
-@compiled
-def resolved(orientation: Array, acceleration: Array, axis: Array) -> Array:
-    """Return accelerations along an axis' heading, to the right of it and up, (n, 3) to (3, n)."""
-    out, pointing = np.empty((3, len(orientation))), np.empty(3)
+@in_place
+def resolve(orientation: Array, acceleration: Array, axis: Array, out: Array) -> None:
+    """Put accelerations along an axis' heading, to the right of it and up, (n, 3), in (3, n)."""
+    ahead = (axis[0], axis[1], axis[2])
     for i in range(len(orientation)):
-        turn(orientation[i], axis, pointing)
-        angle = math.atan2(pointing[1], pointing[0])
+        x, y, _ = rotated(held(orientation[i]), ahead)
+        angle = math.atan2(y, x)
         cos, sin = math.cos(angle), math.sin(angle)
         east, north = acceleration[i, 0], acceleration[i, 1]
         out[0, i], out[1, i] = cos * east + sin * north, sin * east - cos * north
         out[2, i] = acceleration[i, 2]
-    return out
 
 
 @compiled
-def mean_vector(vectors: Array) -> tuple[float, float, float]:
-    """Return the mean of vectors, shape (n, 3); NaN where there is none."""
-    x, y, z, count = 0.0, 0.0, 0.0, float(len(vectors))
-    for i in range(len(vectors)):
+def swing_about(
+    time_ns: Times,
+    orientation: Array,
+    acceleration: Array,
+    axis: Array,
+    step_ns: int,
+    reach_ns: int,
+) -> tuple[bool, complex, complex]:
+    """Return the swing along an axis' heading and to the right, as :func:`swing`, about a step.
+
+    False first as well where a twentieth of the time within ``reach_ns`` of it has no samples.
+    """
+    begin, end = rows_between(time_ns, step_ns - reach_ns, step_ns + reach_ns)
+    if time_ns[end - 1] - time_ns[begin] < 1.9 * reach_ns:
+        return False, 0j, 0j
+    values, phase = np.empty((3, end - begin)), np.empty(end - begin)
+    resolve(orientation[begin:end], acceleration[begin:end], axis, values)
+    for i in range(end - begin):
+        phase[i] = (time_ns[begin + i] - step_ns) / reach_ns
+    return swing(values, phase)
+
+
+@in_place
+def mean_vector(time_ns: Times, vectors: Array, start_ns: int, stop_ns: int) -> Vector:
+    """Return the mean of vectors, shape (n, 3), in a time; NaN where there is none."""
+    begin, end = rows_between(time_ns, start_ns, stop_ns)
+    x, y, z, count = 0.0, 0.0, 0.0, float(end - begin)
+    for i in range(begin, end):
         x, y, z = x + vectors[i, 0], y + vectors[i, 1], z + vectors[i, 2]
     return x / count, y / count, z / count
 
 
-@compiled
-def mean_near(time_ns: NDArray[np.int64], values: Array, middle_ns: int, reach_ns: int) -> float:
+@in_place
+def mean_near(time_ns: Times, values: Array, middle_ns: int, reach_ns: int) -> float:
     """Return the mean of the values at most ``reach_ns`` from a time; NaN where there is none."""
     total, count = 0.0, 0.0
     for i in range(len(time_ns)):

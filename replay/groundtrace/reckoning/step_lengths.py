@@ -10,8 +10,9 @@ length, times a factor, 1.25 there.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
+
+from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from .level_motion import Motion
@@ -19,12 +20,13 @@ if TYPE_CHECKING:
 
 #: Vertical accelerations are averaged over this [s]: impacts say nothing of a step's length.
 SMOOTH_S = 0.1
+#: Signal on both sides of a step that serves its smoothing [ns].
+MARGIN_NS = NS_PER_S // 20
 #: Part of the height that the leg is (Winter, Biomechanics and motor control: 0.53).
 LEG = 0.53
 
 
-@dataclass(frozen=True, slots=True)
-class StepShape:
+class StepShape(NamedTuple):
     """How the body moved up and down during a step.
 
     Attributes
@@ -39,22 +41,16 @@ class StepShape:
     rise_m: float
 
 
-def shape_of(motion: Motion, margin_ns: int) -> StepShape:
-    """Return the shape of a step; the body's height is taken to be after it as before it.
+def shape_of(motion: Motion, start_ns: int, stop_ns: int) -> StepShape:
+    """Return the shape of a step in ``[start_ns, stop_ns)``.
 
-    Parameters
-    ----------
-    motion
-        Of the step, and of ``margin_ns`` before and after it.
-    margin_ns
-        What of both ends only serves smoothing [ns].
+    The body's height is taken to be after it as before it.
     """
-    if len(motion) < 3:
-        return StepShape(0.0, 0.0)
     # compiled functions are not imported where pipelines are only listed
     from .step_kernels import shape
 
-    return StepShape(*shape(motion.time_ns, motion.acceleration, margin_ns, SMOOTH_S))
+    given = (motion.time_ns, motion.acceleration, start_ns, stop_ns)
+    return StepShape(*shape(*given, MARGIN_NS, SMOOTH_S))
 
 
 def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:

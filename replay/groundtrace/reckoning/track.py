@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,8 +30,7 @@ if TYPE_CHECKING:
 NO_NIS = float("nan")
 
 
-@dataclass(frozen=True, slots=True)
-class Sight:
+class Sight(NamedTuple):
     """A magnetic azimuth, as the offset of the gyroscope's frame that it asks for.
 
     Attributes
@@ -48,8 +46,7 @@ class Sight:
     repeats: float
 
 
-@dataclass(frozen=True, slots=True)
-class Stride:
+class Stride(NamedTuple):
     """A step as the track takes it.
 
     Attributes
@@ -75,10 +72,11 @@ class Stride:
     @property
     def row(self) -> tuple[float, ...]:
         """All but the time, as compiled functions lay it out."""
-        seen, sight = (math.nan, math.nan, math.nan), self.sight
-        if sight is not None:
-            seen = (sight.offset_rad, sight.sigma_rad, sight.repeats)
-        return self.length_m, self.heading_rad, *seen, self.rested_s
+        return self.length_m, self.heading_rad, *(self.sight or UNSEEN), self.rested_s
+
+
+#: Of a step of which the compass says nothing.
+UNSEEN = Sight(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,10 +110,10 @@ class Track:
         self.stage = stage
         self.number = number
         self.smooth_s = smooth_s
-        self._begun = (copy.deepcopy(filter_), time_ns)
+        self._begun = (filter_.copy(), time_ns)
         self._turn_rad = 0.0
         self._taken: list[Stride | Fix] | None = []  # None once settled
-        self._begin_knots(time_ns)
+        self._begin_knots(time_ns, 0)
 
     @property
     def time_ns(self) -> int:
@@ -139,9 +137,10 @@ class Track:
             Whether that will hardly change. Until then the steps before are gone again with it.
         """
         if self._taken is not None and turn_rad != self._turn_rad:
-            self._again(self._taken, turn_rad)
-        self._turn_rad = turn_rad
-        before = self._go([stride])
+            before = self._again([*self._taken, stride], turn_rad)
+        else:
+            self._turn_rad = turn_rad
+            before = self._go([stride])
         self._take(stride, settled=settled)
         return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
 
@@ -160,8 +159,10 @@ class Track:
         self._knots.keep_last()
         return points
 
-    def _begin_knots(self, time_ns: int) -> None:
+    def _begin_knots(self, time_ns: int, more: int) -> None:
+        """Begin with the knot where the track does, and room for some more."""
         self._knots = Knots()
+        self._knots.make_room(1 + more)
         self._knots.add(time_ns, self.filter.state, self.filter.covariance, np.eye(SIZE))
 
     def _take(self, item: Stride | Fix, *, settled: bool) -> None:
@@ -171,19 +172,24 @@ class Track:
         elif self._taken is not None:
             self._taken.append(item)
 
-    def _again(self, taken: Sequence[Stride | Fix], turn_rad: float) -> None:
-        """Go the track again from its beginning, as the sensor is known to be turned by now."""
+    def _again(self, taken: Sequence[Stride | Fix], turn_rad: float) -> Moment:
+        """Go the track again from its beginning, as the sensor is known to be turned by now.
+
+        Return where the walker was before the last step.
+        """
         self._turn_rad, (filter_, time_ns) = turn_rad, self._begun
-        self.filter = copy.deepcopy(filter_)
-        self._begin_knots(time_ns)
+        self.filter = filter_.copy()
+        self._begin_knots(time_ns, 2 * len(taken))
+        before = self._knots.moment(-1)
         for kind, items in groupby(taken, type):
             if kind is Stride:
-                self._go([item for item in items if isinstance(item, Stride)])
+                before = self._go([item for item in items if isinstance(item, Stride)])
                 continue
             for item in items:
                 if isinstance(item, Fix):
                     self._aim(item)
                     self._meet(item)
+        return before
 
     def _aim(self, fix: Fix) -> None:
         """Turn a track that is lost towards a known place."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 from ..heading.compass_kernels import wrapped
-from ..heading.rotation_kernels import carry
-from ..inertial.smoothing_kernels import gain_of
+from ..heading.rotation_kernels import carry, identity
+from ..inertial.smoothing_kernels import gain_of, gain_room
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,7 +36,7 @@ REST_DRIFT = 0.0016
 CLEAR = 2.0
 
 
-@compiled
+@in_place
 def rest(state: Array, covariance: Array, rested_s: float, drift: float) -> None:
     """Take it, in place, that the gyroscope was zeroed at rest; ``drift`` is its at the start."""
     state[DRIFT] = 0.0
@@ -45,17 +45,22 @@ def rest(state: Array, covariance: Array, rested_s: float, drift: float) -> None
     covariance[DRIFT, DRIFT] = min(drift, REST_DRIFT / math.sqrt(rested_s)) ** 2
 
 
-@compiled
-def wait(state: Array, covariance: Array, elapsed_s: float, wander: float, step: Array) -> None:
-    """Let time pass, in place; ``step`` takes the transition. ``wander`` is the noise's [rad]."""
-    step[:] = np.eye(SIZE)
+@in_place
+def wait(
+    state: Array, covariance: Array, elapsed_s: float, wander: float, step: Array, room: Array
+) -> None:
+    """Let time pass, in place; ``step`` takes the transition. ``wander`` is the noise's [rad].
+
+    The room, shape (2, SIZE, SIZE), is written over, as that of the others.
+    """
+    identity(step)
     step[OFFSET, DRIFT] = elapsed_s
     state[OFFSET] += elapsed_s * state[DRIFT]
-    covariance[:] = carry(step, covariance)
+    carry(step, covariance, room)
     covariance[OFFSET, OFFSET] += GYRO_WALK**2 * elapsed_s + wander**2
 
 
-@compiled
+@in_place
 def go(
     state: Array,
     covariance: Array,
@@ -64,6 +69,7 @@ def go(
     error: float,
     way: float,
     step: Array,
+    room: Array,
 ) -> None:
     """Go a step, in place; ``step`` takes the transition.
 
@@ -82,27 +88,34 @@ def go(
     length = length_m * math.exp(state[SCALE])
     ahead = (math.cos(azimuth), math.sin(azimuth))
     aside = (-ahead[1], ahead[0])
-    step[:] = np.eye(SIZE)
+    identity(step)
     for i in range(2):
         step[i, OFFSET] = step[i, MOUNT] = length * aside[i]
         step[i, SCALE] = length * ahead[i]
         state[i] += length * ahead[i]
-    covariance[:] = carry(step, covariance)
+    carry(step, covariance, room)
     along, across = (error * length) ** 2, (way * length) ** 2
     for i in range(2):
         for k in range(2):
             covariance[i, k] += ahead[i] * along * ahead[k] + aside[i] * across * aside[k]
 
 
-@compiled
+@in_place
 def sight(
-    state: Array, covariance: Array, offset_rad: float, sigma_rad: float, repeats: float
+    state: Array,
+    covariance: Array,
+    offset_rad: float,
+    sigma_rad: float,
+    repeats: float,
+    room: Array,
 ) -> None:
     """Take a magnetic azimuth in, in place, as the offset it asks for."""
     off, known = wrapped(offset_rad - state[OFFSET]), covariance[OFFSET, OFFSET]
     variance = sigma_rad**2 * max(repeats, 1.0)
     variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
-    row, gain = covariance[OFFSET].copy(), covariance[:, OFFSET] / (known + variance)
+    row, gain = room[0, 0], room[0, 1]
+    for i in range(SIZE):
+        row[i], gain[i] = covariance[OFFSET, i], covariance[i, OFFSET] / (known + variance)
     for i in range(SIZE):
         state[i] += gain[i] * off
         for k in range(SIZE):
@@ -144,6 +157,7 @@ def strides(
     """
     time_ns, shown, predicted, predicted_spread, pose, spread, transition = knots
     drift, wander, error, way = noise
+    room = np.empty((2, SIZE, SIZE))
     for i in range(len(times)):
         row, at = rows[i], count + 2 * i
         seen = not math.isnan(row[SEEN])
@@ -152,15 +166,15 @@ def strides(
         if row[RESTED] > 0:
             rest(state, covariance, row[RESTED], drift)
         elapsed_s = max(0, times[i] - time_ns[at - 1]) / NS_PER_S
-        wait(state, covariance, elapsed_s, wander, transition[at])
+        wait(state, covariance, elapsed_s, wander, transition[at], room)
         if row[RESTED] > 0:
             transition[at, :, DRIFT] = 0.0
         predicted[at], predicted_spread[at] = state, covariance
         if seen:
-            sight(state, covariance, row[SEEN], row[SIGMA], row[REPEATS])
+            sight(state, covariance, row[SEEN], row[SIGMA], row[REPEATS], room)
         pose[at], spread[at] = state, covariance
         heading_rad = row[HEADING] + turn_rad
-        go(state, covariance, row[LENGTH], heading_rad, error, way, transition[at + 1])
+        go(state, covariance, row[LENGTH], heading_rad, error, way, transition[at + 1], room)
         predicted[at + 1], predicted_spread[at + 1] = state, covariance
         pose[at + 1], spread[at + 1] = state, covariance
         time_ns[at] = time_ns[at + 1] = times[i]
@@ -174,14 +188,16 @@ def smooth(
 ) -> tuple[Array, Array]:
     """Return state and covariance at each knot as all knots tell them, (n, 6) and (n, 6, 6)."""
     poses, spreads = pose.copy(), spread.copy()
-    off, apart = np.empty(SIZE), np.empty((SIZE, SIZE))
+    off, apart, room = np.empty(SIZE), np.empty((SIZE, SIZE)), np.empty((2, SIZE, SIZE))
+    gain, rooms = np.empty((SIZE, SIZE)), gain_room(SIZE)
     for i in range(len(pose) - 2, -1, -1):
-        gain = gain_of(spread[i], transition[i + 1], predicted_spread[i + 1])
+        gain_of(spread[i], transition[i + 1], predicted_spread[i + 1], rooms, gain)
         for r in range(SIZE):
             off[r] = poses[i + 1, r] - predicted[i + 1, r]
             for k in range(SIZE):
                 apart[r, k] = spreads[i + 1, r, k] - predicted_spread[i + 1, r, k]
-        spreads[i] += carry(gain, apart)
+        carry(gain, apart, room)
+        spreads[i] += apart
         for r in range(SIZE):
             for k in range(SIZE):
                 poses[i, r] += gain[r, k] * off[k]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..compiled import compiled
+from ..compiled import compiled, in_place
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,7 +55,7 @@ def strip(times_s: Array, values: Array, phase_s: Array, weights: Array, smoothe
         smoothed[c] = neighbours(row, weights, n) / totals
 
 
-@compiled
+@in_place
 def reach(x: Array, span: Span) -> float:
     """Return the range of a signal in ``[first, last]``."""
     low = high = x[span[0]]
@@ -64,7 +64,7 @@ def reach(x: Array, span: Span) -> float:
     return float(high - low)
 
 
-@compiled
+@in_place
 def lowest(x: Array, first: int, last: int) -> int:
     """Return the place of the minimum in ``[first, last]``."""
     best = first
@@ -74,7 +74,7 @@ def lowest(x: Array, first: int, last: int) -> int:
     return best
 
 
-@compiled
+@in_place
 def slopes(x: Array, first: int, peak: int, last: int) -> float:
     """Return the logarithm of the mean slope after a maximum over that before it."""
     rise = (x[peak] - x[first]) / max(peak - first, 1)
@@ -84,7 +84,7 @@ def slopes(x: Array, first: int, peak: int, last: int) -> float:
     return math.log(fall / rise)
 
 
-@compiled
+@in_place
 def highest_top(x: Array, phase: Array, low: float, high: float) -> int:
     """Return the highest local maximum whose phase lies in ``[low, high]``; -1 for none."""
     best = -1
@@ -95,7 +95,7 @@ def highest_top(x: Array, phase: Array, low: float, high: float) -> int:
     return best
 
 
-@compiled
+@in_place
 def windows(x: Array, level: float, top: int) -> tuple[Span, Span, Span]:
     """Return where a signal is above a level: before ``top``, around it, and after.
 
@@ -187,7 +187,7 @@ def without_mean(x: Array, half: int) -> Array:
     return out
 
 
-@compiled
+@in_place
 def around(x: Array, contact: int, most: float) -> tuple[int, int, int, int]:
     """Return the local minima up to ``most`` nearest to the contact, the first and the last of all.
 

@@ -20,6 +20,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..heading.walking_axis import Swing
+
     Array = NDArray[np.float64]
 
 #: Points of the grid per step time; how far it reaches before and after the contact [steps]. With
@@ -109,7 +111,7 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
     return out
 
 
-def frontal(strip: Array, swing: NDArray[np.complex128] | None) -> Frontal:
+def frontal(strip: Array, swing: Swing | None) -> Frontal:
     """Measure the frontal pattern of a strip.
 
     Parameters
