@@ -45,7 +45,7 @@ def in_strides(records: bytes) -> list[int] | str:
     except struct.error:
         return "cut"
     except MalformedError as error:
-        return "short" if "22 bytes" in str(error) else "end"
+        return "short" if "expected 22 bytes" in str(error) else "end"
 
 
 @settings(max_examples=60, deadline=None)
