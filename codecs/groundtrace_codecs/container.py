@@ -6,6 +6,7 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
+from .description import PREVIEW_KEY
 from .errors import CodecError
 
 if TYPE_CHECKING:
@@ -18,7 +19,11 @@ if TYPE_CHECKING:
 TOOL = "groundtrace"
 #: Length at which a chunk is ended, before compression [bytes].
 CHUNK_BYTES = 1 << 20
-_COMPRESSIONS = {"zstd": "ZSTD", "lz4": "LZ4", "none": "NONE"}
+_COMPRESSIONS = ("zstd", "lz4", "none")
+# Kinds of content, which get chunks of their own, and their levels of zstd. Samples are noise for
+# the most part: a higher level takes longer and finds nothing more in them.
+_OTHERS, _WAVEFORMS, _PREVIEWS = range(3)
+_LEVELS = (3, 1, 3)
 
 
 def tool_version() -> str:
@@ -116,7 +121,7 @@ class Container:
         profile: str = "",
         ending: str = "partial",
     ) -> None:
-        from mcap.writer import CompressionType, Writer
+        from .mcap.writing import McapWriter
 
         self.path = path
         self._partial = path.with_name(f"{path.name}.{ending}")
@@ -126,25 +131,24 @@ class Container:
             known = ", ".join(_COMPRESSIONS)
             raise CodecError(f"{path}: compression: expected one of {known}, found {compression!r}")
         self._file = _Growing(self._partial, path)
-        self._mcap = Writer(
-            self._file,  # type: ignore[arg-type]  # it calls write and tell only
-            chunk_size=chunk_bytes,
-            compression=CompressionType[_COMPRESSIONS[compression]],
-            enable_data_crcs=True,
-        )
-        self._mcap.start(profile=profile, library=f"{TOOL} {tool_version()}")
+        library = f"{TOOL} {tool_version()}"
+        self._mcap = McapWriter(self._file, compression, _LEVELS, chunk_bytes, profile, library)
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[Output, int] = {}
         self.messages = 0
 
     def channel(self, output: Output) -> int:
         """Return the id of a channel, registered at its first use."""
-        if output not in self._channels:
+        channel_id = self._channels.get(output)
+        if channel_id is None:
             schema_id = self._schema(output.schema, output.schema_encoding, output.schema_data)
-            self._channels[output] = self._mcap.register_channel(
-                output.topic, output.encoding, schema_id, dict(output.metadata)
+            metadata = dict(output.metadata)
+            kind = _kind(output.schema, metadata)
+            channel_id = self._mcap.add_channel(
+                output.topic, output.encoding, schema_id, metadata, kind
             )
-        return self._channels[output]
+            self._channels[output] = channel_id
+        return channel_id
 
     @property
     def growing(self) -> Path:
@@ -157,8 +161,8 @@ class Container:
         return tuple(self._channels)
 
     def settle(self) -> int:
-        """End the chunk in progress; return how many bytes hold everything written so far."""
-        self._mcap.flush()  # type: ignore[no-untyped-call]
+        """End the chunks in progress; return how many bytes hold everything written so far."""
+        self._mcap.flush()
         return self._file.tell()
 
     def send(self, output: Output, packet: Packet) -> None:
@@ -182,8 +186,9 @@ class Container:
     def copy_channel(self, channel: ChannelRecord, schema: Schema | None) -> int:
         """Register a channel of another file, and return its id in this one."""
         schema_id = 0 if schema is None else self.copy_schema(schema)
-        return self._mcap.register_channel(
-            channel.topic, channel.message_encoding, schema_id, dict(channel.metadata)
+        kind = _kind("" if schema is None else schema.name, channel.metadata)
+        return self._mcap.add_channel(
+            channel.topic, channel.message_encoding, schema_id, channel.metadata, kind
         )
 
     def copy_schema(self, schema: Schema) -> int:
@@ -193,7 +198,7 @@ class Container:
     def _schema(self, name: str, encoding: str, data: bytes) -> int:
         key = (name, encoding, data)
         if key not in self._schemas:
-            self._schemas[key] = self._mcap.register_schema(name, encoding, data)
+            self._schemas[key] = self._mcap.add_schema(name, encoding, data)
         return self._schemas[key]
 
     def copy(self, channel_id: int, message: Message) -> None:
@@ -201,7 +206,7 @@ class Container:
         self._mcap.add_message(
             channel_id,
             message.log_time,
-            bytes(message.data),
+            message.data,
             message.publish_time,
             message.sequence,
         )
@@ -209,7 +214,7 @@ class Container:
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""
-        self._mcap.add_metadata(name, dict(values))
+        self._mcap.add_metadata(name, values)
 
     def add_attachment(
         self, time_ns: int, name: str, media_type: str, data: bytes, created_ns: int | None = None
@@ -222,8 +227,15 @@ class Container:
         """Write the summary; give the file its name only if it is complete."""
         try:
             if not self._file.failed:
-                self._mcap.finish()  # type: ignore[no-untyped-call]
+                self._mcap.finish()
         finally:
             self._file.close()
         if complete:
             self._partial.replace(self.path)
+
+
+def _kind(schema: str, metadata: Mapping[str, str]) -> int:
+    """Return the kind of content of a channel, by its message type and metadata."""
+    if schema == "groundtrace.WaveformBlock":
+        return _WAVEFORMS
+    return _PREVIEWS if PREVIEW_KEY in metadata else _OTHERS

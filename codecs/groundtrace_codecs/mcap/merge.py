@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from heapq import heappop, heappush
-from operator import itemgetter
 from typing import TYPE_CHECKING
+
+from groundtrace_codecs.mcap.table import MessageTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from groundtrace_codecs.mcap.chunks import ChunkEntry
-    from groundtrace_codecs.mcap.table import MessageTable
 
-#: Order of a replay; in one chunk the offset is the last key.
-replay_order = itemgetter(2, 0, 1)
-
-#: Order of the first message left, offset of its chunk, its place in the chunk, the messages.
-_Run = tuple[tuple[int, int, int], int, int, "MessageTable"]
+# Later than any message: log times are u64.
+_NEVER_NS = 1 << 64
 
 
 def merge(
@@ -25,8 +20,8 @@ def merge(
 ) -> Iterator[MessageTable]:
     """Merge the messages of ``chunks`` in the order (log time, channel id, sequence, offset).
 
-    A chunk is loaded when its start time is due, so that as many are in memory as overlap. What
-    comes before the next message of another chunk goes out in one piece.
+    A chunk is loaded when all that comes before its start has gone out, so that as many are in
+    memory as overlap. What comes before the start of the next goes out in one piece.
 
     Parameters
     ----------
@@ -35,31 +30,19 @@ def merge(
     load
         Gives the messages of a chunk in order, none earlier than the log time it is told.
     """
-    heap: list[_Run] = []
-    waiting, floor_ns = 0, 0
-    while True:
-        while waiting < len(chunks) and (not heap or chunks[waiting].start_ns <= heap[0][0][0]):
-            chunk = chunks[waiting]
-            waiting += 1
-            if run := load(chunk, floor_ns):
-                heappush(heap, (replay_order(run[0]), chunk.offset, 0, run))
-        if not heap:
-            return
-        _, offset, start, run = heappop(heap)
-        stop = _before_others(run, start, heap)
-        if waiting < len(chunks):
-            stop = min(stop, max(start, run.before(chunks[waiting].start_ns)))
-        yield run[start:stop]
-        floor_ns = run[stop - 1].log_time
-        if stop < len(run):
-            heappush(heap, (replay_order(run[stop]), offset, stop, run))
-
-
-def _before_others(run: MessageTable, start: int, heap: list[_Run]) -> int:
-    """Find where ``run`` must let the next chunk of ``heap`` go first."""
-    if not heap:
-        return len(run)
-    key = heap[0][0]
-    # by time first, then among those of one time
-    low = max(run.before(key[0]), start + 1)
-    return bisect_left(run, key, low, max(run.before(key[0] + 1), low), key=replay_order)
+    # what is left of each chunk, by its offset
+    left: dict[int, MessageTable] = {}
+    floor_ns = 0
+    for place, chunk in enumerate(chunks):
+        left[chunk.offset] = load(chunk, floor_ns)
+        following = chunks[place + 1 : place + 2]
+        stop_ns = following[0].start_ns if following else _NEVER_NS
+        due = {offset: run.before(stop_ns) for offset, run in sorted(left.items())}
+        parts = [left[offset][:stop] for offset, stop in due.items() if stop]
+        left = {
+            offset: run[due[offset] :] for offset, run in left.items() if due[offset] < len(run)
+        }
+        if parts:
+            found = MessageTable.joined(parts).in_order()
+            floor_ns = found[-1].log_time
+            yield found
