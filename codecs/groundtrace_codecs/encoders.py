@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .signals import SignalBlock, Stream
 
 #: Length of a message of samples [s].
-MESSAGE_S = 0.05
+MESSAGE_S = 0.1
 #: Rate of previews, and the rate above which a waveform gets one [Hz].
 PREVIEW_HZ = 100.0
 #: Above this rate an IMU is stored in blocks [Hz].
@@ -171,7 +171,7 @@ def _pieces_of(stream: Stream, blocks: Iterable[SignalBlock]) -> Iterator[Signal
 
 
 class WaveformEncoder:
-    """A stream as 50 ms WaveformBlocks."""
+    """A stream as WaveformBlocks of 0.1 s."""
 
     def __init__(self, stream: Stream, sample_format: str) -> None:
         self.output = protobuf_output(

@@ -50,7 +50,7 @@ def test_messages_and_damage_are_the_same_on_one_core_and_on_two(
         found[count] = (_messages(path), _messages(bad))
     assert found[1] == found[2]
     (whole, none), (part, damage) = found[1]
-    assert len(whole) == 600
+    assert len(whole) == 300
     assert not none
-    assert 0 < len(part) < 600
+    assert 0 < len(part) < 300
     assert len(damage) == 1

@@ -43,6 +43,6 @@ def merge(
             offset: run[due[offset] :] for offset, run in left.items() if due[offset] < len(run)
         }
         if parts:
-            found = MessageTable.joined(parts).in_order()
-            floor_ns = found[-1].log_time
+            found = MessageTable.joined(parts).in_order() if len(parts) > 1 else parts[0]
+            floor_ns = int(found.rows["log_time"][-1])
             yield found
