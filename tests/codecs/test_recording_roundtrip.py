@@ -140,7 +140,9 @@ def test_the_file_does_not_depend_on_how_the_samples_came(
     assert content(paths[0]) == content(paths[1])
 
 
-def test_messages_hold_a_tenth_of_a_second_and_are_logged_at_their_last_sample(tmp_path: Path) -> None:
+def test_messages_hold_a_tenth_of_a_second_and_are_logged_at_their_last_sample(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "rec.mcap"
     write_recording(path, [(SEISMIC, "i32le", blocks(SEISMIC, 5000, 170, "<i4"))])
     with Recording.open(path) as recording:
