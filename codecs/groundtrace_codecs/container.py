@@ -161,7 +161,10 @@ class Container:
         return tuple(self._channels)
 
     def settle(self) -> int:
-        """End the chunks in progress; return how many bytes hold everything written so far."""
+        """End the chunks in progress; return how many bytes hold everything written so far.
+
+        A channel that has no message yet is not among it.
+        """
         self._mcap.flush()
         return self._file.tell()
 

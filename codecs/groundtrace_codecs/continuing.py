@@ -43,7 +43,7 @@ class Settled:
 
 
 def settle(writer: RecordingWriter) -> Settled:
-    """End the chunk in progress and say what of the file is whole from now on.
+    """End the chunks in progress and say what of the file is whole from now on.
 
     Raises
     ------

@@ -219,7 +219,7 @@ class RecordingWriter:
         self._send(output, (packet,))
 
     def settle(self) -> None:
-        """Write what is held back, and end the chunk in progress."""
+        """Write what is held back, and end the chunks in progress."""
         for encoder in (e for _, encoders in self._streams.values() for e in encoders):
             self._send(encoder.output, encoder.flush())
         self.container.settle()

@@ -117,7 +117,7 @@ def test_samples_are_a_view_of_the_planar_bytes() -> None:
     [
         ({"format": "u8"}, "format: expected one of i16le, i32le, f32le, f64le, i16planes, i32pl"),
         ({"samples": 4}, "data: expected 16 bytes for 2 channels of 4 samples, found 12"),
-        ({"samples": 0, "data": b""}, "data: expected 0 bytes for 2 channels of 0 samples"),
+        ({"samples": 0, "data": b""}, "expected at least 1 channel and 1 sample, found 2 and 0"),
         ({"sample_rate": float("nan")}, "sample_rate: expected a positive number, found nan"),
         ({"sample_times_ns": bytes(8)}, "sample_times_ns: expected 24 bytes, found 8"),
         ({"first_sample": 1 << 63}, "first_sample: expected less than 2^63"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.mcap.table import MessageTable
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
 
 # Later than any message: log times are u64.
 _NEVER_NS = 1 << 64
+_NONE = MessageTable.none()
+
+#: Of a chunk the first log time that is left, its offset, and what is left.
+_Left = tuple[int, int, MessageTable]
 
 
 def merge(
@@ -30,19 +35,30 @@ def merge(
     load
         Gives the messages of a chunk in order, none earlier than the log time it is told.
     """
-    # what is left of each chunk, by its offset
-    left: dict[int, MessageTable] = {}
+    left: list[_Left] = []
     floor_ns = 0
     for place, chunk in enumerate(chunks):
-        left[chunk.offset] = load(chunk, floor_ns)
+        _keep(left, chunk.offset, load(chunk, floor_ns))
         following = chunks[place + 1 : place + 2]
-        stop_ns = following[0].start_ns if following else _NEVER_NS
-        due = {offset: run.before(stop_ns) for offset, run in sorted(left.items())}
-        parts = [left[offset][:stop] for offset, stop in due.items() if stop]
-        left = {
-            offset: run[due[offset] :] for offset, run in left.items() if due[offset] < len(run)
-        }
-        if parts:
-            found = MessageTable.joined(parts).in_order() if len(parts) > 1 else parts[0]
+        found = _due(left, following[0].start_ns if following else _NEVER_NS)
+        if found:
             floor_ns = int(found.rows["log_time"][-1])
             yield found
+        del found  # its memory is wanted for the next chunk
+
+
+def _keep(left: list[_Left], offset: int, run: MessageTable) -> None:
+    if run:
+        heappush(left, (int(run.rows["log_time"][0]), offset, run))
+
+
+def _due(left: list[_Left], stop_ns: int) -> MessageTable:
+    """Take out the messages before a time [ns], in order."""
+    due: dict[int, MessageTable] = {}
+    while left and left[0][0] < stop_ns:
+        _, offset, run = heappop(left)
+        stop = run.before(stop_ns)
+        due[offset] = run[:stop]
+        _keep(left, offset, run[stop:])
+    parts = [due[offset] for offset in sorted(due)]
+    return MessageTable.joined(parts).in_order() if len(parts) > 1 else (parts or [_NONE])[0]

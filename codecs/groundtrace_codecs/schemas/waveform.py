@@ -46,10 +46,10 @@ class Waveform(NamedTuple):
 
 
 def fits(size: int, name: str, count: int) -> bool:
-    """Tell whether ``count`` samples stored as ``name`` can take ``size`` bytes."""
+    """Tell whether ``count`` samples, at least one, stored as ``name`` can take ``size`` bytes."""
     most = count * np.dtype(_STORED[name]).itemsize
     if name in FORMATS:
-        return size == most > 0
+        return size == most
     return 0 < size <= most and size % count == 0
 
 
@@ -60,11 +60,16 @@ def _samples(message: Any, data: bytes | memoryview, place: str) -> NDArray[Any]
     dtype = np.dtype(_STORED[message.format])
     shape = (message.channels, message.samples)
     count = math.prod(shape)
-    if not fits(len(data), message.format, count):
-        planes = "" if message.format in FORMATS else ", or fewer times as many as samples,"
+    if not count:
         raise SchemaError(
-            f"{place}: data: expected {count * dtype.itemsize} bytes{planes} for {shape[0]} "
-            f"channels of {shape[1]} samples, found {len(data)}"
+            f"{place}: expected at least 1 channel and 1 sample, found {shape[0]} and {shape[1]}"
+        )
+    if not fits(len(data), message.format, count):
+        least = dtype.itemsize if message.format in FORMATS else 1
+        sizes = " or ".join(str(count * width) for width in range(least, dtype.itemsize + 1))
+        raise SchemaError(
+            f"{place}: data: expected {sizes} bytes for {shape[0]} channels of {shape[1]} samples, "
+            f"found {len(data)}"
         )
     # The transposed view keeps each channel contiguous, as stored.
     if message.format in FORMATS:

@@ -88,13 +88,6 @@ def turn(q: Array, v: Array, out: Array) -> None:
 
 
 @in_place
-def turn_each(q: Array, v: Array, out: Array) -> None:
-    """Put vectors, shape (n, 3), turned by a quaternion each, shape (n, 4), in ``out``."""
-    for i in range(len(q)):
-        turn(q[i], v[i], out[i])
-
-
-@in_place
 def turn_by(error: Array, orientation: Array) -> None:
     """Turn an orientation, shape (4,), by a small rotation in the earth frame, (3,)."""
     put(times(of_angles(error[0], error[1], error[2]), held(orientation)), orientation)
@@ -131,6 +124,8 @@ def product(left: Array, right: Array, out: Array) -> None:
     Each row of the right matrix and of ``out`` lies in one piece.
     """
     width = right.shape[1]
+    if right.strides[1] != right.itemsize or out.strides[1] != out.itemsize:
+        raise ValueError("expected rows that lie in one piece")
     for i in range(left.shape[0]):
         for j in range(width if width < LANES else 0):
             out[i, j] = 0.0

@@ -18,6 +18,7 @@ from ..heading.api import HeadingFrames
 from ..heading.attitude import GRAVITY_MPS2, Attitude, AttitudeNoise
 from ..heading.estimator import HeadingEstimator, joined
 from ..heading.parameters import HeadingParameters
+from ..heading.rotations import turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -124,9 +125,6 @@ class LevelMotion:
         self._take(self._estimator.finish())
 
     def _take(self, given: Sequence[HeadingFrame]) -> None:
-        # compiled functions are not imported where pipelines are only listed
-        from ..heading.rotation_kernels import turn_each
-
         if not given:
             return
         frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
@@ -134,9 +132,7 @@ class LevelMotion:
         waiting = self._waiting[0]
         self._waiting = [waiting.rows(count, len(waiting))]
         samples = waiting.rows(0, count)
-        force, field_ = np.empty((count, 3)), np.empty((count, 3))
-        turn_each(frames.orientation, samples.force, force)
-        turn_each(frames.orientation, samples.field, field_)
+        force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= GRAVITY_MPS2
         rested_s = self._rested(frames)
         new = Motion(samples.time_ns, frames.orientation, force, field_, rested_s)
