@@ -204,6 +204,18 @@ def test_messages_outside_chunks_are_dropped_where_the_data_crc_is_wrong() -> No
     assert "expected data section CRC" in damage.reason
 
 
+@pytest.mark.parametrize("messages", [1, 3])
+def test_a_message_that_took_in_the_end_of_the_data_is_dropped(messages: int) -> None:
+    data = write_recording(4, 60, use_chunking=False, enable_data_crcs=True)
+    first = of_kind(data, 5)[-messages]
+    (end,) = of_kind(data, 15)
+    # what is lost: from within a message up to as many bytes before the end of DataEnd
+    hurt = data[: first.end - 8] + data[end.end - 8 :]
+    count, file = delivered(hurt, data)
+    assert count == len(of_kind(data, 5)) - messages
+    assert any("expected a DataEnd record" in damage.reason for damage in file.damage)
+
+
 def test_a_damaged_chunk_raises_where_strictness_is_asked_for(sound: bytes) -> None:
     chunk, _, _ = middle_chunk(sound)
     with (

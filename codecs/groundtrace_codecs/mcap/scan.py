@@ -9,6 +9,7 @@ after the other into one are scanned one by one.
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from groundtrace_codecs.mcap.bytesource import crc32_of
@@ -37,6 +38,7 @@ from groundtrace_codecs.mcap.records import (
 )
 from groundtrace_codecs.mcap.resync import Heads
 from groundtrace_codecs.mcap.scanned import Scan, stray_reason, tear_reason
+from groundtrace_codecs.mcap.walk import message_places
 
 if TYPE_CHECKING:
     from groundtrace_codecs.mcap.bytesource import ByteSource
@@ -174,6 +176,12 @@ class _Scanner:
         """Check the data section's CRC, and look at what comes after the file's own end."""
         if opcode == DATA_END:
             self._check_data(offset)
+        elif (last := self._found.running_on()) is not None:
+            # there are messages alone: nothing is defined on the way
+            place = int(message_places(self._reader.records(last), int)[-1])
+            self._found.drop_last(last, place)
+            if place:
+                self._entry(replace(last, length=place))
         closing = self._closing(offset)
         following = self._heads.next_file(closing or offset)
         self._found.stop = self._source.size if following is None else following

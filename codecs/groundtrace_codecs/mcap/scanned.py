@@ -65,6 +65,25 @@ class Scan:
         self.counts = [counts for chunk, counts in pairs if not chunk.bare]
 
 
+    def running_on(self) -> ChunkEntry | None:
+        """Return the messages outside chunks that come last, if nothing behind them is broken."""
+        last = self.chunks[-1] if self.chunks else None
+        if last is None or not last.bare:
+            return None
+        stop = last.offset + last.length
+        return None if any(d.offset + d.length > stop for d in self.damage) else last
+
+    def drop_last(self, entry: ChunkEntry, place: int) -> None:
+        """Leave out the last entry, of which only the message at a place [bytes] is damage.
+
+        A DataEnd follows messages; where the records run on to the Footer without one, the message
+        before has taken it in.
+        """
+        del self.chunks[-1], self.counts[-1]
+        reason = "message: expected a DataEnd record between it and the summary, found none"
+        self.note(entry.offset + place, entry.length - place, reason, 1)
+
+
 def stray_reason(entry: ChunkEntry) -> str:
     """Name the damage of messages whose channel is defined nowhere."""
     place = "messages outside chunks" if entry.bare else "chunk"
