@@ -19,7 +19,7 @@ from mcap.writer import CompressionType, Writer
 
 sys.path.insert(0, str(Path(__file__).parent / "codecs"))
 
-from mcap_files import CHUNKED, opened, read, rows_of, small, write_recording
+from mcap_files import CHUNKED, of_kind, opened, read, rows_of, small, write_recording
 
 from groundtrace.annotate.journal import FORMAT, VERSION, Action, Change, Header, read_journal
 from groundtrace.commands import main
@@ -45,6 +45,7 @@ from groundtrace_codecs.importers.sgt import read_sgt
 from groundtrace_codecs.importers.xsens import XsensImporter
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.mcap import McapFile, MemoryBytes
+from groundtrace_codecs.mcap.records import CHUNK, DATA_END
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.truth import read_truth_csv
 from groundtrace_recordings import maps, path_of
@@ -117,6 +118,9 @@ def _damaged(data: bytes, _: Path) -> None:
         hurt[place : place + gone] = edits[4 : 4 + count % 16]
         edits = edits[4 + count % 16 :]
     _drain(bytes(hurt))
+    (end,) = of_kind(sound, DATA_END)
+    if not of_kind(sound, CHUNK) and sound[end.offset : end.end] not in hurt:
+        return  # the CRC of messages outside chunks is lost: nothing protects them
     with opened(bytes(hurt)) as file:
         new = Counter(set(read(file))) - Counter(rows_of(sound))
     # an empty message counts too: it has a time and a number

@@ -64,7 +64,6 @@ class Scan:
         self.chunks = [chunk for chunk, _ in pairs if not chunk.bare]
         self.counts = [counts for chunk, counts in pairs if not chunk.bare]
 
-
     def running_on(self) -> ChunkEntry | None:
         """Return the messages outside chunks that come last, if nothing behind them is broken."""
         last = self.chunks[-1] if self.chunks else None
