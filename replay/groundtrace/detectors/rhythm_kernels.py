@@ -9,6 +9,7 @@ import numpy as np
 
 from ..compiled import compiled, in_place
 from ..lanes import LANES
+from .band_kernels import between
 from .grid_kernels import TOGETHER, sums_together
 
 if TYPE_CHECKING:
@@ -86,13 +87,6 @@ def clip_window(window: Array, limit: float, x: Array) -> None:
         total += x[i]
     for i in range(len(window)):
         x[i] -= total / len(window)
-
-
-@in_place
-def between(values: Array, place: float) -> float:
-    """Return the value at a place, on the straight line between its neighbours."""
-    low, high = values[int(place)], values[int(place) + 1]
-    return float((high - low) * (place - int(place)) + low)
 
 
 @in_place

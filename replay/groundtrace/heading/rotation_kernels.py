@@ -82,12 +82,6 @@ def normalise(q: Array) -> None:
 
 
 @in_place
-def turn(q: Array, v: Array, out: Array) -> None:
-    """Put ``v``, shape (3,), turned by a quaternion in ``out``, which may be ``v``."""
-    out[0], out[1], out[2] = rotated(held(q), (v[0], v[1], v[2]))
-
-
-@in_place
 def turn_by(error: Array, orientation: Array) -> None:
     """Turn an orientation, shape (4,), by a small rotation in the earth frame, (3,)."""
     put(times(of_angles(error[0], error[1], error[2]), held(orientation)), orientation)

@@ -28,26 +28,13 @@ def spread_of(x: Array) -> float:
 
 
 @in_place
-def place_of(time_ns: Times, at_ns: int) -> int:
-    """Return the place of the first of times that rise that is not before ``at_ns``."""
-    low, high = 0, len(time_ns)
-    while low < high:
-        middle = (low + high) // 2
-        if time_ns[middle] < at_ns:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@in_place
 def rows_between(time_ns: Times, start_ns: int, stop_ns: int) -> tuple[int, int]:
     """Return first and last place plus one of samples in ``[start_ns, stop_ns)``.
 
     Where there is none it is those of one sample that is near.
     """
-    first = min(place_of(time_ns, start_ns), len(time_ns) - 1)
-    return first, max(place_of(time_ns, stop_ns), first + 1)
+    first = min(int(np.searchsorted(time_ns, start_ns)), len(time_ns) - 1)
+    return first, max(int(np.searchsorted(time_ns, stop_ns)), first + 1)
 
 
 @compiled
