@@ -7,7 +7,7 @@ recursive STA/LTA, onsets, and the spectrogram of 60 samples every 30), decompre
 replay's picker filters with order 2 per edge, half as many sections as the peers.
 
 Columns: CPU time of the process on one core, and how many times faster than ``sosfilt`` and than
-the two scripts of ObsPy. Wall time on one core and on all follows.
+the two scripts of ObsPy.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +34,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from groundtrace.sinks import Sink
     from groundtrace_codecs.events import Event
@@ -207,18 +206,11 @@ def one_core_cases(path: Path, samples: np.ndarray) -> dict[str, Callable[[], No
     }
 
 
-def on_cores(cores: Sequence[int], case: Callable[[], None]) -> Callable[[], None]:
-    """Return a case that runs on some cores alone."""
-
-    def run() -> None:
-        before = os.sched_getaffinity(0)
-        os.sched_setaffinity(0, cores)
-        try:
-            case()
-        finally:
-            os.sched_setaffinity(0, before)
-
-    return run
+def room(path: Path, seconds: float) -> Path:
+    """Write a simulated room, and return where."""
+    options = RoomOptions(duration_s=seconds, channels=CHANNELS, rate_hz=RATE_HZ)
+    write(simulate_room(options), path)
+    return path
 
 
 def main() -> None:
@@ -228,28 +220,14 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
     alone()
-    everywhere = sorted(os.sched_getaffinity(0))
-    one = everywhere[:1]
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "room.mcap"
-        room = RoomOptions(duration_s=options.seconds, channels=CHANNELS, rate_hz=RATE_HZ)
-        write(simulate_room(room), path)
+        path = room(Path(folder) / "room.mcap", options.seconds)
         samples = samples_of(path)
         print(f"{CHANNELS} channels x {RATE_HZ:g} Hz, {options.seconds:g} s, zstd, warm, medians")
-        os.sched_setaffinity(0, one)
-        cases = one_core_cases(path, samples)
-        print_table(interleaved(cases, options.runs), options.seconds)
+        print_table(interleaved(one_core_cases(path, samples), options.runs), options.seconds)
         size = path.with_suffix(".rrd").stat().st_size / samples.size
         print(f"the .rrd has {size:.2f} bytes per sample")
-        os.sched_setaffinity(0, everywhere)
-        both = {
-            f"{name} on {len(cores)}": on_cores(cores, case)
-            for name, case in ((REPLAY, cases[REPLAY]), (WITH_POWER, cases[WITH_POWER]))
-            for cores in (one, everywhere)
-        }
-        print("wall time, cores:")
-        for name, middle in interleaved(both, options.runs, time.perf_counter).items():
-            print(f"{name:34}{1e3 * middle / options.seconds:9.2f} ms per s")
 
 
 if __name__ == "__main__":

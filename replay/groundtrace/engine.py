@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from .cores import cores, started
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 
     from groundtrace_codecs.events import Event, Gap, Note
 
     from .clock import Clock
     from .pipeline import Pipeline
     from .sinks import Sink
+
+    #: What a source gives: blocks and gaps in time order, and notes on them.
+    Item = SignalBlock | Gap | Note
+
+#: Items that the first stage takes ahead of the others: one, and one that waits while another chunk
+#: is read, which takes as long as several items from it.
+AHEAD = 2
 
 
 @dataclass(slots=True)
@@ -43,14 +53,13 @@ class Tally:
     first_ns: int | None = None
     last_ns: int | None = None
 
-    def hear(self, block: SignalBlock) -> int:
-        """Count a block; return the time reached [ns]."""
+    def hear(self, block: SignalBlock) -> None:
+        """Count a block."""
         start_ns, end_ns = block.start_ns, block.end_ns
         self.first_ns = start_ns if self.first_ns is None else min(self.first_ns, start_ns)
         self.last_ns = end_ns if self.last_ns is None else max(self.last_ns, end_ns)
         self.recorded_s = (self.last_ns - self.first_ns) / NS_PER_S
         self.samples += block.samples.size
-        return self.last_ns
 
     def add(self, events: Collection[Event]) -> None:
         """Count events."""
@@ -63,59 +72,105 @@ class Tally:
                     self.counts[type(event).__name__] += len(event) - 1
 
 
-def replay(
-    source: Iterable[SignalBlock | Gap | Note],
-    pipeline: Pipeline,
-    sinks: Sequence[Sink],
-    *,
-    clock: Clock | None = None,
-    progress: Callable[[int], None] | None = None,
-    tally: Tally | None = None,
-) -> Tally:
-    """Stream a source through a pipeline into open sinks.
+class Replay:
+    """Items on their way through a pipeline into open sinks, closed by the caller.
+
+    On two cores the first stage takes the next items in another thread while the other stages, the
+    sinks and whoever reads are at work in this one. Everything comes in the same order as on one.
 
     Parameters
     ----------
-    source
-        Blocks and gaps in time order, and notes on them.
     pipeline
-        Stages that make events of them.
+        Stages that make events of items.
     sinks
-        Where blocks and events go; already open, closed by the caller.
+        Where blocks and events go.
     clock
-        Paces the replay; None means as fast as possible.
+        Paces the replay, which then takes nothing ahead; None means as fast as possible.
     progress
         Told the time reached [ns] after each block.
     tally
         Of what was replayed before, to be added to; None begins a new one.
     """
-    tally = Tally() if tally is None else tally
-    began = time.perf_counter() - tally.wall_s
-    last_ns = tally.last_ns
-    for item in source:
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        sinks: Sequence[Sink],
+        *,
+        clock: Clock | None = None,
+        progress: Callable[[int], None] | None = None,
+        tally: Tally | None = None,
+    ) -> None:
+        self.tally = Tally() if tally is None else tally
+        self._pipeline = pipeline
+        self._sinks = sinks
+        self._clock = clock
+        self._progress = progress
+        self._ahead = AHEAD if clock is None and cores() > 1 else 0
+        self._begun: deque[tuple[Item, Callable[[], list[Event]]]] = deque()
+
+    def through(self, source: Iterable[Item]) -> Tally:
+        """Take everything that a source gives, until its end."""
+        began = time.perf_counter() - self.tally.wall_s
+        items = iter(source)
+        while (item := self._next(items)) is not None:
+            self._take(item)
+        self.settle()
+        self._deliver(self._pipeline.flush())
+        self.tally.wall_s = time.perf_counter() - began
+        return self.tally
+
+    def settle(self) -> None:
+        """Bring all items that were taken to their end: nothing is on its way afterwards."""
+        while self._begun:
+            self._finish(*self._begun.popleft())
+
+    def _next(self, items: Iterator[Item]) -> Item | None:
+        """Return the next item; an error of the source comes after what was there before it."""
+        try:
+            return next(items, None)
+        except Exception:
+            self.settle()
+            raise
+
+    def _take(self, item: Item) -> None:
+        begin = partial(self._pipeline.begin, item)
+        self._begun.append((item, started(begin).result if self._ahead else begin))
+        if len(self._begun) > self._ahead:
+            self._finish(*self._begun.popleft())
+
+    def _finish(self, item: Item, begun: Callable[[], list[Event]]) -> None:
         if isinstance(item, SignalBlock):
-            _wait(clock, item.end_ns)
-            last_ns = tally.hear(item)
+            self._wait(item.end_ns)
+            self.tally.hear(item)
         else:
-            tally.add([item])
-        for sink in sinks:
+            self.tally.add([item])
+        for sink in self._sinks:
             sink.write(item)
-        _deliver(pipeline.process(item), sinks, tally)
-        if progress is not None and last_ns is not None:
-            progress(last_ns)
-    _deliver(pipeline.flush(), sinks, tally)
-    tally.wall_s = time.perf_counter() - began
-    return tally
+        self._deliver(self._pipeline.go_on(item, begun()))
+        if self._progress is not None and self.tally.last_ns is not None:
+            self._progress(self.tally.last_ns)
+
+    def _deliver(self, events: Collection[Event]) -> None:
+        self.tally.add(events)
+        for event in events if self._sinks else ():
+            for sink in self._sinks:
+                sink.write(event)
+
+    def _wait(self, time_ns: int) -> None:
+        """Sleep until the clock says that ``time_ns`` is due: the one place that waits."""
+        clock = self._clock
+        while clock is not None and (wait := clock.wait_s(time_ns, time.monotonic())) > 0:
+            time.sleep(min(wait, 0.1))
 
 
-def _deliver(events: Collection[Event], sinks: Sequence[Sink], tally: Tally) -> None:
-    tally.add(events)
-    for event in events if sinks else ():
-        for sink in sinks:
-            sink.write(event)
-
-
-def _wait(clock: Clock | None, time_ns: int) -> None:
-    """Sleep until the clock says that ``time_ns`` is due: the one place that waits."""
-    while clock is not None and (wait := clock.wait_s(time_ns, time.monotonic())) > 0:
-        time.sleep(min(wait, 0.1))
+def replay(
+    source: Iterable[Item],
+    pipeline: Pipeline,
+    sinks: Sequence[Sink],
+    *,
+    clock: Clock | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Tally:
+    """Stream a source through a pipeline into open sinks, in one go: see :class:`Replay`."""
+    return Replay(pipeline, sinks, clock=clock, progress=progress).through(source)

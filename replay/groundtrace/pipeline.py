@@ -195,12 +195,23 @@ class Pipeline:
 
     def process(self, item: SignalBlock | Event) -> list[Event]:
         """Feed an item; return the events of all stages, each before what is made of it."""
+        return self.go_on(item, self.begin(item))
+
+    def begin(self, item: SignalBlock | Event) -> list[Event]:
+        """Feed an item to the first stage alone, which needs nothing of what the others do."""
+        return list(self.stages[0].process(item)) if self.stages else []
+
+    def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
+        """Feed an item, and what the first stage made of it, to the others; return all events."""
+        if len(self.stages) < 2:
+            return begun
         if isinstance(item, SignalBlock):
             for stage in self.stages:
                 if isinstance(stage, ArrayStage):
                     stage.remember(item)
-        whole = Made(item)
-        pass_on([whole], self.stages)
+        born = [Made(event) for event in begun]
+        whole = Made(item, list(born))
+        pass_on([*born, whole], self.stages[1:])
         return whole.events()
 
     def flush(self) -> list[Event]:

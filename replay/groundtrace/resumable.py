@@ -83,6 +83,10 @@ def stopping(stop: Stop) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def _nothing() -> None:
+    """Do nothing: what has not begun is settled."""
+
+
 @dataclass(slots=True)
 class Keeper:
     """Keeps a replay so that it can go on.
@@ -103,6 +107,8 @@ class Keeper:
         Of placements, by topic.
     every_s
         Wall time between checkpoints [s].
+    settle
+        Brings what the source has given to its end in the results.
     stopped
         True once the replay was ended before its end.
     resumable
@@ -118,6 +124,7 @@ class Keeper:
     tally: Tally = field(default_factory=Tally)
     stop: Stop = field(default_factory=Stop)
     every_s: float = EVERY_S
+    settle: Callable[[], None] = _nothing
     watches: dict[str, Any] = field(default_factory=dict)
     stopped: bool = False
     resumable: bool = True
@@ -144,6 +151,7 @@ class Keeper:
 
     def keep(self) -> None:
         """Write a checkpoint of what the replay stands at."""
+        self.settle()
         began = time.monotonic()
         try:
             write_checkpoint(checkpoint_path(self.stored.path), self._checkpoint())

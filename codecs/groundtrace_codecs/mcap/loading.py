@@ -47,9 +47,8 @@ class ChunkLoader:
         MalformedError
             Where that does not help.
         """
-        last = self._last  # another thread may forget it meanwhile
-        if last is not None and last[0] == entry.offset:
-            return last[1]
+        if self._last is not None and self._last[0] == entry.offset:
+            return self._last[1]
         self._last = None  # its memory is wanted for the next one
         records = self._found(reader, entry, note)
         self._last = (entry.offset, records)

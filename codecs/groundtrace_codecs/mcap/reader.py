@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from zlib_ng import zlib_ng
 
-from groundtrace_codecs.cores import ahead
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap.bytesource import FileBytes
 from groundtrace_codecs.mcap.chunks import ChunkEntry, ChunkReader
 from groundtrace_codecs.mcap.index import FileIndex, load_index
 from groundtrace_codecs.mcap.loading import ChunkLoader
@@ -194,11 +191,11 @@ class McapFile:
             chunks = [c for c in chunks if c.channel_ids is None or c.channel_ids & chosen]
         parts = [_Part(self._source, segment, wanted) for segment in self._segments]
 
-        tasks = (partial(self._load, parts[c.segment], c, low, high) for c in chunks)
-        # those of other places are asked for in parts, and what is not wanted is not fetched
-        local = isinstance(self._source, FileBytes)
-        loaded = ahead(tasks) if local else (task() for task in tasks)
-        return merge(chunks, lambda c, floor_ns: self._taken(c, next(loaded), floor_ns))
+        def load(entry: ChunkEntry, floor_ns: int) -> MessageTable:
+            found = self._load(parts[entry.segment], entry, low, high)
+            return self._in_time(entry, found, floor_ns)
+
+        return merge(chunks, load)
 
     def attachment(self, ref: AttachmentRef) -> bytes:
         """Read the content of an attachment.
@@ -239,41 +236,34 @@ class McapFile:
     ) -> None:
         self.close()
 
-    def _load(
-        self, part: _Part, entry: ChunkEntry, low: int, high: int
-    ) -> tuple[MessageTable, list[Damage]]:
-        """Give the wanted messages of one chunk, none if it is damaged, and what is to be noted."""
-        notes: list[Damage] = []
+    def _load(self, part: _Part, entry: ChunkEntry, low: int, high: int) -> MessageTable:
+        """Give the wanted messages of one chunk; none, and a note, if it is damaged."""
         try:
-            records = self._loader.records(part.reader, entry, notes.append)
+            records = self._loader.records(part.reader, entry, self._note)
             found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
             lost = indexed_messages(self._source, entry.offset + entry.length).messages
-            notes.append(_lost(entry, lost, f"chunk: {error}"))
-            return MessageTable.none(), notes
+            self._lost(entry, lost, f"chunk: {error}")
+            return MessageTable.none()
         if strays:
-            notes.append(_lost(entry, strays, stray_reason(entry)))
-        return part.in_whole(found), notes
+            self._lost(entry, strays, stray_reason(entry))
+        return part.in_whole(found)
 
-    def _taken(
-        self, entry: ChunkEntry, loaded: tuple[MessageTable, list[Damage]], floor_ns: int
-    ) -> MessageTable:
-        """Note what a chunk had, leave out what goes back in time as it states too late a start."""
-        found, notes = loaded
-        for damage in notes:
-            self._note(damage)
+    def _in_time(self, entry: ChunkEntry, found: MessageTable, floor_ns: int) -> MessageTable:
+        """Leave out what would go back in time because the chunk states too late a start."""
         late = found.before(floor_ns)
         if not late:
             return found
         reason = f"chunk: expected log times from {entry.start_ns}, found {found[0].log_time}"
-        self._note(_lost(entry, late, reason))
+        self._lost(entry, late, reason)
         return found[late:]
+
+    def _lost(self, entry: ChunkEntry, messages: int | None, reason: str) -> None:
+        self._note(
+            Damage(entry.offset, entry.length, entry.start_ns, entry.end_ns, messages, reason)
+        )
 
     def _note(self, damage: Damage) -> None:
         if self._strict:
             raise FormatError(f"{self.name}: byte {damage.offset}: {damage.reason}")
         self._damage.setdefault((damage.offset, damage.reason), damage)
-
-
-def _lost(entry: ChunkEntry, messages: int | None, reason: str) -> Damage:
-    return Damage(entry.offset, entry.length, entry.start_ns, entry.end_ns, messages, reason)

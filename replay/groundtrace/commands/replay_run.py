@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..clock import Clock
-from ..engine import replay
+from ..engine import Replay
 from ..results import ResultsSink
 from ..resumable import Keeper, stopping
 from .output import progress
@@ -73,14 +73,16 @@ def run_into(
         if keeper is not None:
             keeper.begin(before)
         with progress((last_ns - first_ns) / NS_PER_S, "replaying", quiet=quiet) as show:
-            tally = replay(
-                noted(source, None if keeper is None else keeper.watches),
+            run = Replay(
                 chain,
                 sinks,
                 clock=clock,
                 progress=lambda t_ns: show((t_ns - first_ns) / NS_PER_S),
                 tally=None if keeper is None else keeper.tally,
             )
+            if keeper is not None:
+                keeper.settle = run.settle
+            tally = run.through(noted(source, None if keeper is None else keeper.watches))
         if keeper is not None:
             keeper.end()
         return tally
