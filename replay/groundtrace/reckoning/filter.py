@@ -102,18 +102,6 @@ class ReckoningFilter:
         variance = p[OFFSET, OFFSET] + p[OFFSET, MOUNT] + p[MOUNT, OFFSET] + p[MOUNT, MOUNT]
         return min(math.sqrt(max(float(variance), 0.0)), math.pi)
 
-    def turn(self, angle_rad: float) -> None:
-        """Turn the walk so far about its beginning.
-
-        A filter that is lost is turned towards the first thing that tells a direction: far from it
-        nothing could be linearised.
-        """
-        turn = turning(angle_rad)
-        away = self.state[PLACE] - self.origin
-        self.state[PLACE] = self.origin + turn[PLACE, PLACE] @ away
-        self.state[OFFSET] += angle_rad
-        self.covariance = turn @ self.covariance @ turn.T
-
     def wait(self, elapsed_s: float) -> Array:
         """Let time pass; return the transition, shape (6, 6)."""
         # compiled functions are not imported where pipelines are only listed
@@ -178,11 +166,3 @@ class ReckoningFilter:
 def _room() -> Array:
     """Return what compiled functions write over."""
     return np.empty((2, SIZE, SIZE))
-
-
-def turning(angle_rad: float) -> Array:
-    """Return the matrix that turns the place's part of an error, shape (6, 6)."""
-    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
-    turn = np.eye(SIZE)
-    turn[PLACE, PLACE] = [[cos, -sin], [sin, cos]]
-    return turn

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .filter import OFFSET, PLACE, SIZE, turning
+from .filter import PLACE, SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,6 +60,11 @@ class Knots:
         states = (self.predicted, self.predicted_spread, self.pose, self.spread)
         return self.time_ns, self.shown, *states, self.transition
 
+    def begin(self, time_ns: int, state: Array, covariance: Array) -> None:
+        """Forget all, and begin with the knot where a track does."""
+        self.count = 0
+        self.add(time_ns, state, covariance, np.eye(SIZE))
+
     def make_room(self, more: int) -> None:
         """Have room for some more."""
         if self.count + more > len(self.time_ns):
@@ -94,16 +99,6 @@ class Knots:
         place, spread = self.pose.item, self.spread.item
         covariance = spread(at, 0, 0), spread(at, 0, 1), spread(at, 1, 1)
         return Moment(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
-
-    def turn(self, origin: Array, angle_rad: float) -> None:
-        """Turn all of them about a place, shape (2,), counter-clockwise."""
-        turn, rows = turning(angle_rad), slice(0, self.count)
-        for state in (self.predicted, self.pose):
-            away = state[rows, PLACE] - origin
-            state[rows, PLACE] = origin + away @ turn[PLACE, PLACE].T
-            state[rows, OFFSET] += angle_rad
-        for matrix in (self.predicted_spread, self.spread, self.transition):
-            matrix[rows] = turn @ matrix[rows] @ turn.T
 
     def smoothed(self) -> list[Moment]:
         """Return the shown ones as all knots tell them; the last is the filter's."""

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from .track import Sight
+from .strides import Sight
 
 if TYPE_CHECKING:
     from .level_motion import Motion

@@ -17,7 +17,8 @@ from .filter import ReckoningFilter, ReckoningNoise
 from .north import North
 from .parameters import ReckoningParameters
 from .step_lengths import shape_of, step_length
-from .track import Stride, Track
+from .strides import Stride
+from .track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

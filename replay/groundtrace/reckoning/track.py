@@ -4,79 +4,28 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..trackers.api import SMOOTHED
-from .filter import LOST_RAD, OFFSET, SIZE
+from .filter import LOST_RAD
 from .knots import Knots
+from .strides import Strides
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
+    import numpy as np
     from numpy.typing import NDArray
 
     from .filter import ReckoningFilter
     from .knots import Moment
+    from .strides import Stride
 
     Array = NDArray[np.float64]
 
 #: Of a point without an update by a known place.
 NO_NIS = float("nan")
-
-
-class Sight(NamedTuple):
-    """A magnetic azimuth, as the offset of the gyroscope's frame that it asks for.
-
-    Attributes
-    ----------
-    offset_rad, sigma_rad
-        The offset and its standard deviation [rad].
-    repeats
-        How many sights in a row err alike.
-    """
-
-    offset_rad: float
-    sigma_rad: float
-    repeats: float
-
-
-class Stride(NamedTuple):
-    """A step as the track takes it.
-
-    Attributes
-    ----------
-    time_ns
-        When it ends.
-    length_m
-        Its length [m].
-    heading_rad
-        Direction by the gyroscope, but for what the way is turned from the sensor [rad].
-    sight
-        What the compass says of it.
-    rested_s
-        How long the sensor has been at rest since the step before [s].
-    """
-
-    time_ns: int
-    length_m: float
-    heading_rad: float
-    sight: Sight | None
-    rested_s: float
-
-    @property
-    def row(self) -> tuple[float, ...]:
-        """All but the time, as compiled functions lay it out."""
-        return self.length_m, self.heading_rad, *(self.sight or UNSEEN), self.rested_s
-
-
-#: Of a step of which the compass says nothing.
-UNSEEN = Sight(math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,8 +61,12 @@ class Track:
         self.smooth_s = smooth_s
         self._begun = (filter_.copy(), time_ns)
         self._turn_rad = 0.0
-        self._taken: list[Stride | Fix] | None = []  # None once settled
-        self._begin_knots(time_ns, 0)
+        self._settled = False
+        # what may have to be gone again: strides, and after how many of them fixes came
+        self._strides = Strides()
+        self._fixes: list[tuple[int, Fix]] = []
+        self._knots = Knots()
+        self._knots.begin(time_ns, filter_.state, filter_.covariance)
 
     @property
     def time_ns(self) -> int:
@@ -136,12 +89,16 @@ class Track:
         settled
             Whether that will hardly change. Until then the steps before are gone again with it.
         """
-        if self._taken is not None and turn_rad != self._turn_rad:
-            before = self._again([*self._taken, stride], turn_rad)
+        if self._settled:
+            self._strides.count = 0
+        self._strides.add(stride)
+        if not self._settled and turn_rad != self._turn_rad:
+            before = self._again(turn_rad)
         else:
             self._turn_rad = turn_rad
-            before = self._go([stride])
-        self._take(stride, settled=settled)
+            before = self._go(self._strides.count - 1, self._strides.count)
+        if settled:
+            self._settled, self._fixes = True, []
         return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
 
     def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
@@ -150,7 +107,8 @@ class Track:
         self._aim(fix)
         before = self._knots.moment(-1)
         nis = self._meet(fix)
-        self._take(fix, settled=False)
+        if not self._settled:
+            self._fixes.append((self._strides.count, fix))
         return [self._point(self._knots.moment(-1), before, self.stage, nis), *self._due()]
 
     def finish(self) -> list[TrackPoint]:
@@ -159,63 +117,53 @@ class Track:
         self._knots.keep_last()
         return points
 
-    def _begin_knots(self, time_ns: int, more: int) -> None:
-        """Begin with the knot where the track does, and room for some more."""
-        self._knots = Knots()
-        self._knots.make_room(1 + more)
-        self._knots.add(time_ns, self.filter.state, self.filter.covariance, np.eye(SIZE))
-
-    def _take(self, item: Stride | Fix, *, settled: bool) -> None:
-        """Remember what may have to be gone again."""
-        if settled:
-            self._taken = None
-        elif self._taken is not None:
-            self._taken.append(item)
-
-    def _again(self, taken: Sequence[Stride | Fix], turn_rad: float) -> Moment:
+    def _again(self, turn_rad: float) -> Moment:
         """Go the track again from its beginning, as the sensor is known to be turned by now.
 
         Return where the walker was before the last step.
         """
         self._turn_rad, (filter_, time_ns) = turn_rad, self._begun
         self.filter = filter_.copy()
-        self._begin_knots(time_ns, 2 * len(taken))
-        before = self._knots.moment(-1)
-        for kind, items in groupby(taken, type):
-            if kind is Stride:
-                before = self._go([item for item in items if isinstance(item, Stride)])
-                continue
-            for item in items:
-                if isinstance(item, Fix):
-                    self._aim(item)
-                    self._meet(item)
-        return before
+        self._knots.begin(time_ns, filter_.state, filter_.covariance)
+        gone = 0
+        for count, fix in self._fixes:
+            if count > gone:
+                self._go(gone, count)
+            self._aim(fix)
+            self._meet(fix)
+            gone = count
+        return self._go(gone, self._strides.count)
 
     def _aim(self, fix: Fix) -> None:
-        """Turn a track that is lost towards a known place."""
-        if self.filter.lost:
-            self._turn(self.filter.angle_to(fix.place, fix.sigma_m) or 0.0)
+        """Turn a track that is lost, and all that is remembered of it, towards a known place."""
+        from .track_kernels import turn
 
-    def _go(self, taken: Sequence[Stride]) -> Moment:
-        """Go some steps; return where the walker was before the last of them.
+        one, knots = self.filter, self._knots
+        if one.lost:
+            angle_rad = one.angle_to(fix.place, fix.sigma_m) or 0.0
+            state = (one.state, one.covariance, one.origin)
+            turn(*state, angle_rad, knots.columns, knots.count)
+
+    def _go(self, start: int, stop: int) -> Moment:
+        """Go some of the strides, at least one; return where the walker was before the last.
 
         A track that is lost is turned as the compass says first.
         """
         # compiled functions are not imported where pipelines are only listed
-        from .track_kernels import REPEATS, SEEN, strides
+        from .track_kernels import strides
 
-        one, knots, noise = self.filter, self._knots, self.filter.noise
-        knots.make_room(2 * len(taken))
-        times = np.array([stride.time_ns for stride in taken], np.int64)
-        rows, at = np.array([stride.row for stride in taken]), 0
-        errors = (noise.drift, noise.wander, noise.length, noise.way)
-        while at < len(rows):
-            if one.lost and not math.isnan(rows[at, SEEN]):
-                self._turn(float(rows[at, SEEN]) - float(one.state[OFFSET]))
-                rows[at, REPEATS] = 1.0
-            given = (times[at:], rows[at:], self._turn_rad, LOST_RAD, errors)
-            gone = strides(one.state, one.covariance, *given, knots.columns, knots.count)
-            at, knots.count = at + gone, knots.count + 2 * gone
+        one, knots, noise, rows = self.filter, self._knots, self.filter.noise, slice(start, stop)
+        more = 2 * (stop - start)
+        knots.make_room(more)
+        strides(
+            *(one.state, one.covariance, one.origin),
+            *(self._strides.time_ns[rows], self._strides.rows[rows]),
+            *(self._turn_rad, LOST_RAD),
+            (noise.drift, noise.wander, noise.length, noise.way),
+            knots.columns,
+            knots.count,
+        )
+        knots.count += more
         before = knots.moment(-3)
         if not self.smooth_s:
             knots.keep_last()
@@ -234,18 +182,13 @@ class Track:
 
     def _due(self) -> list[TrackPoint]:
         """Return smoothed points once there are enough."""
-        if self._taken is not None:
+        if not self._settled:
             return []
         if self.time_ns - int(self._knots.time_ns[0]) <= self.smooth_s * NS_PER_S:
             return []
         points = self._smoothed()[:-1]
         self._knots.keep_last()
         return points
-
-    def _turn(self, angle_rad: float) -> None:
-        """Turn all that is remembered about the beginning."""
-        self.filter.turn(angle_rad)
-        self._knots.turn(self.filter.origin, angle_rad)
 
     def _smoothed(self) -> list[TrackPoint]:
         stage, found = self.stage + SMOOTHED, self._knots.smoothed()

@@ -122,10 +122,52 @@ def sight(
             covariance[i, k] -= gain[i] * row[k]
 
 
+@in_place
+def turn_place(state: Array, origin: Array, angle_rad: float) -> None:
+    """Turn the place of a state about another place, shape (2,), and its offset with it."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    x, y = state[0] - origin[0], state[1] - origin[1]
+    state[0], state[1] = origin[0] + cos * x - sin * y, origin[1] + sin * x + cos * y
+    state[OFFSET] += angle_rad
+
+
+@in_place
+def turn_errors(matrix: Array, angle_rad: float) -> None:
+    """Turn the places of both errors that a matrix is about, shape (SIZE, SIZE)."""
+    cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+    for k in range(SIZE):
+        x, y = matrix[0, k], matrix[1, k]
+        matrix[0, k], matrix[1, k] = cos * x - sin * y, sin * x + cos * y
+    for i in range(SIZE):
+        x, y = matrix[i, 0], matrix[i, 1]
+        matrix[i, 0], matrix[i, 1] = cos * x - sin * y, sin * x + cos * y
+
+
+@in_place
+def turn(
+    state: Array, covariance: Array, origin: Array, angle_rad: float, knots: Columns, count: int
+) -> None:
+    """Turn a walk so far about its beginning, in place, and all knots of it.
+
+    A filter that is lost is turned towards the first thing that tells a direction: far from it
+    nothing could be linearised.
+    """
+    _, _, predicted, predicted_spread, pose, spread, transition = knots
+    turn_place(state, origin, angle_rad)
+    turn_errors(covariance, angle_rad)
+    for i in range(count):
+        turn_place(predicted[i], origin, angle_rad)
+        turn_place(pose[i], origin, angle_rad)
+        turn_errors(predicted_spread[i], angle_rad)
+        turn_errors(spread[i], angle_rad)
+        turn_errors(transition[i], angle_rad)
+
+
 @compiled
 def strides(
     state: Array,
     covariance: Array,
+    origin: Array,
     times: Times,
     rows: Array,
     turn_rad: float,
@@ -133,15 +175,15 @@ def strides(
     noise: Noise,
     knots: Columns,
     count: int,
-) -> int:
-    """Go steps, in place, up to the first whose azimuth finds the offset lost; return how many.
-
-    The first is gone in any case.
+) -> None:
+    """Go steps, in place; one that is lost is turned first where the compass says something.
 
     Parameters
     ----------
     state, covariance
         Go on in place.
+    origin
+        Where the walk began, shape (2,).
     times, rows
         When steps end, shape (n,), and what is known of them, shape (n, STRIDE); SEEN is NaN where
         the compass says nothing.
@@ -159,10 +201,11 @@ def strides(
     drift, wander, error, way = noise
     room = np.empty((2, SIZE, SIZE))
     for i in range(len(times)):
-        row, at = rows[i], count + 2 * i
+        row, at, repeats = rows[i], count + 2 * i, rows[i, REPEATS]
         seen = not math.isnan(row[SEEN])
-        if i > 0 and seen and covariance[OFFSET, OFFSET] > lost_rad**2:
-            return i
+        if seen and covariance[OFFSET, OFFSET] > lost_rad**2:
+            turn(state, covariance, origin, row[SEEN] - state[OFFSET], knots, at)
+            repeats = 1.0
         if row[RESTED] > 0:
             rest(state, covariance, row[RESTED], drift)
         elapsed_s = max(0, times[i] - time_ns[at - 1]) / NS_PER_S
@@ -171,7 +214,7 @@ def strides(
             transition[at, :, DRIFT] = 0.0
         predicted[at], predicted_spread[at] = state, covariance
         if seen:
-            sight(state, covariance, row[SEEN], row[SIGMA], row[REPEATS], room)
+            sight(state, covariance, row[SEEN], row[SIGMA], repeats, room)
         pose[at], spread[at] = state, covariance
         heading_rad = row[HEADING] + turn_rad
         go(state, covariance, row[LENGTH], heading_rad, error, way, transition[at + 1], room)
@@ -179,7 +222,6 @@ def strides(
         pose[at + 1], spread[at + 1] = state, covariance
         time_ns[at] = time_ns[at + 1] = times[i]
         shown[at], shown[at + 1] = False, True
-    return len(times)
 
 
 @compiled
