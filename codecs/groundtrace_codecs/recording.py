@@ -14,13 +14,13 @@ from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
-from .mcap import Damage, McapFile
+from .mcap import Damage, McapFile, MessageTable
 from .others import OtherTopic, is_ours, other_topic
 from .readable import readable
 from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterable, Iterator
     from types import TracebackType
 
     from .annotations import Annotation
@@ -85,7 +85,7 @@ class Recording:
                 others.append(other_topic(file, channel))
         self.others = tuple(others)
         self.streams = _unify(self._readers)
-        self._lags = {i: lag for i, r in self._readers.items() if (lag := _lag(file, i, r))}
+        self._lags = _lags(file, self._readers)
 
     @classmethod
     def open(cls, source: str | Path | ByteSource, *, strict: bool = False) -> Self:
@@ -283,13 +283,26 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
     return tuple(streams.values())
 
 
-def _lag(file: McapFile, channel_id: int, reader: ChannelReader) -> Lag | None:
-    every = (table[i : i + 1] for table in file.tables({channel_id}) for i in range(len(table)))
+def _lags(file: McapFile, readers: dict[int, ChannelReader]) -> dict[int, Lag]:
+    """Return the lag of each channel that has samples, by its id."""
+    begin = next(file.tables(readers.keys()), MessageTable.none())
+    found = {}
+    for channel_id, reader in readers.items():
+        own = begin.of_channels([channel_id])
+        lag = _lag([own], reader) or _lag(file.tables({channel_id}), reader)
+        if lag is not None:
+            found[channel_id] = lag
+    return found
+
+
+def _lag(tables: Iterable[MessageTable], reader: ChannelReader) -> Lag | None:
+    """Return the lag of a channel's first message that can be read."""
+    every = (table[i : i + 1] for table in tables for i in range(len(table)))
     for message in every:
         try:
             times = [b.sample_times() for _, b in reader.blocks(message)]
         except CodecError:
-            continue  # reading says it; the lag is that of the first message that can be read
+            continue  # reading says it
         if times:
             early = min(int(t.min()) for t in times)
             late = max(int(t.max()) for t in times)

@@ -165,12 +165,10 @@ class MessageTable(Sequence[Message]):
 
     def in_order(self) -> MessageTable:
         """Return the messages by log time, channel and sequence, else as they lie."""
-        times = self.rows["log_time"]
-        at = np.flatnonzero(times[1:] <= times[:-1])
-        before, after = self.rows.take(at), self.rows.take(at + 1)
-        right = np.ones(len(at), np.bool_)
+        right = np.ones(max(len(self) - 1, 0), np.bool_)
         for name in _ORDER:
-            right = (after[name] > before[name]) | ((after[name] == before[name]) & right)
+            column = np.ascontiguousarray(self.rows[name])
+            right = (column[1:] > column[:-1]) | ((column[1:] == column[:-1]) & right)
         if right.all():
             return self
         keys = [self.rows[name] for name in _ORDER]
