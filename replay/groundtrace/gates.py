@@ -14,12 +14,18 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, GateSpec
 
+from .later import Later
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Quantity, StageSpec
+
+    from . import gate_kernels
+else:
+    gate_kernels = Later("groundtrace.gate_kernels")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,12 +149,10 @@ class Refractory:
         carry: Carry,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where there was none."""
-        from .gate_kernels import NEVER, time_since_passed
-
         last = carry.last_ns.setdefault(self.name, {})
         if not len(candidates):
             return np.empty(0)
-        since_s, times = time_since_passed(
+        since_s, times = gate_kernels.time_since_passed(
             np.ascontiguousarray(candidates.time_ns),
             np.ascontiguousarray(candidates.channel),
             alive,
@@ -156,7 +160,7 @@ class Refractory:
             np.array([*last, *last.values()], np.int64),
         )
         for channel, time_ns in enumerate(times.tolist()):
-            if time_ns != NEVER:
+            if time_ns != gate_kernels.NEVER:
                 last[channel] = time_ns
         return since_s
 
@@ -206,8 +210,6 @@ def decide(
     -------
     Decisions and what to carry on. Deciding in parts equals deciding at once.
     """
-    from .gate_kernels import judge
-
     carry = Carry() if carry is None else carry.copy()
     n = len(candidates)
     alive = np.empty(n, np.bool_)
@@ -217,7 +219,9 @@ def decide(
     for column, gate in enumerate(gates):
         threshold = float(getattr(parameters, gate.parameter))
         seen = gate.values(candidates, columns, alive, threshold, carry)
-        alive = judge(seen, threshold, gate.at_least, alive, value[:, column], margin[:, column])
+        alive = gate_kernels.judge(
+            seen, threshold, gate.at_least, alive, value[:, column], margin[:, column]
+        )
     return Decisions(value, margin, alive), carry
 
 

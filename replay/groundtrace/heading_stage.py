@@ -16,6 +16,7 @@ from .gates import Candidates, decided_block, gate_specs
 from .heading.aligned import PATIENCE_NS, QUANTITIES, Aligner, columns_of_axes
 from .heading.api import HeadingFrames
 from .heading.disturbed_spans import DisturbedSpans
+from .later import Later
 from .rounds import Rounds
 from .stage import PluginStage
 
@@ -25,7 +26,10 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
+    from .heading import frame_kernels
     from .heading.api import HeadingFrame, HeadingMethod
+else:
+    frame_kernels = Later("groundtrace.heading.frame_kernels")
 
 
 @dataclass(slots=True)
@@ -180,12 +184,9 @@ class HeadingStage(PluginStage["HeadingMethod"]):
 
     def _headings(self, run: _Run, frames: HeadingFrames) -> Iterator[Heading]:
         """Return the headings that are due."""
-        # compiled functions are not imported where pipelines are only listed
-        from .heading.frame_kernels import due_places
-
         every_ns = max(NS_PER_S / self.parameters.output_hz, run.period_ns)
         due_ns = -1 if run.due_ns is None else run.due_ns
-        due, run.due_ns = due_places(frames.time_ns, due_ns, every_ns, run.period_ns)
+        due, run.due_ns = frame_kernels.due_places(frames.time_ns, due_ns, every_ns, run.period_ns)
         sigma = np.repeat(frames.sigma_rad, frames.lengths)[due]
         columns = (frames.time_ns[due], frames.heading_rad[due], sigma)
         return map(Heading, *(x.tolist() for x in columns), repeat(self.name))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..later import Later
 from .even_grid import GRID_HZ, CentredFilter, Kept, gaussian, lowpass
 from .rhythm import HOP, PERIODS_S, Rhythm
 
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from . import band_kernels
     from .rhythm import Scale
+else:
+    band_kernels = Later("groundtrace.detectors.band_kernels")
 
 #: Step times that have a filter of their own; between them, the filtered signals are mixed.
 _NODES_S = np.geomspace(*PERIODS_S, 8)
@@ -114,15 +118,12 @@ class StepBand:
         return self._up.end - 2 * self._reach
 
     def _until(self, end: int) -> Followed:
-        # compiled functions are not imported where pipelines are only listed
-        from .band_kernels import step_bands
-
         start = self._up.first
         end = max(start, end)
         found = np.empty((len(Followed._fields), end - start))
         if end > start:
             hop = start // HOP
-            step_bands(
+            band_kernels.step_bands(
                 self._up.between(start, end + 2 * self._reach)[0],
                 self._kernels,
                 self._spans,

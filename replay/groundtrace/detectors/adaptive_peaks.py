@@ -6,13 +6,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
 from .even_grid import GRID_HZ, Kept
 from .rhythm import PERIODS_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import peak_kernels
     from .adaptive_band import Followed
+else:
+    peak_kernels = Later("groundtrace.detectors.peak_kernels")
 
 #: A valley belongs to the peak that follows it within this many step times.
 _VALLEY_STEPS = 1.2
@@ -64,13 +68,10 @@ class Peaks:
         return self._until(self._kept.end - 1)
 
     def _until(self, end: int) -> NDArray[np.float64]:
-        # compiled functions are not imported where pipelines are only listed
-        from .peak_kernels import peaks
-
         if end <= self._next:
             return np.empty((0, len(COLUMNS)))
         span, self._next = (self._next, end), end
-        found = peaks(
+        found = peak_kernels.peaks(
             self._kept.contiguous(),
             self._kept.first,
             span,

@@ -13,10 +13,15 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..later import Later
 from .filters import corner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from . import grid_kernels
+else:
+    grid_kernels = Later("groundtrace.detectors.grid_kernels")
 
 #: Points per second of the grid [Hz].
 GRID_HZ = 40.0
@@ -98,12 +103,9 @@ class EvenGrid:
 
     def _until(self, sample: int) -> GridPart:
         """Return the next points that lie at or before a sample of the run."""
-        # compiled functions are not imported where pipelines are only listed
-        from .grid_kernels import grid_points
-
         start = self._next
         end = max(start, int(np.floor(sample * GRID_HZ / self.rate_hz + 1e-9)) + 1)
-        low, recorded, own, past = grid_points(
+        low, recorded, own, past = grid_kernels.grid_points(
             self._values,
             self._first,
             start,
@@ -143,16 +145,13 @@ class CentredFilter:
         """Take values, shape (n_channels, n); return those that are complete by now."""
         if not x.shape[1]:
             return x
-        # compiled functions are not imported where pipelines are only listed
-        from .grid_kernels import weighted_sums
-
         if not len(self._past):
             self._past = np.repeat(x[:, :1], len(self.kernel) - 1, axis=1)
         joined = np.concatenate([self._past, x], axis=1)
         self._past = joined[:, x.shape[1] :]
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
-        return weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
+        return grid_kernels.weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
 
     def finish(self) -> NDArray[np.float64]:
         """Return what the last values lack."""

@@ -14,12 +14,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
 from .even_grid import GRID_HZ, Kept
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from . import rhythm_kernels
+else:
+    rhythm_kernels = Later("groundtrace.detectors.rhythm_kernels")
 
 #: Points of the grid from one window to the next.
 HOP = 10
@@ -93,14 +98,11 @@ def repetitions(signal: NDArray[np.float64], length: int, repeats: int) -> NDArr
     -------
     Strength, step time [s] and median amplitude, shape (3, n).
     """
-    # compiled functions are not imported where pipelines are only listed
-    from .rhythm_kernels import rhythms
-
     longest_s = min(PERIODS_S[1], _FITS * length / GRID_HZ / repeats)
     fastest = PERIODS_S[0] * GRID_HZ
     periods = (int(fastest), int(longest_s * GRID_HZ))
     signal = np.ascontiguousarray(signal)
-    found = rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
+    found = rhythm_kernels.rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
     found[1] = np.where(found[1] > 0, found[1] / GRID_HZ, USUAL_STEP_S)
     return found
 
@@ -175,11 +177,9 @@ class Rhythm:
 
     def _add(self, values: NDArray[np.float64], found: Kept, scale: Scale) -> None:
         """Take in what a scale says of the next hops."""
-        from .rhythm_kernels import strongest
-
         hops = (self._next, self._next + values.shape[1])
         width = scale.points // HOP
-        best = strongest(found.contiguous(), found.first, hops, self.ahead, width)
+        best = rhythm_kernels.strongest(found.contiguous(), found.first, hops, self.ahead, width)
         if scale is self.scales[0]:
             values[1] = np.where(np.isfinite(best[0]), best[1], values[1])
         stronger = best[0] > values[0]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..later import Later
 from .rotations import levelled, matrix
 
 if TYPE_CHECKING:
@@ -21,8 +22,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from . import attitude_kernels
     from .inertial_frames import InertialFrame
     from .rotations import Array
+else:
+    attitude_kernels = Later("groundtrace.heading.attitude_kernels")
 
 GRAVITY_MPS2 = 9.80665
 #: Rows of the error state: rotation in the earth frame, velocity, bias in the body frame, field of
@@ -136,13 +140,10 @@ class Attitude:
 
     def predict(self, frame: InertialFrame) -> None:
         """Go on to the end of a frame."""
-        # compiled functions are not imported where pipelines are only listed
-        from . import attitude_kernels as compiled
-
         axes = matrix(self.orientation)
         x, y, z = (axes @ frame.force).tolist()
         self._go_on(
-            compiled.predict,
+            attitude_kernels.predict,
             axes @ frame.mean_turn,
             (x, y, z),
             frame.turns[-1],
@@ -164,28 +165,20 @@ class Attitude:
 
     def face(self, field: Array, sigma_t: float) -> None:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
-        from .attitude_kernels import face
-
         x, y, z = field.tolist()
-        self._go_on(face, (x, y, z), sigma_t, self.noise.iron_start)
+        self._go_on(attitude_kernels.face, (x, y, z), sigma_t, self.noise.iron_start)
 
     def take_earth(self, north_t: float, up_t: float, sigma_t: float) -> None:
         """Take a field for the earth's, by its horizontal and vertical part [T]."""
-        from .attitude_kernels import take_earth
-
-        self._go_on(take_earth, north_t, up_t, sigma_t)
+        self._go_on(attitude_kernels.take_earth, north_t, up_t, sigma_t)
 
     def reset_heading(self, sigma_rad: float) -> None:
         """Take the heading to be known to ``sigma_rad``, by what this filter does not see."""
-        from .attitude_kernels import know_heading
-
-        know_heading(self.covariance, sigma_rad)
+        attitude_kernels.know_heading(self.covariance, sigma_rad)
 
     def turn_heading(self, angle_rad: float) -> None:
         """Turn the whole estimate about the vertical, counter-clockwise."""
-        from .attitude_kernels import turn_heading
-
-        self._go_on(turn_heading, angle_rad)
+        self._go_on(attitude_kernels.turn_heading, angle_rad)
 
     def forget_field(self) -> None:
         """Know nothing of earth and iron again: the magnetometer became another one."""
@@ -211,11 +204,16 @@ class Attitude:
         frozen
             Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
         """
-        from .attitude_kernels import NONE, ROOM, update
-
         x, y, z = innovation.tolist()
-        kept = NONE if frozen is None else frozen
-        self._go_on(update, pick, (x, y, z), variance, kept, np.empty((ROOM, SIZE)))
+        kept = attitude_kernels.NONE if frozen is None else frozen
+        self._go_on(
+            attitude_kernels.update,
+            pick,
+            (x, y, z),
+            variance,
+            kept,
+            np.empty((attitude_kernels.ROOM, SIZE)),
+        )
 
     def _go_on(self, change: Callable[..., None], *given: Any) -> None:
         """Let a compiled function change state and covariance."""

@@ -11,15 +11,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
+    from . import field_kernels
     from .rotations import Array
 
     #: Centre, shape (3,), and the matrix that undoes the soft iron, shape (3, 3).
     Fit = tuple[Array, Array]
+else:
+    field_kernels = Later("groundtrace.heading.field_kernels")
 
 #: Least eigenvalue of the directions' second moments, 1/3 where they are all around.
 SPHERE_COVERAGE, ELLIPSOID_COVERAGE = 0.08, 0.15
@@ -256,8 +261,5 @@ class Calibration:
 
 def apart(fields: Array) -> Array:
     """Return fields, shape (n, 3), without those near to the one kept before."""
-    # compiled functions are not imported where pipelines are only listed
-    from .field_kernels import far_apart
-
     least = APART * float(np.median(np.linalg.norm(fields, axis=1)))
-    return np.asarray(fields[far_apart(fields, least)])
+    return np.asarray(fields[field_kernels.far_apart(fields, least)])

@@ -22,14 +22,19 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 
 from ..gates import Level
+from ..later import Later
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import belief_kernels, compass_kernels
     from .attitude import Attitude
     from .inertial_frames import InertialFrame
     from .parameters import HeadingParameters
     from .rotations import Array
+else:
+    belief_kernels = Later("groundtrace.heading.belief_kernels")
+    compass_kernels = Later("groundtrace.heading.compass_kernels")
 
 #: What the tests look at.
 TESTS = (
@@ -86,14 +91,14 @@ class Compass:
 
     def __post_init__(self) -> None:
         """Know nothing yet."""
-        from .belief_kernels import BELIEF, LEAST_S, WATCH
-
         self.counts = np.zeros((2, 2), np.int64)
         self.last(self.length_s)
         # the last frame of a run is shorter, so that one more counts
         self.recent = np.zeros((2, int(self.counts.max()) + 1))
-        self.belief = np.zeros(BELIEF)
-        self.fields = np.zeros((int(LEAST_S / self.length_s) + 2, WATCH))
+        self.belief = np.zeros(belief_kernels.BELIEF)
+        self.fields = np.zeros(
+            (int(belief_kernels.LEAST_S / self.length_s) + 2, belief_kernels.WATCH)
+        )
 
     @property
     def turn_rad(self) -> float:
@@ -107,12 +112,12 @@ class Compass:
 
     def examine(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> Array:
         """Return what the tests look at; ``axes`` is the rotation matrix at its start."""
-        from .compass_kernels import tests
-
         self.last(frame.length_s)
         x, y, z = (axes @ (frame.field - frame.mean_turn @ attitude.iron)).tolist()
         allowed = self.parameters.drift_factor * min(attitude.heading_sigma_rad, math.pi)
         out = np.zeros(len(TESTS))
         earth = attitude.earth
-        tests(earth, (x, y, z), allowed, self.recent, self.counts, frame.length_s, out)
+        compass_kernels.tests(
+            earth, (x, y, z), allowed, self.recent, self.counts, frame.length_s, out
+        )
         return out

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
 from .alone import GyroscopeAlone
 from .api import HeadingFrame, HeadingFrames
 from .attitude import Attitude, AttitudeNoise
@@ -42,9 +43,13 @@ if TYPE_CHECKING:
 
     from ..detector import Emits
     from ..gates import Gate
+    from . import compass_kernels, frame_kernels
     from .inertial_frames import InertialFrame
     from .rotations import Array
     from .scalar_filters import ScalarFilter
+else:
+    compass_kernels = Later("groundtrace.heading.compass_kernels")
+    frame_kernels = Later("groundtrace.heading.frame_kernels")
 
 #: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
 DELAY_PRIOR = (TESLA / 0.02) ** 2
@@ -136,12 +141,10 @@ class HeadingEstimator:
 
     def _frame(self, samples: Samples, scalar: ScalarFilter) -> HeadingFrame:
         """Go on by one frame, the heading by a filter of one angle."""
-        from .frame_kernels import headings
-
         attitude = self.attitude
         frame = self._begin(samples)
         axes, bias, offset = matrix(attitude.orientation), attitude.bias, self.gyroscope.offset_rad
-        orientation, heading = headings(attitude.orientation, frame.turns, self.axis)
+        orientation, heading = frame_kernels.headings(attitude.orientation, frame.turns, self.axis)
         sigma = attitude.heading_sigma_rad
         resting = self._move(frame, scalar)
         self.gyroscope.go_on(frame, axes, bias, resting=resting)
@@ -198,11 +201,8 @@ class HeadingEstimator:
         """Test the frame's field and learn from it; return the tests' values and the verdict."""
         if not np.isfinite(frame.field).all():
             return np.full(len(TESTS), np.nan), True
-        # compiled functions are not imported where pipelines are only listed
-        from .compass_kernels import passes
-
         values = self.compass.examine(self.attitude, frame, axes)
-        undisturbed = passes(values, limits_of(self.parameters))
+        undisturbed = compass_kernels.passes(values, limits_of(self.parameters))
         if undisturbed:
             seen = axes @ frame.field
             north = self.attitude.earth[0]

@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
 from .api import HeadingFrames
 from .compass import GATES, TESLA, TESTS
 
 if TYPE_CHECKING:
+    from . import attitude_kernels as at
+    from . import filter_kernels
     from .estimator import HeadingEstimator
     from .inertial_frames import Samples
     from .parameters import HeadingParameters
     from .rotations import Array
+else:
+    at = Later("groundtrace.heading.attitude_kernels")
+    filter_kernels = Later("groundtrace.heading.filter_kernels")
 
 #: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s].
 REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
@@ -27,14 +33,10 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
 
     What they begin with, tilt and earth's field, must be known.
     """
-    # compiled functions are not imported where pipelines are only listed
-    from . import attitude_kernels as at
-    from .filter_kernels import frames
-
     compass, calibration = one.compass, one.calibration
     compass.last(length / one.rate_hz)
     state, watched = _state(one), calibration.watched
-    count, orientation, heading, told = frames(
+    count, orientation, heading, told = filter_kernels.frames(
         np.ascontiguousarray(samples.rate),
         np.ascontiguousarray(samples.force),
         np.ascontiguousarray(calibration.corrected(samples.field)),
@@ -80,8 +82,6 @@ def _state(one: HeadingEstimator) -> Array:
 
 def _settings(one: HeadingEstimator, length_s: float) -> Array:
     """Return the settings as compiled functions lay them out."""
-    from . import attitude_kernels as at
-
     p, noise = one.parameters, one.attitude.noise
     plain_t = p.field_sigma_ut * TESLA
     lasting_t = plain_t * math.sqrt(2 * p.field_memory_s / length_s)
@@ -100,8 +100,6 @@ def limits_of(parameters: HeadingParameters) -> Array:
 
 def _take(one: HeadingEstimator, state: Array) -> None:
     """Take over what the frames left behind."""
-    from . import attitude_kernels as at
-
     a, g = one.attitude, one.gyroscope
     parts = np.split(state, [at.VELOCITY, at.BIAS, at.IRON, at.EARTH, at.RESTED])
     a.orientation, a.velocity, a.bias, a.iron, a.earth = parts[:5]

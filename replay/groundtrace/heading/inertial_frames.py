@@ -11,10 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import frame_kernels as at
+
     Array = NDArray[np.float64]
+else:
+    at = Later("groundtrace.heading.frame_kernels")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,9 +104,6 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
     delay_s
         How much later than the gyroscope the magnetometer answers [s].
     """
-    # compiled functions are not imported where pipelines are only listed
-    from . import frame_kernels as at
-
     turns, said = np.empty((len(samples), 2, 4)), np.empty(at.FRAME)
     at.sum_up(
         np.ascontiguousarray(samples.rate),

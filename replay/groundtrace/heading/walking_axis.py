@@ -22,10 +22,16 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..later import Later
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from ..reckoning import step_kernels
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 #: What looks ahead: an axis of the sensor, or what the walk tells.
@@ -114,10 +120,7 @@ def step_swing(values: NDArray[np.float64], phase: NDArray[np.float64]) -> Swing
     -------
     Complex parts of the vertical swing, or None where there is no vertical swing.
     """
-    # compiled functions are not imported where pipelines are only listed
-    from ..reckoning.step_kernels import swing
-
-    found, ahead, right = swing(np.ascontiguousarray(values), phase)
+    found, ahead, right = step_kernels.swing(np.ascontiguousarray(values), phase)
     return (ahead, right) if found else None
 
 

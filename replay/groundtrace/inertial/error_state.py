@@ -13,14 +13,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
 from .strapdown import FORCE, GYRO, PLACE, SPEED, STATES, TURN, Pose, integrate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..heading import rotation_kernels
     from .stances import Segment
 
     Array = NDArray[np.float64]
+else:
+    rotation_kernels = Later("groundtrace.heading.rotation_kernels")
 
 #: Rows of the state that a measurement leaves alone: none.
 _NONE = np.zeros(STATES, np.bool_)
@@ -103,8 +107,6 @@ class ErrorStateFilter:
 
     def predict(self, segment: Segment) -> Array:
         """Go on to the end of a segment; return its transition, shape (15, 15)."""
-        from ..heading.rotation_kernels import carry
-
         step, noise, length_s = integrate(self.pose, segment), self.noise, segment.length_s
         growth = np.zeros(STATES)
         growth[TURN] = noise.gyro_walk**2 * length_s + noise.gyro_scale**2 * step.turned_rad
@@ -114,7 +116,7 @@ class ErrorStateFilter:
         growth[FORCE] = noise.force_bias_walk**2 * length_s
         self.pose = step.pose
         self.covariance = self.covariance.copy()
-        carry(step.transition, self.covariance, np.empty((2, STATES, STATES)))
+        rotation_kernels.carry(step.transition, self.covariance, np.empty((2, STATES, STATES)))
         np.einsum("ii->i", self.covariance)[:] += growth
         return step.transition
 
@@ -136,9 +138,9 @@ class ErrorStateFilter:
 
     def update(self, seen: Innovation) -> None:
         """Correct the pose by a measurement."""
-        from ..heading.rotation_kernels import joseph
-
-        gain, self.covariance = joseph(self.covariance, seen.pick, seen.spread, seen.noise, _NONE)
+        gain, self.covariance = rotation_kernels.joseph(
+            self.covariance, seen.pick, seen.spread, seen.noise, _NONE
+        )
         self.pose = self.pose.moved(gain @ seen.value)
 
     def lose_velocity(self) -> None:

@@ -14,13 +14,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..heading.rotations import normalised
+from ..later import Later
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from ..heading import rotation_kernels
+    from . import strapdown_kernels as compiled
     from .stances import Segment
 
     Array = NDArray[np.float64]
+else:
+    compiled = Later("groundtrace.inertial.strapdown_kernels")
+    rotation_kernels = Later("groundtrace.heading.rotation_kernels")
 
 GRAVITY_MPS2 = 9.80665
 #: Rows of the error state.
@@ -61,10 +67,8 @@ class Pose:
 
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
-        from ..heading.rotation_kernels import turn_by
-
         orientation = self.orientation.copy()
-        turn_by(error, orientation)
+        rotation_kernels.turn_by(error, orientation)
         return Pose(
             orientation,
             self.velocity + error[SPEED],
@@ -99,9 +103,6 @@ def integrate(pose: Pose, segment: Segment) -> Step:
 
     Rates and forces are taken as straight between samples.
     """
-    # compiled functions are not imported where pipelines are only listed
-    from . import strapdown_kernels as compiled
-
     row, moved, transition = pose.row, np.empty(compiled.MOVED), np.empty((STATES, STATES))
     given = (segment.interval_s, segment.rate, segment.force, GRAVITY_MPS2)
     compiled.integrate(row, *given, moved)

@@ -11,6 +11,7 @@ import numpy as np
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..later import Later
 from ..trackers.api import SMOOTHED
 from .compass import Compass, sigma_of
 from .error_state import LOST_MPS, ErrorStateFilter, SensorNoise
@@ -20,11 +21,16 @@ from .strapdown import GRAVITY_MPS2, PLACE, STATES, Pose
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import smoothing_kernels
+    from . import walk_kernels as compiled
     from .error_state import Innovation
     from .parameters import FootNavigatorParameters
     from .stances import Segment, SegmentRun
 
     Array = NDArray[np.float64]
+else:
+    compiled = Later("groundtrace.inertial.walk_kernels")
+    smoothing_kernels = Later("groundtrace.inertial.smoothing_kernels")
 
 #: Errors of a standing foot's velocity and rate go on for about so long [s].
 CORRELATION_S = 0.1
@@ -91,9 +97,6 @@ class Walk:
         The segment where that is, or the number of segments; and whether the foot stood before it.
         Points wait for :meth:`told`.
         """
-        # compiled functions are not imported where pipelines are only listed
-        from . import walk_kernels as compiled
-
         pose, covariance = self.filter.pose.row, self.filter.covariance.copy()
         since, at, full = self._transition.copy(), start, True
         clocks = np.array([self.stood_s, self.swung_s, self.rested_s, float(stands)])
@@ -227,8 +230,6 @@ class Walk:
 
     def _smoothed(self) -> list[TrackPoint]:
         """Return the points of all knots that are kept as all of them tell."""
-        from .smoothing_kernels import smooth
-
         told: list[list[TrackPoint]] = []
         if not self._knots:
             return []
@@ -240,7 +241,7 @@ class Walk:
         for part in before[::-1]:
             if not len(part):
                 continue
-            found, planar = smooth(
+            found, planar = smoothing_kernels.smooth(
                 *(part.pose, part.spread, part.predicted, part.predicted_spread, part.transition),
                 *(later.predicted[0], later.predicted_spread[0], later.transition[0]),
                 *(pose, spread),

@@ -13,12 +13,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from ..later import Later
 from .outline import outline_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import loss_kernels
+
     Array = NDArray[np.float64]
+else:
+    loss_kernels = Later("groundtrace.localizers.loss_kernels")
 
 #: Nodes along the longer side of the room, and along both sides of a refinement.
 NODES, FINER = 55, 9
@@ -138,13 +143,10 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     threshold = model.threshold_s
     if not np.isfinite(threshold):
         return _squares(u, times_s, model.slope)
-    # compiled functions are not imported where pipelines are only listed
-    from .loss_kernels import robust_losses
-
     slope = float("nan") if model.slope is None else model.slope
     nodes = u if u.ndim == 3 else u[None]
     loss = np.empty((len(times_s), nodes.shape[2]))
-    robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
+    loss_kernels.robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
     return loss
 
 

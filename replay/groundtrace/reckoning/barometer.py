@@ -10,12 +10,17 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..later import Later
 from .level_motion import MEMORY_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.signals import SignalBlock
+
+    from . import step_kernels
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 #: Pressure of the standard atmosphere falls to 1/e over this, at 15 degrees [m].
 SCALE_HEIGHT_M = 8434.5
@@ -51,10 +56,9 @@ class Barometer:
 
         By the barometric formula of an atmosphere of one temperature.
         """
-        # compiled functions are not imported where pipelines are only listed
-        from .step_kernels import mean_near
-
-        pressure = mean_near(self._time_ns, self._pressure, time_ns, round(AVERAGE_S * NS_PER_S))
+        pressure = step_kernels.mean_near(
+            self._time_ns, self._pressure, time_ns, round(AVERAGE_S * NS_PER_S)
+        )
         if math.isnan(pressure):
             return math.nan
         if math.isnan(self.start_pa):

@@ -10,13 +10,17 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..heading.estimator import axis_of
 from ..heading.walking_axis import STEEP, WalkingAxis, level_axis
+from ..later import Later
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import StepEvent
 
     from ..heading.rotation_kernels import Vector
     from ..heading.walking_axis import Ahead, Axis
+    from . import step_kernels
     from .level_motion import Motion
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 #: A step of another time than this says nothing of the walking axis [s].
 SHORTEST_S, LONGEST_S = 0.25, 1.0
@@ -73,15 +77,12 @@ class Facing:
             self.reference = self.ahead
             return
         reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
-        # compiled functions are not imported where pipelines are only listed
-        from .step_kernels import mean_up, swing_about
-
         times, about = motion.time_ns, (step.time_ns - reach_ns, step.time_ns + reach_ns)
-        reference = self._refer(mean_up(times, motion.orientation, *about))
+        reference = self._refer(step_kernels.mean_up(times, motion.orientation, *about))
         self.steps += 1
         if SHORTEST_S <= interval_s <= LONGEST_S and (sign := SIGN.get(step.type, 1.0)):
             given = (times, motion.orientation, motion.acceleration, axis_of(reference))
-            found, ahead, right = swing_about(*given, step.time_ns, reach_ns)
+            found, ahead, right = step_kernels.swing_about(*given, step.time_ns, reach_ns)
             if found:
                 self._walking.add((sign * ahead, sign * right))
         self.turn_rad = -self._walking.angle_rad
@@ -89,10 +90,10 @@ class Facing:
     def heading(self, motion: Motion, start_ns: int, stop_ns: int) -> float:
         """Return the mean direction of the reference in the level axes in a time [rad]."""
         assert self.reference is not None  # a step was watched
-        from .step_kernels import mean_heading
-
         axis = axis_of(self.reference)
-        return mean_heading(motion.time_ns, motion.orientation, axis, start_ns, stop_ns)
+        return step_kernels.mean_heading(
+            motion.time_ns, motion.orientation, axis, start_ns, stop_ns
+        )
 
     def _refer(self, up: Vector) -> Axis:
         """Return the reference; another one, and all to be told anew, where it stands upright."""

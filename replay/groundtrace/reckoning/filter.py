@@ -12,11 +12,18 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..heading.rotations import wrapped
+from ..later import Later
+
+if TYPE_CHECKING:
+    from . import track_kernels
+else:
+    track_kernels = Later("groundtrace.reckoning.track_kernels")
 
 Array = NDArray[np.float64]
 
@@ -104,25 +111,18 @@ class ReckoningFilter:
 
     def wait(self, elapsed_s: float) -> Array:
         """Let time pass; return the transition, shape (6, 6)."""
-        # compiled functions are not imported where pipelines are only listed
-        from .track_kernels import wait
-
         step = np.empty((SIZE, SIZE))
-        wait(self.state, self.covariance, elapsed_s, self.noise.wander, step, _room())
+        track_kernels.wait(self.state, self.covariance, elapsed_s, self.noise.wander, step, _room())
         return step
 
     def rest(self, rested_s: float) -> None:
         """Take it that the gyroscope was zeroed at rest."""
-        from .track_kernels import rest
-
-        rest(self.state, self.covariance, rested_s, self.noise.drift)
+        track_kernels.rest(self.state, self.covariance, rested_s, self.noise.drift)
 
     def step(self, length_m: float, heading_rad: float) -> Array:
         """Go a step; return the transition, shape (6, 6)."""
-        from .track_kernels import go
-
         step, errors = np.empty((SIZE, SIZE)), (self.noise.length, self.noise.way)
-        go(self.state, self.covariance, length_m, heading_rad, *errors, step, _room())
+        track_kernels.go(self.state, self.covariance, length_m, heading_rad, *errors, step, _room())
         return step
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
@@ -135,9 +135,7 @@ class ReckoningFilter:
         repeats
             How many sights in a row err alike.
         """
-        from .track_kernels import sight
-
-        sight(self.state, self.covariance, offset_rad, sigma_rad, repeats, _room())
+        track_kernels.sight(self.state, self.covariance, offset_rad, sigma_rad, repeats, _room())
 
     def fix(self, place: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""

@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..later import Later
 from .filter import PLACE, SIZE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import track_kernels
+
     Array = NDArray[np.float64]
     Columns = tuple[NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]
+else:
+    track_kernels = Later("groundtrace.reckoning.track_kernels")
 
 _MATRIX = (SIZE, SIZE)
 
@@ -102,11 +107,10 @@ class Knots:
 
     def smoothed(self) -> list[Moment]:
         """Return the shown ones as all knots tell them; the last is the filter's."""
-        # compiled functions are not imported where pipelines are only listed
-        from .track_kernels import smooth
-
         shown = self.shown[: self.count]
-        poses, spreads = smooth(*(column[: self.count] for column in self.columns[2:]))
+        poses, spreads = track_kernels.smooth(
+            *(column[: self.count] for column in self.columns[2:])
+        )
         places, times = poses[shown, PLACE].tolist(), self.time_ns[: self.count][shown].tolist()
         found = spreads[shown][:, (0, 0, 1), (0, 1, 1)].tolist()
         return [

@@ -19,6 +19,7 @@ from ..heading.attitude import GRAVITY_MPS2, Attitude, AttitudeNoise
 from ..heading.estimator import HeadingEstimator, joined
 from ..heading.parameters import HeadingParameters
 from ..heading.rotations import turned
+from ..later import Later
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,8 +28,11 @@ if TYPE_CHECKING:
 
     from ..heading.api import HeadingFrame
     from ..heading.inertial_frames import Samples
+    from . import step_kernels
 
     Array = NDArray[np.float64]
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 #: Bias that a gyroscope may have at the start [rad/s]: more lets the turns of a walk pass for it.
 BIAS = 0.004
@@ -79,10 +83,7 @@ class Motion:
         return float(self.rested_s[self._rows(start_ns, stop_ns)[1] - 1])
 
     def _rows(self, start_ns: int, stop_ns: int) -> tuple[int, int]:
-        # compiled functions are not imported where pipelines are only listed
-        from .step_kernels import rows_between
-
-        return rows_between(self.time_ns, start_ns, stop_ns)
+        return step_kernels.rows_between(self.time_ns, start_ns, stop_ns)
 
 
 @dataclass(slots=True)

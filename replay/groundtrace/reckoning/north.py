@@ -10,11 +10,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ..later import Later
 from .strides import Sight
 
 if TYPE_CHECKING:
+    from . import step_kernels
     from .level_motion import Motion
     from .parameters import ReckoningParameters
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 #: Weight of a step's field in the usual one, once there were some.
 NEWEST = 0.02
@@ -47,10 +51,7 @@ class North:
 
         Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
         """
-        # compiled functions are not imported where pipelines are only listed
-        from .step_kernels import mean_vector
-
-        east, north, up = mean_vector(motion.time_ns, motion.field, start_ns, stop_ns)
+        east, north, up = step_kernels.mean_vector(motion.time_ns, motion.field, start_ns, stop_ns)
         flat = math.hypot(east, north)
         if not math.isfinite(flat + up) or flat == 0:
             return None, math.nan

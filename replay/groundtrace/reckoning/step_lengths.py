@@ -14,9 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..later import Later
+
 if TYPE_CHECKING:
+    from . import step_kernels
     from .level_motion import Motion
     from .parameters import ReckoningParameters
+else:
+    step_kernels = Later("groundtrace.reckoning.step_kernels")
 
 #: Vertical accelerations are averaged over this [s]: impacts say nothing of a step's length.
 SMOOTH_S = 0.1
@@ -46,11 +51,8 @@ def shape_of(motion: Motion, start_ns: int, stop_ns: int) -> StepShape:
 
     The body's height is taken to be after it as before it.
     """
-    # compiled functions are not imported where pipelines are only listed
-    from .step_kernels import shape
-
     given = (motion.time_ns, motion.acceleration, start_ns, stop_ns)
-    return StepShape(*shape(*given, MARGIN_NS, SMOOTH_S))
+    return StepShape(*step_kernels.shape(*given, MARGIN_NS, SMOOTH_S))
 
 
 def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..later import Later
 from ..trackers.api import SMOOTHED
 from .filter import LOST_RAD
 from .knots import Knots
@@ -18,11 +19,14 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from . import track_kernels
     from .filter import ReckoningFilter
     from .knots import Moment
     from .strides import Stride
 
     Array = NDArray[np.float64]
+else:
+    track_kernels = Later("groundtrace.reckoning.track_kernels")
 
 #: Of a point without an update by a known place.
 NO_NIS = float("nan")
@@ -136,26 +140,21 @@ class Track:
 
     def _aim(self, fix: Fix) -> None:
         """Turn a track that is lost, and all that is remembered of it, towards a known place."""
-        from .track_kernels import turn
-
         one, knots = self.filter, self._knots
         if one.lost:
             angle_rad = one.angle_to(fix.place, fix.sigma_m) or 0.0
             state = (one.state, one.covariance, one.origin)
-            turn(*state, angle_rad, knots.columns, knots.count)
+            track_kernels.turn(*state, angle_rad, knots.columns, knots.count)
 
     def _go(self, start: int, stop: int) -> Moment:
         """Go some of the strides, at least one; return where the walker was before the last.
 
         A track that is lost is turned as the compass says first.
         """
-        # compiled functions are not imported where pipelines are only listed
-        from .track_kernels import strides
-
         one, knots, noise, rows = self.filter, self._knots, self.filter.noise, slice(start, stop)
         more = 2 * (stop - start)
         knots.make_room(more)
-        strides(
+        track_kernels.strides(
             *(one.state, one.covariance, one.origin),
             *(self._strides.time_ns[rows], self._strides.rows[rows]),
             *(self._turn_rad, LOST_RAD),

@@ -21,6 +21,7 @@ import numpy as np
 from ..detectors.filters import planar
 from ..heading.aligned import columns_of_axes
 from ..heading.walking_axis import STEEP, level_axis
+from ..later import Later
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..heading.walking_axis import Ahead, Axis
+    from . import axis_kernels
+else:
+    axis_kernels = Later("groundtrace.steptypes.axis_kernels")
 
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
 _OFFSET_S = 20.0
@@ -93,15 +97,12 @@ class BodyAxes:
 
     def __call__(self, block: SignalBlock) -> BodyPart:
         """Take a block; return its samples in the body's axes."""
-        # compiled functions are not imported where pipelines are only listed
-        from .axis_kernels import directions, resolved
-
         values = planar(block)
         force = np.ascontiguousarray(values[self._force])
         rate = np.ascontiguousarray(values[self._turning])
         keeps = (self._keep, self._keep_offset, self._gravity_s)
-        gravity = directions(force, rate, self._state, keeps)
+        gravity = axis_kernels.directions(force, rate, self._state, keeps)
         if self.forward == "walk":
             self.forward = level_axis(gravity[:, 0] / max(math.hypot(*gravity[:, 0]), 1e-300))
         nominal = axis_vector(self.forward)
-        return BodyPart(block.sample_times(), resolved(force, gravity, nominal, STEEP))
+        return BodyPart(block.sample_times(), axis_kernels.resolved(force, gravity, nominal, STEEP))

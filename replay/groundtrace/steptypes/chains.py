@@ -17,12 +17,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..later import Later
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..heading.walking_axis import Swing
+    from . import chain_kernels as compiled
 
     Array = NDArray[np.float64]
+else:
+    compiled = Later("groundtrace.steptypes.chain_kernels")
 
 #: Points of the grid per step time; how far it reaches before and after the contact [steps]. With
 #: the two steps that follow it, a step is then known within four.
@@ -103,9 +108,6 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
     step_s
         Time of a step [s].
     """
-    # compiled functions are not imported where pipelines are only listed
-    from . import chain_kernels as compiled
-
     out = np.empty((len(values), len(PHASE)))
     compiled.strip(times_s, np.ascontiguousarray(values), PHASE * step_s, _WEIGHTS, out)
     return out
@@ -122,8 +124,6 @@ def frontal(strip: Array, swing: Swing | None) -> Frontal:
         Of the step (:func:`groundtrace.heading.walking_axis.step_swing`); its phase is the lead of
         a step without a frontal maximum of its own.
     """
-    from . import chain_kernels as compiled
-
     window, lead, density, slopes = compiled.frontal(
         strip, PHASE, CONTACT, _TOP, _NEAR, _ABOUT, POINTS, _NEAR_CONTACT
     )
@@ -134,8 +134,6 @@ def frontal(strip: Array, swing: Swing | None) -> Frontal:
 
 def lateral(strip: Array) -> Lateral:
     """Measure the lateral pattern of a strip."""
-    from . import chain_kernels as compiled
-
     # over two steps the mean is what a turn adds to the lateral acceleration
     found = compiled.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
     return Lateral(*found)
