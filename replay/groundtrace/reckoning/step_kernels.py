@@ -130,8 +130,8 @@ def resolve(orientation: Array, acceleration: Array, axis: Array, out: Array) ->
     ahead = (axis[0], axis[1], axis[2])
     for i in range(len(orientation)):
         x, y, _ = rotated(held(orientation[i]), ahead)
-        angle = math.atan2(y, x)
-        cos, sin = math.cos(angle), math.sin(angle)
+        flat = math.sqrt(x * x + y * y)
+        cos, sin = (x / flat, y / flat) if flat > 0 else (1.0, 0.0)
         east, north = acceleration[i, 0], acceleration[i, 1]
         out[0, i], out[1, i] = cos * east + sin * north, sin * east - cos * north
         out[2, i] = acceleration[i, 2]
