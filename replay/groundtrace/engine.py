@@ -6,7 +6,7 @@ import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -15,6 +15,7 @@ from .cores import cores, started
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+    from concurrent.futures import Future
 
     from groundtrace_codecs.events import Event, Gap, Note
 
@@ -24,10 +25,14 @@ if TYPE_CHECKING:
 
     #: What a source gives: blocks and gaps in time order, and notes on them.
     Item = SignalBlock | Gap | Note
+    #: What gives the events of an item's first stage.
+    Begun = Callable[[], list[Event]]
 
-#: Items that the first stage takes ahead of the others: one, and one that waits while another chunk
-#: is read, which takes as long as several items from it.
+#: Tasks that the other core is ahead: one, and one that waits while another chunk is read, which
+#: takes as long as several items from it.
 AHEAD = 2
+#: Samples of a task, all channels together: handing one over costs what some thousand of them do.
+TOGETHER = 100_000
 
 
 @dataclass(slots=True)
@@ -107,7 +112,9 @@ class Replay:
         self._clock = clock
         self._progress = progress
         self._ahead = AHEAD if clock is None and cores() > 1 else 0
-        self._begun: deque[tuple[Item, Callable[[], list[Event]]]] = deque()
+        self._gathered: list[Item] = []
+        self._gathered_samples = 0
+        self._begun: deque[tuple[list[Item], Future[list[Begun]]]] = deque()
 
     def through(self, source: Iterable[Item]) -> Tally:
         """Take everything that a source gives, until its end."""
@@ -123,7 +130,9 @@ class Replay:
     def settle(self) -> None:
         """Bring all items that were taken to their end: nothing is on its way afterwards."""
         while self._begun:
-            self._finish(*self._begun.popleft())
+            self._finish_first()
+        for item in self._gather():
+            self._finish(item, partial(self._pipeline.begin, item))
 
     def _next(self, items: Iterator[Item]) -> Item | None:
         """Return the next item; an error of the source comes after what was there before it."""
@@ -134,12 +143,28 @@ class Replay:
             raise
 
     def _take(self, item: Item) -> None:
-        begin = partial(self._pipeline.begin, item)
-        self._begun.append((item, started(begin).result if self._ahead else begin))
-        if len(self._begun) > self._ahead:
-            self._finish(*self._begun.popleft())
+        self._gathered.append(item)
+        self._gathered_samples += item.samples.size if isinstance(item, SignalBlock) else 0
+        if not self._ahead:
+            self.settle()
+        elif self._gathered_samples >= TOGETHER:
+            items = self._gather()
+            self._begun.append((items, started(partial(_begin, self._pipeline, items))))
+            if len(self._begun) > self._ahead:
+                self._finish_first()
 
-    def _finish(self, item: Item, begun: Callable[[], list[Event]]) -> None:
+    def _gather(self) -> list[Item]:
+        """Return the items that were gathered, and begin to gather others."""
+        gathered, self._gathered, self._gathered_samples = self._gathered, [], 0
+        return gathered
+
+    def _finish_first(self) -> None:
+        """Finish the items of the task that was begun first."""
+        items, task = self._begun.popleft()
+        for item, begun in zip(items, task.result(), strict=True):
+            self._finish(item, begun)
+
+    def _finish(self, item: Item, begun: Begun) -> None:
         if isinstance(item, SignalBlock):
             self._wait(item.end_ns)
             self.tally.hear(item)
@@ -162,6 +187,23 @@ class Replay:
         clock = self._clock
         while clock is not None and (wait := clock.wait_s(time_ns, time.monotonic())) > 0:
             time.sleep(min(wait, 0.1))
+
+
+def _begin(pipeline: Pipeline, items: Sequence[Item]) -> list[Begun]:
+    """Begin items; what fails is to fail when it is asked for."""
+    return [_begun(pipeline, item) for item in items]
+
+
+def _begun(pipeline: Pipeline, item: Item) -> Begun:
+    try:
+        events = pipeline.begin(item)
+    except Exception as error:  # whatever it is, it is raised where it is due
+        return partial(_fail, error)
+    return lambda: events
+
+
+def _fail(error: Exception) -> NoReturn:
+    raise error
 
 
 def replay(

@@ -79,8 +79,9 @@ class Second(First):
 
 @pytest.fixture
 def some_cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
-    """Let there be so many cores."""
+    """Let there be so many cores, and each block a task."""
     monkeypatch.setattr(engine, "cores", lambda: request.param)
+    monkeypatch.setattr(engine, "TOGETHER", 1)
     return request.param
 
 
@@ -99,12 +100,14 @@ def chain_of(*stages: First) -> Pipeline:
         ("waist-walk.mcap", "waist-steps"),
     ],
 )
+@pytest.mark.parametrize("together", [1, 2000])
 def test_sinks_are_given_the_same_on_one_core_and_on_two(
-    recording: str, pipeline: str, monkeypatch: pytest.MonkeyPatch
+    recording: str, pipeline: str, together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = {}
     for count in (1, 2):
         monkeypatch.setattr(engine, "cores", lambda count=count: count)
+        monkeypatch.setattr(engine, "TOGETHER", together)
         with Recording.open(path_of(recording)) as opened:
             chain = build_pipeline(load_pipeline(pipeline), opened.geometry)
             sink = Kept()
@@ -122,6 +125,23 @@ def test_the_other_core_is_used_where_there_is_one(some_cores: int) -> None:
     assert second.threads == own
     assert (first.threads == own) == (some_cores == 1)
     assert first.seen == second.seen == [b.first for b in BLOCKS]
+
+
+def test_small_blocks_are_handed_over_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "cores", lambda: 2)
+    monkeypatch.setattr(engine, "TOGETHER", 4 * len(BLOCKS[0]))
+    tasks: list[int] = []
+    begin = engine._begin
+
+    def told(pipeline: Pipeline, items: list[SignalBlock]) -> list[engine.Begun]:
+        tasks.append(len(items))
+        return begin(pipeline, items)
+
+    monkeypatch.setattr(engine, "_begin", told)
+    sink = Kept()
+    replay(BLOCKS, chain_of(First()), [sink])
+    assert tasks == [4, 4]  # the ninth is begun by who finishes it
+    assert sink.blocks == 9
 
 
 @both
