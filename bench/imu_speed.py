@@ -1,20 +1,21 @@
 """Pipelines of a body-worn IMU at 100 Hz: recorded seconds per second of CPU time.
 
-Each pipeline replays a simulated walk of its own placement several times, warm, and the median CPU
-time counts: from file to decisions, in blocks as ``replay`` joins them, and from blocks of several
-lengths that were read before. Reading alone stands beside it: the same file, every stream, no
-pipeline.
+Each pipeline replays a simulated walk of its own placement several times, warm, on one core, as the
+command line does; the median CPU time counts: from file to decisions, in blocks as ``replay`` joins
+them, and from blocks of several lengths that were read before. Reading alone stands beside it: the
+same file, every stream, no pipeline.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from timing import median_s
+from timing import alone, median_s
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -56,6 +57,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
+    alone()
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
     print(f"{options.seconds:g} s at 100 Hz; recorded seconds per second of CPU time")
     lengths = "".join(f"{f'{x:g} s':>8}" for x in LENGTHS_S)
     print(f"{'':16}{'from file':>10}{lengths}")
