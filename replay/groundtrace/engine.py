@@ -77,7 +77,7 @@ class Tally:
                     self.counts[type(event).__name__] += len(event) - 1
 
 
-class Replay:
+class ReplayLoop:
     """Items on their way through a pipeline into open sinks, closed by the caller.
 
     On two cores the first stage takes the next items in another thread while the other stages, the
@@ -214,5 +214,5 @@ def replay(
     clock: Clock | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Tally:
-    """Stream a source through a pipeline into open sinks, in one go: see :class:`Replay`."""
-    return Replay(pipeline, sinks, clock=clock, progress=progress).through(source)
+    """Stream a source through a pipeline into open sinks, in one go: see :class:`ReplayLoop`."""
+    return ReplayLoop(pipeline, sinks, clock=clock, progress=progress).through(source)

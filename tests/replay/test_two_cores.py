@@ -11,7 +11,7 @@ from replay_blocks import block_of, stream_of
 
 from groundtrace import cores, engine
 from groundtrace.clock import Clock
-from groundtrace.engine import AHEAD, Replay, replay
+from groundtrace.engine import AHEAD, ReplayLoop, replay
 from groundtrace.pipeline import Pipeline, PipelineConfig, build_pipeline, load_pipeline
 from groundtrace.source import Source
 from groundtrace_codecs.event_encoding import encode_event
@@ -169,7 +169,7 @@ def test_no_more_is_on_its_way_than_is_taken_ahead(some_cores: int) -> None:
 @both
 def test_what_is_settled_is_in_the_sinks(some_cores: int) -> None:
     sink = Kept()
-    run = Replay(chain_of(First(), Second()), [sink])
+    run = ReplayLoop(chain_of(First(), Second()), [sink])
 
     def source() -> Iterator[SignalBlock]:
         for given, block in enumerate(BLOCKS):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..clock import Clock
-from ..engine import Replay
+from ..engine import ReplayLoop
 from ..results import ResultsSink
 from ..resumable import Keeper, stopping
 from .output import progress
@@ -73,7 +73,7 @@ def run_into(
         if keeper is not None:
             keeper.begin(before)
         with progress((last_ns - first_ns) / NS_PER_S, "replaying", quiet=quiet) as show:
-            run = Replay(
+            run = ReplayLoop(
                 chain,
                 sinks,
                 clock=clock,
