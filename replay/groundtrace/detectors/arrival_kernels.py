@@ -204,3 +204,25 @@ def variance_cells(
             recorded,
             closed,
         )
+
+
+@in_place
+def variance_levels(rows: Array, alpha: float, before: Array, levels: Array) -> None:
+    """Put the moving average of the square in ``levels``, as :func:`variance_cells` averages.
+
+    Parameters
+    ----------
+    rows
+        Shape (groups, n, LANES): filtered samples.
+    alpha, before
+        Coefficient, and the average before them, shape (groups, 1, LANES).
+    levels
+        Of the shape of the samples.
+    """
+    new, keep = every(alpha), every(1.0 - alpha)
+    for group in range(len(rows)):
+        level = row(before[group], 0)
+        for i in range(rows.shape[1]):
+            x = row(rows[group], i)
+            level = new * (x * x) + keep * level
+            put_row(levels[group], i, level)

@@ -172,7 +172,7 @@ class ArrivalTracker:
         Parameters
         ----------
         level
-            Gives the level of samples ``[start, stop)`` of the run, shape (n_channels, n).
+            Gives the level of samples ``[start, stop)`` of the run, shape (n, n_channels).
         """
         if self._reached is None:
             return None
@@ -180,8 +180,8 @@ class ArrivalTracker:
         start = cells.first * self._length
         stop = start + len(cells) * self._length
         scale = np.divide(ratio, cells.level, out=np.zeros_like(ratio), where=cells.level > 0)
-        value = level(start, stop) * np.repeat(scale, self._length, axis=1)
-        return Curve(self.clock.at(np.arange(start, stop)), value.T)
+        value = level(start, stop) * np.repeat(scale.T, self._length, axis=0)
+        return Curve(self.clock.at(np.arange(start, stop)), value)
 
     def finish(self) -> Measured:
         """End the run: the last cells count although nothing follows them."""

@@ -127,8 +127,8 @@ class CellReducer:
         return cells.done(found, n)
 
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:
-        """Return the level of samples of the run that the last block completed the cells of."""
-        return self._levels[:, start - self._first : stop - self._first]
+        """Return the level of samples whose cells the last block completed, (n, n_channels)."""
+        return self._levels[:, start - self._first : stop - self._first].T
 
 
 class NoiseRatio:

@@ -86,7 +86,6 @@ class LaneHistory:
         self.end = 0
         self._begin = 0  # row of the first sample kept
         groups = -(-channels // LANES)
-        self._channels = channels
         self._rows = zero_rows(signals, groups, 0)
 
     def extend(self, samples: int) -> None:
@@ -120,14 +119,12 @@ class LaneHistory:
         return self._rows[signal, :, self._begin : self._begin + self.end - self.first]
 
     def between(self, start: int, stop: int, signal: int = 0) -> NDArray[np.float64]:
-        """Return samples ``[start, stop)`` of every channel, shape (n_channels, n).
+        """Return samples ``[start, stop)`` of a signal, shape (n_groups, n, LANES): a view.
 
         What was dropped is there until more samples come.
         """
         begin = self._begin + start - self.first
-        rows = self._rows[signal, :, begin : begin + stop - start]
-        flat = rows.transpose(0, 2, 1).reshape(len(rows) * LANES, stop - start)
-        return np.asarray(flat[: self._channels])
+        return self._rows[signal, :, begin : begin + stop - start]
 
     def drop_before(self, index: int) -> None:
         """Drop the samples before one; they are there until more samples come."""

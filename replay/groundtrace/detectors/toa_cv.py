@@ -24,10 +24,10 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 from ..gates import Level, Refractory
 from ..lanes import in_lanes, zero_rows
 from ..parameters import gate, measured
-from .arrival_kernels import COEFFICIENTS, SECTIONS, spread, variance_cells
+from .arrival_kernels import COEFFICIENTS, SECTIONS, spread, variance_cells, variance_levels
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import OpenCells, RunningMaximum
-from .filters import ExponentialMean, bandpass, planar_as_stored
+from .filters import bandpass, planar_as_stored
 from .frames import trace_of
 
 if TYPE_CHECKING:
@@ -110,11 +110,14 @@ class _Variance:
         )
         return cells.done(found, n)
 
-    def level(self, band: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the moving average over the filtered samples of the last block's cells."""
-        mean = ExponentialMean(self._alpha)
-        mean.zi = (1 - self._alpha) * self._before.reshape(-1, 1)[: len(band)]
-        return mean(band * band)
+    def level(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the moving average over the filtered samples of the last block's cells.
+
+        Shape (n, n_channels); the samples are shaped (groups, n, LANES).
+        """
+        levels = np.empty(rows.shape)
+        variance_levels(rows, self._alpha, self._before, levels)
+        return np.concatenate(list(levels), axis=1)[:, : self._cells.channels]
 
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
