@@ -56,10 +56,11 @@ class Envelope:
         """
         before = [] if block.anchor_ns == self._anchor_ns else [self.flush()]
         self._anchor_ns, self._period_ns = block.anchor_ns, block.stream.period_ns
-        bucket = np.arange(block.first, block.first + len(block)) // self._factor
-        starts = np.flatnonzero(np.diff(bucket, prepend=bucket[0] - 1))
+        index = np.arange(
+            block.first // self._factor, -(-(block.first + len(block)) // self._factor)
+        )
+        starts = np.maximum(index * self._factor - block.first, 0)
         peaks = np.maximum.reduceat(np.abs(values), starts, axis=0)
-        index = bucket[starts]
         if self._peak is not None:
             if index[0] == self._bucket:
                 peaks[0] = np.maximum(peaks[0], self._peak)
@@ -125,7 +126,9 @@ class EnvelopeLog:
 
     def push(self, block: SignalBlock, values: NDArray[np.float64]) -> None:
         """Take a block and its values, shape (n, n_channels)."""
-        self._take(self._envelope.push(block, values[:, self._curves.columns]))
+        columns = self._curves.columns
+        own = values if len(columns) == values.shape[1] else values[:, columns]
+        self._take(self._envelope.push(block, own))
         if self._rows >= self._most:
             self._log()
 

@@ -70,7 +70,7 @@ class Excerpts:
 
     def expect(self, time_ns: int) -> None:
         """Keep what lies around a moment, those of the last seconds included."""
-        if any(0 <= time_ns - moment.time_ns < SPREAD_NS for moment in self._moments):
+        if any(0 <= time_ns - moment.time_ns < SPREAD_NS for moment in reversed(self._moments)):
             return
         end_ns = time_ns + self._after_ns + SPREAD_NS
         moment = _Moment(time_ns - self._before_ns, end_ns, time_ns)

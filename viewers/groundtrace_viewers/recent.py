@@ -49,7 +49,7 @@ class Recent:
         for block in reversed(self._blocks):
             if block.start_ns <= time_ns < block.end_ns:
                 at = min(block.index_of(time_ns), len(block) - 1)
-                sample = block.slice(at, at + 1).select(columns).values[0]
+                sample = block.samples[at, columns] * block.stream.scales[columns]
                 return float(sample[0] if len(columns) == 1 else np.linalg.norm(sample))
         return 0.0
 

@@ -207,7 +207,7 @@ class Stepwise(Details):
         return [
             p
             for p in self._picks
-            if (p.topic, p.stage) == (due.topic, stage) and due.time_ns <= p.time_ns <= end_ns
+            if due.time_ns <= p.time_ns <= end_ns and (p.topic, p.stage) == (due.topic, stage)
         ]
 
     def _put_out(self, time_ns: int) -> None:

@@ -217,12 +217,12 @@ def variance_levels(rows: Array, alpha: float, before: Array, levels: Array) -> 
     alpha, before
         Coefficient, and the average before them, shape (groups, 1, LANES).
     levels
-        Of the shape of the samples.
+        Shape (n * groups, LANES): those of a sample together.
     """
-    new, keep = every(alpha), every(1.0 - alpha)
-    for group in range(len(rows)):
+    new, keep, groups = every(alpha), every(1.0 - alpha), len(rows)
+    for group in range(groups):
         level = row(before[group], 0)
         for i in range(rows.shape[1]):
             x = row(rows[group], i)
             level = new * (x * x) + keep * level
-            put_row(levels[group], i, level)
+            put_row(levels, i * groups + group, level)

@@ -180,7 +180,8 @@ class ArrivalTracker:
         start = cells.first * self._length
         stop = start + len(cells) * self._length
         scale = np.divide(ratio, cells.level, out=np.zeros_like(ratio), where=cells.level > 0)
-        value = level(start, stop) * np.repeat(scale.T, self._length, axis=0)
+        by_cell = level(start, stop).reshape(len(cells), self._length, self._channels)
+        value = (by_cell * scale.T[:, np.newaxis]).reshape(stop - start, self._channels)
         return Curve(self.clock.at(np.arange(start, stop)), value)
 
     def finish(self) -> Measured:

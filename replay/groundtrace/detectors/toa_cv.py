@@ -115,9 +115,10 @@ class _Variance:
 
         Shape (n, n_channels); the samples are shaped (groups, n, LANES).
         """
-        levels = np.empty(rows.shape)
+        groups, n, lanes = rows.shape
+        levels = np.empty((n * groups, lanes))
         variance_levels(rows, self._alpha, self._before, levels)
-        return np.concatenate(list(levels), axis=1)[:, : self._cells.channels]
+        return levels.reshape(n, groups * lanes)[:, : self._cells.channels]
 
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
