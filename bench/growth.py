@@ -17,7 +17,7 @@ import tracemalloc
 from typing import TYPE_CHECKING
 
 import numpy as np
-from timing import alone, taken_s
+from timing import alone, on_one_core, taken_s
 
 from groundtrace.engine import replay
 from groundtrace.gates import Candidates, Level, Refractory, decide
@@ -159,6 +159,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
     alone()
+    on_one_core()
     picked = "onsets and their association,"
     channels = [4, 8, 16, 32, 64]
     grown(

@@ -9,13 +9,12 @@ same file, every stream, no pipeline.
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from timing import alone, median_s
+from timing import alone, median_s, on_one_core
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -58,7 +57,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()
     alone()
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
+    on_one_core()
     print(f"{options.seconds:g} s at 100 Hz; recorded seconds per second of CPU time")
     lengths = "".join(f"{f'{x:g} s':>8}" for x in LENGTHS_S)
     print(f"{'':16}{'from file':>10}{lengths}")

@@ -13,14 +13,13 @@ the two scripts of ObsPy.
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import signal
-from timing import alone, interleaved
+from timing import alone, interleaved, on_one_core
 
 from groundtrace.engine import replay
 from groundtrace.pipeline import build_pipeline, load_pipeline
@@ -220,7 +219,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
     alone()
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
+    on_one_core()
     with tempfile.TemporaryDirectory() as folder:
         path = room(Path(folder) / "room.mcap", options.seconds)
         samples = samples_of(path)

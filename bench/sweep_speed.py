@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from timing import alone
+from timing import alone, on_one_core
 
 from groundtrace.explain.grid import Grid, make_grid, parse_axis
 from groundtrace.explain.measuring import measure_evidence
@@ -78,6 +78,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
     alone()
+    on_one_core()
     print(
         f"{'':34}{'settings':>10}{'ms per setting':>15}{'recorded s per s':>18}{'times singly':>15}"
     )

@@ -30,6 +30,11 @@ def alone() -> None:
     keep_freed_memory()
 
 
+def on_one_core() -> None:
+    """Keep this process to one core, where a replay hands nothing to another."""
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
+
+
 def taken_s(case: Callable[[], object], clock: Clock = time.process_time) -> float:
     """Return the time of one run by a clock, by default of the processor [s]."""
     began = clock()

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from timing import alone, interleaved
+from timing import alone, interleaved, on_one_core
 
 from groundtrace.engine import replay
 from groundtrace.explain import evidence_of
@@ -58,6 +58,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5)
     options = parser.parse_args()
     alone()
+    on_one_core()
     print(f"{options.seconds:g} s of 9 channels, CPU time on one core")
     print(f"{'':14}{'steps':>6}{'missed':>8}{'replay [s]':>12}{'why [s]':>9}{'why / replay':>14}")
     with tempfile.TemporaryDirectory() as folder:
