@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .channels import ChannelReader
+    from .lags import Lag
     from .mcap import Message
-    from .recording import Lag, Recording
+    from .recording import Recording
     from .signals import SignalBlock
 
 #: Name of the metadata record that says what was cut out of what.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from operator import attrgetter
 from pathlib import Path
@@ -14,17 +14,19 @@ from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
 from .geometry import Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
-from .mcap import Damage, McapFile, MessageTable
+from .lags import lags_of
+from .mcap import Damage, McapFile
 from .others import OtherTopic, is_ours, other_topic
 from .readable import readable
 from .signals import NS_PER_S, Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterator
     from types import TracebackType
 
     from .annotations import Annotation
     from .labels import Label
+    from .lags import Lag
     from .mcap import ByteSource, Message
 
 __all__ = ["SITE_NAME", "OtherTopic", "Recording", "Stamped"]
@@ -34,15 +36,6 @@ SITE_NAME = "site.json"
 BATCH_NS = NS_PER_S // 4
 #: How much later or earlier than seen at its start a channel may be logged after its samples.
 SLACK_NS = 2 * NS_PER_S
-
-
-@dataclass(frozen=True, slots=True)
-class Lag:
-    """Range of log time minus sample time at the start of a channel, and its first sample."""
-
-    low_ns: int
-    high_ns: int
-    first_ns: int
 
 
 class Recording:
@@ -85,7 +78,7 @@ class Recording:
                 others.append(other_topic(file, channel))
         self.others = tuple(others)
         self.streams = _unify(self._readers)
-        self._lags = _lags(file, self._readers)
+        self._lags = lags_of(file, self._readers)
 
     @classmethod
     def open(cls, source: str | Path | ByteSource, *, strict: bool = False) -> Self:
@@ -281,31 +274,3 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
             own.append(known)
         reader.streams = tuple(own)
     return tuple(streams.values())
-
-
-def _lags(file: McapFile, readers: dict[int, ChannelReader]) -> dict[int, Lag]:
-    """Return the lag of each channel that has samples, by its id."""
-    begin = next(file.tables(readers.keys()), MessageTable.none())
-    found = {}
-    for channel_id, reader in readers.items():
-        own = begin.of_channels([channel_id])
-        lag = _lag([own], reader) or _lag(file.tables({channel_id}), reader)
-        if lag is not None:
-            found[channel_id] = lag
-    return found
-
-
-def _lag(tables: Iterable[MessageTable], reader: ChannelReader) -> Lag | None:
-    """Return the lag of a channel's first message that can be read."""
-    every = (table[i : i + 1] for table in tables for i in range(len(table)))
-    for message in every:
-        try:
-            times = [b.sample_times() for _, b in reader.blocks(message)]
-        except CodecError:
-            continue  # reading says it
-        if times:
-            early = min(int(t.min()) for t in times)
-            late = max(int(t.max()) for t in times)
-            logged = message[0].log_time
-            return Lag(logged - late, logged - early, early)
-    return None
