@@ -121,11 +121,12 @@ def product(left: Array, right: Array, out: Array) -> None:
     if right.strides[1] != right.itemsize or out.strides[1] != out.itemsize:
         raise ValueError("expected rows that lie in one piece")
     for i in range(left.shape[0]):
-        for j in range(width if width < LANES else 0):
-            out[i, j] = 0.0
+        if width < LANES:
+            out[i] = 0.0
             for k in range(left.shape[1]):
                 if left[i, k] != 0.0:
-                    out[i, j] += left[i, k] * right[k, j]
+                    for j in range(width):
+                        out[i, j] += left[i, k] * right[k, j]
         for j in range(0, width if width >= LANES else 0, LANES):
             # the last row of lanes ends where the matrix does
             first, total = min(j, width - LANES), every(0.0)

@@ -21,6 +21,8 @@ else:
     track_kernels = Later("groundtrace.reckoning.track_kernels")
 
 _MATRIX = (SIZE, SIZE)
+#: Rows that there is room for at least, once there is for any.
+_LEAST = 64
 
 
 class Moment(NamedTuple):
@@ -72,23 +74,22 @@ class Knots:
 
     def make_room(self, more: int) -> None:
         """Have room for some more."""
-        if self.count + more > len(self.time_ns):
-            self._keep(slice(0, self.count), 2 * self.count + more)
+        count = self.count
+        if count + more <= len(self.time_ns):
+            return
+        wider = []
+        for column in self.columns:
+            made = np.empty((max(2 * count + more, _LEAST), *column.shape[1:]), column.dtype)
+            made[:count] = column[:count]
+            wider.append(made)
+        self.time_ns, self.shown, self.predicted, self.predicted_spread = wider[:4]
+        self.pose, self.spread, self.transition = wider[4:]
 
     def keep_last(self) -> None:
         """Forget all but the last."""
-        self._keep(slice(self.count - 1, self.count), 8)
-
-    def _keep(self, rows: slice, size: int) -> None:
-        """Keep some, with room for a number in all."""
-        wider = []
         for column in self.columns:
-            made = np.empty((size, *column.shape[1:]), column.dtype)
-            made[: rows.stop - rows.start] = column[rows]
-            wider.append(made)
-        self.count = rows.stop - rows.start
-        self.time_ns, self.shown, self.predicted, self.predicted_spread = wider[:4]
-        self.pose, self.spread, self.transition = wider[4:]
+            column[0] = column[self.count - 1]
+        self.count = 1
 
     def add(self, time_ns: int, state: Array, covariance: Array, transition: Array) -> None:
         """Add a shown one that is as it was predicted."""
