@@ -128,10 +128,15 @@ class ReplayLoop:
         return self.tally
 
     def settle(self) -> None:
-        """Bring all items that were taken to their end: nothing is on its way afterwards."""
-        while self._begun:
-            self._finish_first()
-        for item in self._gather():
+        """Bring all items that were taken to their end: nothing is on its way afterwards.
+
+        Nor is it after an error: what comes after that is left out.
+        """
+        tasks, self._begun = self._begun, deque()
+        gathered = self._gather()
+        for items, task in tasks:
+            self._finish_task(items, task)
+        for item in gathered:
             self._finish(item, partial(self._pipeline.begin, item))
 
     def _next(self, items: Iterator[Item]) -> Item | None:
@@ -151,16 +156,14 @@ class ReplayLoop:
             items = self._gather()
             self._begun.append((items, started(partial(_begin, self._pipeline, items))))
             if len(self._begun) > self._ahead:
-                self._finish_first()
+                self._finish_task(*self._begun.popleft())
 
     def _gather(self) -> list[Item]:
         """Return the items that were gathered, and begin to gather others."""
         gathered, self._gathered, self._gathered_samples = self._gathered, [], 0
         return gathered
 
-    def _finish_first(self) -> None:
-        """Finish the items of the task that was begun first."""
-        items, task = self._begun.popleft()
+    def _finish_task(self, items: Sequence[Item], task: Future[list[Begun]]) -> None:
         for item, begun in zip(items, task.result(), strict=True):
             self._finish(item, begun)
 

@@ -203,6 +203,21 @@ def test_an_error_of_the_first_stage_comes_where_its_item_is_due(some_cores: int
     assert some_cores
 
 
+@both
+def test_nothing_follows_an_error_that_comes_while_the_source_settles(some_cores: int) -> None:
+    sink = Kept()
+    run = ReplayLoop(chain_of(First(failing=BLOCKS[2].first)), [sink])
+
+    def source() -> Iterator[SignalBlock]:
+        yield from BLOCKS[:4]
+        run.settle()
+
+    with pytest.raises(ZeroDivisionError):
+        run.through(source())
+    assert len(sink.items) == 2 * 2 + 1
+    assert some_cores
+
+
 def test_a_process_that_another_one_started_keeps_to_one_core() -> None:
     with get_context("spawn").Pool(1) as pool:
         assert pool.apply(cores.cores) == 1
