@@ -42,7 +42,6 @@ CHANNELS, RATE_HZ, BLOCK = 16, 20_000.0, 2000
 WINDOW, HOP = 60, 30
 SOSFILT, SCRIPT = "sosfilt alone, blocks of 2000", "ObsPy, no spectrogram"
 WHOLE_SCRIPT = "ObsPy, with spectrogram"
-REPLAY, WITH_POWER = "replay to decisions", "replay, and 60/30 power"
 
 
 class PowerSink:
@@ -197,8 +196,8 @@ def one_core_cases(path: Path, samples: np.ndarray) -> dict[str, Callable[[], No
         WHOLE_SCRIPT: lambda: obspy_script(seed, spectrogram=True),
         "decompression alone": lambda: decompress_only(path),
         "reading alone": lambda: read_only(path),
-        REPLAY: lambda: whole_replay(path),
-        WITH_POWER: lambda: whole_replay(path, PowerSink()),
+        "replay to decisions": lambda: whole_replay(path),
+        "replay, and 60/30 power": lambda: whole_replay(path, PowerSink()),
         "replay, and results file": lambda: with_results(path),
         "replay, and .rrd": lambda: with_timeline(path),
         "room-footsteps, with places": lambda: whole_replay(path, pipeline="room-footsteps"),

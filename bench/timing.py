@@ -1,4 +1,4 @@
-"""How long a case takes: the clock of all tables."""
+"""How much CPU time a case takes: the clock of most tables."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from groundtrace.heap import keep_freed_memory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    Clock = Callable[[], float]
 
 
 def alone() -> None:
@@ -35,11 +33,11 @@ def on_one_core() -> None:
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])
 
 
-def taken_s(case: Callable[[], object], clock: Clock = time.process_time) -> float:
-    """Return the time of one run by a clock, by default of the processor [s]."""
-    began = clock()
+def taken_s(case: Callable[[], object]) -> float:
+    """Return the CPU time of one run [s]."""
+    began = time.process_time()
     case()
-    return clock() - began
+    return time.process_time() - began
 
 
 def median_s(case: Callable[[], object], runs: int) -> float:
@@ -48,20 +46,12 @@ def median_s(case: Callable[[], object], runs: int) -> float:
     return statistics.median(taken_s(case) for _ in range(runs))
 
 
-def least_s(case: Callable[[], object], runs: int) -> float:
-    """Return the least CPU time of some runs after a first one: what nothing else disturbed [s]."""
-    case()
-    return min(taken_s(case) for _ in range(runs))
-
-
-def interleaved(
-    cases: Mapping[str, Callable[[], object]], runs: int, clock: Clock = time.process_time
-) -> dict[str, float]:
+def interleaved(cases: Mapping[str, Callable[[], object]], runs: int) -> dict[str, float]:
     """Run the cases in turn, so that a drift of the machine's speed meets all; return medians."""
     times: dict[str, list[float]] = {name: [] for name in cases}
     for case in cases.values():
         case()
     for _ in range(runs):
         for name, case in cases.items():
-            times[name].append(taken_s(case, clock))
+            times[name].append(taken_s(case))
     return {name: statistics.median(each) for name, each in times.items()}
