@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..later import Later
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from . import track_kernels
+
     Array = NDArray[np.float64]
+else:
+    track_kernels = Later("groundtrace.reckoning.track_kernels")
 
 
 class Sight(NamedTuple):
@@ -61,8 +67,6 @@ class Stride(NamedTuple):
 
 #: Of a step of which the compass says nothing.
 UNSEEN = Sight(math.nan, math.nan, math.nan)
-#: How many values a row has.
-_WIDTH = 6
 
 
 @dataclass(slots=True)
@@ -74,17 +78,17 @@ class Strides:
     count
         How many there are.
     time_ns, rows
-        When they end, shape (m,), and what else is known of them, shape (m, 6).
+        When they end, shape (m,), and what else is known of them, shape (m, STRIDE).
     """
 
     count: int = 0
     time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(1, np.int64))
-    rows: Array = field(default_factory=lambda: np.empty((1, _WIDTH)))
+    rows: Array = field(default_factory=lambda: np.empty((1, track_kernels.STRIDE)))
 
     def add(self, stride: Stride) -> None:
         """Add one."""
         if self.count == len(self.time_ns):
             self.time_ns = np.resize(self.time_ns, 2 * self.count)
-            self.rows = np.resize(self.rows, (2 * self.count, _WIDTH))
+            self.rows = np.resize(self.rows, (2 * self.count, track_kernels.STRIDE))
         self.time_ns[self.count], self.rows[self.count] = stride.time_ns, stride.row
         self.count += 1
