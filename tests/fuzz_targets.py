@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 from mcap.writer import CompressionType, Writer
+from scipy.io import savemat
 
 sys.path.insert(0, str(Path(__file__).parent / "codecs"))
 
@@ -38,8 +40,11 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.audio import AudioImporter
 from groundtrace_codecs.importers.delimited import DelimitedImporter
 from groundtrace_codecs.importers.guess import guess_map
+from groundtrace_codecs.importers.hdf5 import HdfImporter
 from groundtrace_codecs.importers.indoor_location import IndoorLocationImporter
 from groundtrace_codecs.importers.maps import load_map
+from groundtrace_codecs.importers.matlab import MatlabImporter
+from groundtrace_codecs.importers.numpy_archive import NumpyImporter
 from groundtrace_codecs.importers.phone import PhoneImporter
 from groundtrace_codecs.importers.sgt import read_sgt
 from groundtrace_codecs.importers.xsens import XsensImporter
@@ -251,6 +256,73 @@ def _sounds(_: Path) -> list[bytes]:
     return [*found, found[1][:12] + bext + found[1][12:]]
 
 
+def arrays() -> dict[str, Any]:
+    """Return what the archives below hold: 20 samples at 100 Hz, steps, and two bouts."""
+    bouts = np.empty(2, [("a", "O"), ("b", "O"), ("foot", "O")])
+    bouts[0], bouts[1] = (0.01, 0.05, "left"), (0.08, 0.12, "right")
+    walk = {"t": np.arange(20) / 100, "acc": np.arange(40.0).reshape(20, 2), "bouts": bouts}
+    return {**walk, "steps": np.array([0.05, 0.11]), "start": "2024-05-01T12:00:00Z"}
+
+
+def matlab_5(*, compressed: bool) -> bytes:
+    """Return a MATLAB file of level 5 with a struct, a struct array and a text in it."""
+    out = io.BytesIO()
+    savemat(out, {"data": arrays()}, do_compression=compressed)
+    # scipy writes the time of day into the header's text
+    return b"MATLAB 5.0 MAT-file".ljust(116) + out.getvalue()[116:]
+
+
+def matlab_4() -> bytes:
+    """Return a MATLAB file of level 4."""
+    out = io.BytesIO()
+    savemat(out, {k: v for k, v in arrays().items() if k != "bouts"}, format="4")
+    return out.getvalue()
+
+
+def hdf5() -> bytes:
+    """Return an HDF5 file with the user block of a MATLAB 7.3 file, one data set packed."""
+    import h5py
+
+    out = io.BytesIO()
+    with h5py.File(out, "w", userblock_size=512) as file:
+        group = file.create_group("data")
+        group["t"], group["steps"] = arrays()["t"], arrays()["steps"]
+        group.create_dataset("acc", data=arrays()["acc"], compression="gzip", chunks=(8, 2))
+    return b"MATLAB 7.3 MAT-file".ljust(512) + out.getvalue()[512:]
+
+
+def npz(*, compressed: bool) -> bytes:
+    """Return a NumPy archive."""
+    out = io.BytesIO()
+    save = np.savez_compressed if compressed else np.savez
+    save(out, t=arrays()["t"], acc=arrays()["acc"], steps=arrays()["steps"])
+    return out.getvalue()
+
+
+def archive_map(form: str, within: str = "", more: str = "") -> str:
+    """Return a map for one of these archives; ``within`` begins its paths."""
+    return f"""format = "{form}"
+time = {{column = "{within}t"}}
+{more}
+[[stream]]
+topic = "/imu"
+columns = [{{column = "{within}acc[:,0]", quantity = "acceleration", axis = "x", unit = "m/s2"}}]
+[[truth]]
+kind = "step"
+time = "{within}steps"
+"""
+
+
+BOUTS = """[[truth]]
+kind = "walking"
+time = "data.bouts[*].a"
+end = "data.bouts[*].b"
+label = "data.bouts[*].foot"
+missing = "ignore"
+"""
+STRUCTS = archive_map("mat", "data.", 'start = {column = "data.start"}') + BOUTS
+
+
 def _archives(_: Path) -> list[bytes]:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
@@ -329,5 +401,21 @@ TARGETS: dict[str, Target] = {
     "indoor location": Target(_importing(IndoorLocationImporter(), "x.txt"), _texts(TRACE)),
     "Xsens text": Target(_importing(XsensImporter(), "x.txt"), _texts(XSENS)),
     "SGT hand picks": Target(_of_file(read_sgt), _texts(SGT)),
+    "MATLAB 4": Target(
+        _importing(MatlabImporter(), "x.mat", archive_map("mat")), lambda _: [matlab_4()]
+    ),
+    "MATLAB 5": Target(
+        _importing(MatlabImporter(), "x.mat", STRUCTS), lambda _: [matlab_5(compressed=False)]
+    ),
+    "MATLAB 5, packed": Target(
+        _importing(MatlabImporter(), "x.mat", STRUCTS), lambda _: [matlab_5(compressed=True)]
+    ),
+    "HDF5": Target(
+        _importing(HdfImporter(), "x.h5", archive_map("hdf5", "data.")), lambda _: [hdf5()]
+    ),
+    "NumPy": Target(
+        _importing(NumpyImporter(), "x.npz", archive_map("npz")),
+        lambda _: [npz(compressed=c) for c in (False, True)],
+    ),
     "WAV": Target(_importing(AudioImporter(), "x.wav"), _sounds),
 }

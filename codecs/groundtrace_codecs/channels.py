@@ -14,7 +14,15 @@ from .mcap import MessageTable
 from .readable import pass_over, readable
 from .schemas.cdr import CdrDecoder
 from .schemas.protobuf import get_time, parse
-from .schemas.ros import KINDS, RosSource, column_order, find_sources, kind_of, read_samples
+from .schemas.ros import (
+    KINDS,
+    RosSource,
+    column_order,
+    find_sources,
+    in_range,
+    kind_of,
+    read_samples,
+)
 from .schemas.ros2msg import parse_ros2msg
 from .schemas.waveform import decode_waveform
 from .schemas.waveform_run import WaveformRun
@@ -147,7 +155,15 @@ def _first_wave(messages: Sequence[Message], place: str) -> Waveform | None:
 
 
 class RosReader:
-    """Reads ROS 2 messages, many at once; a message may hold several streams."""
+    """Reads ROS 2 messages, many at once; a message may hold several streams.
+
+    Attributes
+    ----------
+    streams
+        What the messages hold.
+    assumed
+        One line for each stream that the type of its message does not tell to be one.
+    """
 
     def __init__(
         self,
@@ -160,7 +176,16 @@ class RosReader:
         self._place = place
         self._sources = sources
         self._decoder = CdrDecoder(definition, place)
-        self._orders = [column_order(s.kind, t) for s, t in zip(sources, streams, strict=True)]
+        self._orders = [
+            list(range(len(s.fields))) if s.position else column_order(s.kind, t)
+            for s, t in zip(sources, streams, strict=True)
+        ]
+        self.assumed = tuple(
+            f"{t.topic}: the {' and '.join(path for path, _ in s.fields[:2])} of {s.kind}, a "
+            f"message of unknown type, are taken for a position in degrees"
+            for s, t in zip(sources, streams, strict=True)
+            if s.position
+        )
 
     def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[Stamped]:  # noqa: ARG002
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
@@ -243,7 +268,10 @@ def _estimated(file: McapFile, channel: ChannelRecord, definition: Definition) -
     reader = nominal_reader(definition, channel.topic, _place(file, channel))
     if not messages or reader is None:
         return None
-    times = {b.topic: b.sample_times() for _, b in readable(reader, messages, pass_over)}
+    blocks = [b for _, b in readable(reader, messages, pass_over)]
+    if reader.assumed and not all(in_range(b.samples) for b in blocks):
+        return None
+    times = {b.topic: b.sample_times() for b in blocks}
     reader.streams = tuple(
         replace(s, rate_hz=median_rate(times.get(s.topic, np.empty(0, np.int64))))
         for s in reader.streams

@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 from .description import PREVIEW_KEY
-from .errors import CodecError
+from .errors import CodecError, NoRoomError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -77,10 +77,8 @@ class _Growing:
 
     def _full(self, error: OSError) -> CodecError:
         self.failed = True
-        return CodecError(
-            f"{self._path}: expected room to write, found: {error.strerror}; what was written "
-            f"stays: groundtrace doctor {self._partial} --repair {self._path}"
-        )
+        kept = f"; what was written stays: groundtrace doctor {self._partial} --repair {self._path}"
+        return NoRoomError(self._path, error.strerror, kept)
 
 
 class Container:

@@ -5,12 +5,19 @@
     CodecError
     ├── FormatError           the bytes are not what the format prescribes
     ├── SchemaError           a message or map does not match its schema
+    ├── NoRoomError           the disk does not take what is written
     └── MissingReaderError    the format needs an optional package
 
 Every message reads "FILE: PLACE: expected X, found Y"; the command line prints it as one line.
 """
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
 
 
 class CodecError(Exception):
@@ -34,6 +41,24 @@ class SchemaError(CodecError):
     """A message, map or table does not match its schema."""
 
 
+class NoRoomError(CodecError):
+    """The disk does not take what is written.
+
+    Parameters
+    ----------
+    path
+        The output.
+    reason
+        What the system says.
+    kept
+        What stays of it, and what can be done with that.
+    """
+
+    def __init__(self, path: Path, reason: str | None, kept: str = "") -> None:
+        super().__init__(f"{path}: expected room to write, found: {reason}{kept}")
+        self.reason = reason
+
+
 class MissingReaderError(CodecError):
     """A format needs an optional package that is not installed."""
 
@@ -42,3 +67,25 @@ class MissingReaderError(CodecError):
             f"{what}: expected the package {package}, found none; "
             f"install it with: pip install 'groundtrace[{extra}]'"
         )
+
+
+def did_you_mean(found: object, known: Iterable[str]) -> str:
+    """Return ``: did you mean X?`` with the known spelling nearest to a wrong one, or nothing.
+
+    Parameters
+    ----------
+    found
+        What stands there instead of one of ``known``.
+    known
+        The spellings that are accepted.
+
+    Examples
+    --------
+    >>> did_you_mean("accelration", ["pressure", "acceleration"])
+    ': did you mean acceleration?'
+    """
+    from difflib import get_close_matches
+
+    spellings = {name.casefold(): name for name in known}
+    near = get_close_matches(str(found).strip().casefold(), spellings, n=1)
+    return f": did you mean {spellings[near[0]]}?" if near else ""

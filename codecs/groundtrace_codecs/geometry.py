@@ -9,9 +9,16 @@ import msgspec
 
 from .errors import SchemaError
 from .geometry_toml import UNKNOWN_UNIT, geometry_table, geometry_text
+from .signals import SEISMIC_QUANTITIES
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
+
+    from .signals import Stream
+
+#: So many names are listed.
+_LISTED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,3 +147,32 @@ class Geometry:
     def to_toml(self) -> str:
         """Return the geometry as a TOML that :meth:`from_toml` reads as the same."""
         return geometry_text(msgspec.to_builtins(self))
+
+
+def geometry_warnings(geometry: Geometry | None, streams: Sequence[Stream]) -> list[str]:
+    """Return what a geometry and the seismic channels of a recording do not have in common."""
+    if geometry is None or not geometry.sensors:
+        return []
+    heard = [s.channels[c].name for s in streams for c in s.columns_of(SEISMIC_QUANTITIES)]
+    placed = {sensor.channel for sensor in geometry.sensors}
+    silent = [s for s in geometry.sensors if s.channel not in heard]
+    loose = [name for name in dict.fromkeys(heard) if name not in placed]
+    found = []
+    if silent:
+        names = [s.channel if s.name == s.channel else f"{s.name} ({s.channel})" for s in silent]
+        found.append(
+            f"{len(silent)} of {len(geometry.sensors)} sensors of the geometry have no channel in "
+            f"the recording: {_listed(names)}"
+        )
+    if loose:
+        found.append(
+            f"{len(loose)} of {len(set(heard))} seismic channels of the recording have no place in "
+            f"the geometry: {_listed(loose)}"
+        )
+    return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names with commas between, of many the first ones and how many more there are."""
+    more = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")

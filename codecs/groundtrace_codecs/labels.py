@@ -28,6 +28,9 @@ MOMENT_KINDS = frozenset({"missed", "false", "step", "pick", "note"})
 SPAN_KINDS = frozenset({"walking", "ignore", "disturbed", "pass", "span"})
 ANNOTATION_KINDS = MOMENT_KINDS | SPAN_KINDS
 
+#: Author of labels that were computed from what was simulated, not read off a recording.
+SIMULATOR = "simulator"
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Label:

@@ -79,6 +79,7 @@ class Recording:
         self.others = tuple(others)
         self.streams = _unify(self._readers)
         self._lags = lags_of(file, self._readers)
+        self._clock = file.reading_clock(self._readers.keys())
 
     @classmethod
     def open(cls, source: str | Path | ByteSource, *, strict: bool = False) -> Self:
@@ -127,6 +128,11 @@ class Recording:
         return (*self.file.damage, *self._left_out.values())
 
     @property
+    def assumed(self) -> tuple[str, ...]:
+        """One line for each stream that is only taken for what it seems to be."""
+        return tuple(line for r in self._readers.values() for line in getattr(r, "assumed", ()))
+
+    @property
     def readers(self) -> dict[int, tuple[ChannelReader, Lag]]:
         """What decodes each channel that has samples, by its id, and its lag."""
         return {i: (self._readers[i], lag) for i, lag in self._lags.items()}
@@ -153,20 +159,42 @@ class Recording:
     @cached_property
     def start_ns(self) -> int:
         """Time of the first sample over all streams [ns]; 0 without samples."""
-        return min((lag.first_ns for lag in self._lags.values()), default=0)
+        firsts = [lag.first_ns for lag in self._lags.values()]
+        for edge_ns in self._edges_ns:
+            blocks = self._decoded(self._readers, edge_ns, edge_ns + SLACK_NS)
+            firsts += [int(b.sample_times().min()) for _, b in blocks]
+        return min(firsts, default=0)
+
+    @property
+    def set_back(self) -> bool:
+        """Whether a clock was set back while it was recorded."""
+        return self._clock is not None
+
+    @property
+    def _edges_ns(self) -> tuple[int, ...]:
+        """Where a clock that was set back goes on, in times of reading [ns]."""
+        return () if self._clock is None else self._clock.edges_ns
 
     @cached_property
     def end_ns(self) -> int:
         """Time of the last sample over all streams [ns]; 0 without samples."""
         if not self._lags:
             return 0
+        end_ns = self.file.end_ns
+        if self._clock is not None:
+            end_ns = max(chunk.end_ns for chunk in self._clock.chunks)
+        lasts = [self._last_ns(edge_ns, edge_ns) for edge_ns in self._edges_ns]
+        return max(*lasts, self._last_ns(end_ns, None), self.start_ns)
+
+    def _last_ns(self, end_ns: int, stop_ns: int | None) -> int:
+        """Return the last sample that was read by a time [ns]; 0 where there is none."""
         span = NS_PER_S
         while True:
-            low = self.file.end_ns - span
-            blocks = self._decoded(self._readers, low, None)
+            low = end_ns - span
+            blocks = self._decoded(self._readers, low, stop_ns)
             last = max((int(b.sample_times().max()) for _, b in blocks), default=None)
             if last is not None or low <= self.file.start_ns:
-                return self.start_ns if last is None else last
+                return last or 0
             span *= 4
 
     def blocks(
@@ -180,7 +208,8 @@ class Recording:
         """Yield blocks of all streams in order of log time, then of channel id.
 
         One block per WaveformBlock; messages of one sample are put together over 0.25 s of log
-        time.
+        time. After a clock was set back, log times go on as if it had not been, see
+        :mod:`groundtrace_codecs.mcap.set_backs`: a channel's blocks come as they were recorded.
 
         Parameters
         ----------
@@ -211,6 +240,8 @@ class Recording:
             return
         low = None if start_ns is None else start_ns + min(g.low_ns for g in lags) - SLACK_NS
         high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + SLACK_NS
+        if high is not None and self._clock is not None:
+            high += self._clock.latest_ns
         if log_ns is not None:
             low = log_ns if low is None else max(low, log_ns)
         if start_ns is None and stop_ns is None and len(wanted) == len(self.streams):
@@ -235,7 +266,7 @@ class Recording:
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield decoded blocks by log time, one batch after the other."""
-        tables = self.file.tables(readers.keys(), low_ns, high_ns)
+        tables = self.file.tables(readers.keys(), low_ns, high_ns, self._clock)
         for batch in batches(tables, joined_ns or BATCH_NS):
             blocks = [
                 stamped

@@ -38,7 +38,7 @@ class Channel:
         ``voltage``, ``seismic`` (uncalibrated), ``acceleration_magnitude``, ...
     unit
         Unit of ``samples * scale``: SI (``m/s2``, ``rad/s``, ``T``, ``Pa``, ``m/s``), or ``count``
-        where the sensitivity is unknown.
+        or ``a.u.`` (arbitrary units) where the sensitivity is unknown.
     axis
         ``x``, ``y``, ``z`` or empty.
     scale

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import TYPE_CHECKING
 
-from .errors import SchemaError
+from .errors import SchemaError, did_you_mean
 from .labels import ANNOTATION_KINDS, TRUTH_KINDS, Label, as_truth
 from .signals import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from .geometry import Geometry
+    from .signals import Stream
 
 #: Columns of a truth CSV; the time is one of the first two.
 COLUMNS = (
@@ -49,18 +50,24 @@ _NEEDS = {
 
 _KINDS = TRUTH_KINDS | ANNOTATION_KINDS
 
+#: Truth begins this long before the first sample at most, where the clock begins there too [ns].
+EARLY_NS = NS_PER_S
 #: Latest moment a label may have [ns]: the end of int64.
 _MAX_NS = 2**63 - 1
 
 
-def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
+def read_truth_csv(
+    path: Path, start_ns: int, files: Mapping[str, int] | None = None
+) -> tuple[Label, ...]:
     """Read a truth CSV.
 
     Columns: ``time_s`` (from the recording's first sample) or ``time_ns`` (on the recording's
     clock), ``kind`` (one of :data:`~groundtrace_codecs.labels.TRUTH_KINDS` or
     :data:`~groundtrace_codecs.labels.ANNOTATION_KINDS`), and optionally
     ``end_s`` or ``end_ns``, ``x_m``, ``y_m``, ``value``, ``channel``, ``label``, ``author``,
-    ``note``, ``target``. Lines that start with ``#`` and empty lines are skipped.
+    ``note``, ``target``; of a recording of several files also ``file``: ``time_s`` and ``end_s`` of
+    such a line count from the first sample of that file. Lines that start with ``#`` and empty
+    lines are skipped.
 
     Parameters
     ----------
@@ -68,6 +75,8 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
         The CSV, UTF-8.
     start_ns
         Time of the recording's first sample [ns].
+    files
+        Name and time of the first sample [ns] of each file that the recording was made of.
 
     Returns
     -------
@@ -83,10 +92,12 @@ def read_truth_csv(path: Path, start_ns: int) -> tuple[Label, ...]:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SchemaError(f"{path.name}: expected UTF-8 text, found {error.reason}") from error
-    return _labels_of(text, path.name, start_ns)
+    return _labels_of(text, path.name, start_ns, files)
 
 
-def _labels_of(text: str, name: str, start_ns: int) -> tuple[Label, ...]:
+def _labels_of(
+    text: str, name: str, start_ns: int, files: Mapping[str, int] | None = None
+) -> tuple[Label, ...]:
     """Return the labels of a table's text; ``name`` is the file's."""
     reader = csv.reader(io.StringIO(text, newline=""))
     header: list[str] | None = None
@@ -97,9 +108,10 @@ def _labels_of(text: str, name: str, start_ns: int) -> tuple[Label, ...]:
                 continue
             place = f"{name}: line {reader.line_num}"
             if header is None:
-                header = _header(cells, place)
+                header = _header(cells, place, COLUMNS if not files else (*COLUMNS, "file"))
             else:
-                labels.append(_Row.of(header, cells, place).label(start_ns))
+                row = _Row.of(header, cells, place)
+                labels.append(row.label(row.origin_ns(start_ns, files or {})))
     except csv.Error as error:
         raise SchemaError(
             f"{name}: line {reader.line_num}: expected CSV, found: {error}"
@@ -147,7 +159,12 @@ def write_truth_csv(path: Path, labels: Sequence[Label], start_ns: int) -> None:
 
 
 def read_truth(
-    path: Path, *, start_ns: int, geometry: Geometry | None, labels: Sequence[Label]
+    path: Path,
+    *,
+    start_ns: int,
+    geometry: Geometry | None,
+    labels: Sequence[Label],
+    files: Mapping[str, int] | None = None,
 ) -> tuple[Label, ...]:
     """Read truth from any file that holds it, told by its suffix; ``missed`` is a step.
 
@@ -160,6 +177,8 @@ def read_truth(
         Time of the recording's first sample [ns].
     geometry, labels
         Of the recording; picks need the sensors' places and the ``impact`` labels.
+    files
+        As in :func:`read_truth_csv`.
 
     Raises
     ------
@@ -168,7 +187,7 @@ def read_truth(
     """
     suffix = path.suffix.lower()
     if suffix == ".csv":
-        return tuple(as_truth(label) for label in read_truth_csv(path, start_ns))
+        return tuple(as_truth(label) for label in read_truth_csv(path, start_ns, files))
     if suffix == ".sgt":
         from .importers.sgt import picks_of, read_sgt
 
@@ -182,13 +201,74 @@ def read_truth(
     raise SchemaError(f"{path.name}: expected .csv, .sgt or .mcap, found {suffix or 'no suffix'}")
 
 
-def _header(cells: list[str], place: str) -> list[str]:
+#: What the column ``channel`` names, by kind.
+_NAMED = {"pick": "channels", "pass": "stations"}
+#: So many names are listed.
+_LISTED = 12
+
+
+def names_of(
+    streams: Sequence[Stream], geometry: Geometry | None
+) -> dict[str, tuple[str, ...] | None]:
+    """Return what truth may name of a recording, by kind of label; None where that is unknown."""
+    channels = tuple(c.name for s in streams for c in s.channels)
+    stations = None if geometry is None else tuple(s.name for s in geometry.sensors)
+    return {"pick": channels, "pass": stations or None}
+
+
+def unmatched_names(
+    labels: Sequence[Label], known: Mapping[str, Sequence[str] | None], place: str
+) -> list[str]:
+    """Return a line for each kind of label of which some name what a recording does not have.
+
+    Parameters
+    ----------
+    labels
+        The truth.
+    known
+        As :func:`names_of` gives it.
+    place
+        Where the truth is from.
+
+    Raises
+    ------
+    SchemaError
+        Where none of the names is one of the recording's; lists both.
+    """
+    found = []
+    for kind, what in _NAMED.items():
+        named = list(dict.fromkeys(x.channel for x in labels if x.kind == kind and x.channel))
+        there = known.get(kind)
+        if there is None or not named:
+            continue
+        strange = [name for name in named if name not in there]
+        if len(strange) == len(named):
+            raise SchemaError(
+                f"{place}: channel: expected {what} of the recording ({_listed(there)}), found "
+                f"{_listed(named)}"
+            )
+        if strange:
+            found.append(
+                f"{place}: {len(strange)} of {len(named)} {what} of the truth are none of the "
+                f"recording's: {_listed(strange)}"
+            )
+    return found
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = len(names) - _LISTED
+    told = ", ".join(names[:_LISTED]) or "none"
+    return f"{told} and {more} more" if more > 0 else told
+
+
+def _header(cells: list[str], place: str, known: Sequence[str]) -> list[str]:
     """Return the names of the columns."""
     names = [c.strip() for c in cells]
     for name in names:
-        if name not in COLUMNS:
+        if name not in known:
             raise SchemaError(
-                f"{place}: header: expected one of {', '.join(COLUMNS)}, found {name!r}"
+                f"{place}: header: expected one of {', '.join(known)}, found {name!r}"
+                f"{did_you_mean(name, known)}"
             )
         if names.count(name) > 1:
             raise SchemaError(f"{place}: header: expected {name} once, found it twice")
@@ -214,10 +294,19 @@ class _Row:
         pairs = zip(header, (c.strip() for c in cells), strict=True)
         return cls({name: cell for name, cell in pairs if cell}, place)
 
+    def origin_ns(self, start_ns: int, files: Mapping[str, int]) -> int:
+        """Return what the row's seconds count from: its file, or else the recording [ns]."""
+        name = self.cells.get("file")
+        if name is None:
+            return start_ns
+        if name not in files:
+            raise self.wrong("file", f"one of {_listed_files(files)}", files)
+        return files[name]
+
     def label(self, start_ns: int) -> Label:
         kind = self.cells.get("kind", "")
         if kind not in _KINDS:
-            raise self.wrong("kind", f"one of {', '.join(sorted(_KINDS))}")
+            raise self.wrong("kind", f"one of {', '.join(sorted(_KINDS))}", _KINDS)
         time_ns = self.time("time", start_ns)
         end_ns = self.time("end", start_ns)
         if time_ns is None:
@@ -251,8 +340,12 @@ class _Row:
             if abs(value) > Decimal(_MAX_NS) / factor:
                 raise self.wrong(column, "a time within 292 years")
             time_ns = origin + round(value * factor)
-            if not 0 <= time_ns <= _MAX_NS:
-                raise self.wrong(column, "a time at or after the clock's zero")
+            least_ns = min(0, origin - EARLY_NS) if column.endswith("_s") else 0
+            if not least_ns <= time_ns <= _MAX_NS:
+                when = "from the clock's zero on"
+                if least_ns < 0:
+                    when = f"no more than {EARLY_NS / NS_PER_S:g} s before the first sample"
+                raise self.wrong(column, f"a time {when}")
             return time_ns
         return None
 
@@ -268,9 +361,15 @@ class _Row:
             raise self.wrong(column, "a finite number")
         return value
 
-    def wrong(self, column: str, expected: str) -> SchemaError:
-        found = repr(self.cells[column][:40]) if column in self.cells else "nothing"
+    def wrong(self, column: str, expected: str, known: Iterable[str] = ()) -> SchemaError:
+        cell = self.cells.get(column)
+        found = "nothing" if cell is None else f"{cell[:40]!r}{did_you_mean(cell[:40], known)}"
         return SchemaError(f"{self.place}: {column}: expected {expected}, found {found}")
+
+
+def _listed_files(files: Mapping[str, int]) -> str:
+    names = list(files)
+    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _cell(label: Label, name: str, start_ns: int) -> str:

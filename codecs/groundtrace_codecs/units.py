@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .errors import SchemaError
+from .errors import SchemaError, did_you_mean
 
 #: Standard acceleration of free fall [m/s2] (3rd CGPM, 1901).
 G0_MPS2 = 9.80665
@@ -47,8 +47,13 @@ _UNITS: dict[str, tuple[str, float]] = {
     "ns": ("s", 1e-9),
     "degC": ("degC", 1.0),
     "count": ("count", 1.0),
+    "a.u.": ("a.u.", 1.0),
     "1": ("1", 1.0),
 }
+
+#: Units any quantity may have instead of its own: counts of a converter, arbitrary units. What one
+#: of them is worth is not known; only ratios and directions mean something.
+UNKNOWN_UNITS = frozenset({"count", "a.u."})
 
 _SPELLINGS = {
     "m/s^2": "m/s2",
@@ -61,9 +66,15 @@ _SPELLINGS = {
     "Gauss": "gauss",
     "°C": "degC",
     "counts": "count",
+    "a.u": "a.u.",
+    "au": "a.u.",
+    "arb. unit": "a.u.",
+    "m/s/s": "m/s2",
+    "rad/sec": "rad/s",
+    "deg/sec": "deg/s",
 }
 
-#: Unit of each quantity inside; an uncalibrated channel may carry ``count`` instead.
+#: Unit of each quantity inside; an uncalibrated channel may carry one of UNKNOWN_UNITS instead.
 QUANTITIES: dict[str, str] = {
     "acceleration": "m/s2",
     "acceleration_magnitude": "m/s2",
@@ -87,8 +98,8 @@ QUANTITIES: dict[str, str] = {
 def to_si(unit: str) -> tuple[str, float]:
     """Return the SI unit of ``unit`` and the factor to it.
 
-    Temperatures stay in degrees Celsius, as sensors and messages give them; ``count`` and ``1``
-    stay what they are.
+    Temperatures stay in degrees Celsius, as sensors and messages give them; ``count``, ``a.u.`` and
+    ``1`` stay what they are.
 
     Parameters
     ----------
@@ -107,7 +118,10 @@ def to_si(unit: str) -> tuple[str, float]:
     """
     known = _UNITS.get(_SPELLINGS.get(unit, unit))
     if known is None:
-        raise SchemaError(f"unit: expected one of {', '.join(_UNITS)}, found {unit!r}")
+        raise SchemaError(
+            f"unit: expected one of {', '.join(_UNITS)}, found {unit!r}"
+            f"{did_you_mean(unit, (*_UNITS, *_SPELLINGS))}"
+        )
     return known
 
 
@@ -122,13 +136,20 @@ def to_quantity(quantity: str, unit: str) -> tuple[str, float]:
     if quantity not in QUANTITIES:
         raise SchemaError(
             f"quantity: expected one of {', '.join(sorted(QUANTITIES))}, found {quantity!r}"
+            f"{did_you_mean(quantity, QUANTITIES)}"
         )
     inside = QUANTITIES[quantity]
+    fitting = [name for name, (si, _) in _UNITS.items() if si in (inside, *UNKNOWN_UNITS)]
+    if unit not in _UNITS and unit not in _SPELLINGS:
+        raise SchemaError(
+            f"unit: expected a unit of {quantity}, one of {', '.join(fitting)}, "
+            f"found {unit!r}{did_you_mean(unit, fitting)}"
+        )
     si, factor = to_si(unit)
     if si == "rad" and inside == "deg":  # positions on the globe are in degrees everywhere
         return "deg", factor * 180 / math.pi
-    if si not in (inside, "count"):
+    if si not in (inside, *UNKNOWN_UNITS):
         raise SchemaError(
-            f"unit: expected a unit of {quantity} ({inside}) or count, found {unit!r}"
+            f"unit: expected a unit of {quantity}, one of {', '.join(fitting)}, found {unit!r}"
         )
     return si, factor

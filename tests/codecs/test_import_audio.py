@@ -119,7 +119,8 @@ def test_files_of_one_recorder_follow_each_other(tmp_path: Path) -> None:
         sound(tmp_path / "b.wav", values[7000:]),
     ]
     report = import_recording(paths, tmp_path / "out.mcap")
-    assert "2 files: each taken to go on where the one before ends" in report.warnings
+    said = "2 files: each taken to go on where the one before ends"
+    assert any(w.startswith(said) for w in report.warnings)
     assert np.array_equal(stored(tmp_path / "out.mcap"), values)
     other = sound(tmp_path / "c.wav", values[:, :2])
     with pytest.raises(SchemaError, match=r"c\.wav: channels: expected 3 as in a\.wav, found 2"):

@@ -47,10 +47,23 @@ def test_a_start_may_be_a_toml_time(tmp_path: Path) -> None:
         ("skip_rows = 'one'\n" + MAP, "map.toml: skip_rows: expected int, found str"),
         ("skip_rows = -1\n" + MAP, "map.toml: skip_rows: expected 0 or more, found -1"),
         ("delimiter = ';;'\n" + MAP, "map.toml: delimiter: expected one character"),
-        (MAP.replace('"g"', '"stone"'), r"stream\[0\].columns\[0\].unit: expected one of"),
+        (
+            MAP.replace('"g"', '"m/ss2"'),
+            r"columns\[0\].unit: expected a unit of acceleration, .* 'm/ss2': did you mean m/s2\?",
+        ),
+        (MAP.replace('"g"', '"stone"'), r"columns\[0\].unit: expected a unit of .* 'stone'$"),
         (MAP.replace('"g"', '"hPa"'), r"columns\[0\].unit: expected a unit of acceleration"),
         (MAP.replace('"acceleration"', '"speed"'), r"columns\[0\].quantity: expected one of"),
-        (MAP.replace('"x"', '"up"'), r"columns\[0\].axis: expected x, y, z or w, found 'up'"),
+        (MAP.replace('"acceleration"', '"acelleration"'), r"'acelleration': did you mean accel"),
+        (
+            MAP.replace('"x"', '"nort"'),
+            r"axis: expected x, y, z or w of the sensor, or e, n or u .*, found 'nort': did you "
+            r"mean north\?",
+        ),
+        ("delimeter = 'x'\n" + MAP, r"delimeter: expected a known key, .*: did you mean delimiter"),
+        (MAP.replace("axis", "axes"), r"axes: expected a known key, .*: did you mean axis\?"),
+        (MAP.replace('unit = "s"', 'unitt = "s"'), r"time.unitt: .*: did you mean unit\?"),
+        (MAP + "[[truth]]\nkind = 'steps'\n", r"found 'steps': did you mean step\?"),
         ('format = "csv"\n' + STREAM, r"stream\[0\]: expected one of time and rate_hz, found nei"),
         ("rate_hz = 1.0\n" + MAP, r"stream\[0\]: expected one of time and rate_hz, found both"),
         ('format = "csv"\nrate_hz = 0.0\n' + STREAM, r"stream\[0\].rate_hz: expected a positive"),
@@ -75,17 +88,12 @@ def test_every_map_that_ships_loads() -> None:
         assert load_map(path).stream
 
 
-class Struct:
-    def __init__(self, **fields: object) -> None:
-        self.__dict__.update(fields)
-
-
 ROOT = {
-    "data": Struct(
-        acc=np.arange(6.0).reshape(3, 2),
-        bouts=np.array([Struct(start=1.0, name="a"), Struct(start=2.0, name="b")], object),
-        one=Struct(start=3.0),
-    )
+    "data": {
+        "acc": np.arange(6.0).reshape(3, 2),
+        "bouts": np.array([{"start": 1.0, "name": "a"}, {"start": 2.0, "name": "b"}], object),
+        "one": {"start": 3.0},
+    }
 }
 
 

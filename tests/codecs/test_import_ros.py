@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from groundtrace_codecs.errors import CodecError, FormatError, MissingReaderError, SchemaError
 from groundtrace_codecs.importers import choose, import_recording
@@ -255,3 +255,66 @@ def test_any_bytes_give_the_importers_own_error(
     RosImporter().sniff(path)
     with pytest.raises(CodecError):
         read(path)
+
+
+OWN = get_typestore(Stores.ROS1_NOETIC)
+OWN.register(
+    get_types_from_msg(
+        "std_msgs/Header header\nfloat64 lat\nfloat64 lon\nfloat32 alt\nstring mode\n",
+        "rover_msgs/msg/Position",
+    )
+    | get_types_from_msg("rover_msgs/Position at\nint32 n\n", "rover_msgs/msg/State")
+)
+
+
+def places(path: Path, latitudes: Sequence[float], *, within: bool = False) -> Path:
+    """Write a bag of positions of a type that nobody else knows, one a second."""
+    make, kind = Maker(ROS1), "rover_msgs/msg/State" if within else "rover_msgs/msg/Position"
+    with Writer1(path) as writer:
+        topic = writer.add_connection("/rover", kind, typestore=OWN)
+        for i, latitude in enumerate(latitudes):
+            at = START_NS + i * 10**9
+            message = OWN.types["rover_msgs/msg/Position"](
+                make.header(at), latitude, 11.0 + i, 500.0, "x"
+            )
+            if within:
+                message = OWN.types[kind](message, i)
+            writer.write(topic, at + 2000, OWN.serialize_ros1(message, kind))
+    return path
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_latitude_and_longitude_of_an_unknown_type_are_a_position_with_a_note(
+    within: bool, tmp_path: Path
+) -> None:
+    path = places(tmp_path / "a.bag", [48.0, 48.5, 49.0], within=within)
+    report = import_recording([path], tmp_path / "out.mcap")
+    (note,) = report.warnings
+    kind = "rover_msgs/Position"
+    assert f"the lat and lon of {kind}, a message of unknown type, are taken for a posi" in note
+    with Recording.open(tmp_path / "out.mcap") as opened:
+        (stream,) = opened.streams
+        assert stream.topic == ("/rover.at" if within else "/rover")
+        assert [c.quantity for c in stream.channels] == ["latitude", "longitude", "altitude"]
+        blocks = [b for _, b in opened.blocks()]
+    values = np.concatenate([b.values for b in blocks])
+    assert values.tolist() == [[48.0, 11.0, 500.0], [48.5, 12.0, 500.0], [49.0, 13.0, 500.0]]
+    times = np.concatenate([b.sample_times() for b in blocks])
+    assert (times - START_NS).tolist() == [0, 10**9, 2 * 10**9]
+
+
+def test_what_is_called_a_latitude_and_is_none_is_left_alone(tmp_path: Path) -> None:
+    path = places(tmp_path / "a.bag", [480_000_000.0, 481_000_000.0])
+    with pytest.raises(FormatError, match=r"found /rover .latitude and longitude beyond 90 and"):
+        import_recording([path], tmp_path / "out.mcap")
+
+
+@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
+def test_a_bag_under_another_name_is_known_by_its_content(kind: str, tmp_path: Path) -> None:
+    if kind == "bag":
+        path = bag1(tmp_path, Maker(ROS1).walk())
+    else:
+        plugin = {"db3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}[kind]
+        (path,) = bag2(tmp_path, Maker(ROS2).walk(), plugin).glob(f"*.{kind}")
+    import_recording([path.rename(tmp_path / "walk.dat")], tmp_path / "out.mcap")
+    check_walk(tmp_path / "out.mcap")

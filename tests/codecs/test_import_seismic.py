@@ -12,6 +12,7 @@ from seg2_files import write_shot
 
 from groundtrace_codecs.errors import FormatError, MissingReaderError, SchemaError
 from groundtrace_codecs.geometry import Geometry, Sensor
+from groundtrace_codecs.importers import choose
 from groundtrace_codecs.importers.seismic import SeismicImporter
 from groundtrace_codecs.importers.sgt import picks_of, read_sgt
 from groundtrace_codecs.labels import Label
@@ -30,22 +31,36 @@ def counts(seed: int = 0, n: int = 50) -> np.ndarray[tuple[int, int], np.dtype[n
     return drawn.astype("<i4")
 
 
-def test_shots_lie_end_to_end_in_the_order_they_were_fired(tmp_path: Path) -> None:
+def test_shots_keep_the_times_of_their_headers(tmp_path: Path) -> None:
     later = write_shot(tmp_path / "1.dat", counts(1), receivers=NEAR, source="10.0", second=9)
     sooner = write_shot(tmp_path / "2.dat", counts(2, 40), receivers=NEAR, source="-5.0", second=2)
     found = SeismicImporter().read([later, sooner], None)
     ((stream, name, blocks),) = found.sources
     first, second = blocks
     assert (stream.topic, stream.rate_hz, name) == ("/seismic", 1000.0, "i32le")
-    assert (first.first, len(first), second.first, len(second)) == (0, 40, 1040, 50)
+    assert (first.first, len(first), second.first, len(second)) == (0, 40, 7000, 50)
     np.testing.assert_array_equal(first.samples, counts(2, 40))
     np.testing.assert_array_equal(second.samples, counts(1))
     start = START_NS + 2_000_000_000
     assert found.start_ns == first.start_ns == start
     assert found.labels == (
         Label(start, "impact", x_m=-5.0, y_m=0.0, label="2"),
-        Label(start + 1_040_000_000, "impact", x_m=10.0, y_m=0.0, label="1"),
+        Label(start + 7_000_000_000, "impact", x_m=10.0, y_m=0.0, label="1"),
     )
+    assert found.remarks == ("2 shots: each keeps its own time",)
+
+
+def test_shots_of_one_second_lie_end_to_end_in_the_order_of_their_files(tmp_path: Path) -> None:
+    paths = [
+        write_shot(tmp_path / f"{i}.dat", counts(i, n), receivers=NEAR, second=2)
+        for i, n in ((1, 40), (2, 50), (3, 50))
+    ]
+    found = SeismicImporter().read(paths, None)
+    ((_, _, blocks),) = found.sources
+    assert [(b.first, len(b)) for b in blocks] == [(0, 40), (1040, 50), (2090, 50)]
+    start = START_NS + 2_000_000_000
+    assert [x.time_ns - start for x in found.labels] == [0, 1_040_000_000, 2_090_000_000]
+    assert found.remarks == ("3 shots: laid end to end, 1 s apart: the times of 1 and 2 overlap",)
 
 
 def test_headers_place_receivers_and_sources(tmp_path: Path) -> None:
@@ -90,7 +105,9 @@ def test_a_late_record_leaves_room_for_its_time_zero(tmp_path: Path) -> None:
         for i in range(2)
     ]
     found = SeismicImporter().read(paths, None)
-    assert [(x.time_ns - START_NS) / 1e9 for x in found.labels] == [-0.5, 1.05]
+    assert [(x.time_ns - START_NS) / 1e9 for x in found.labels] == [-0.5, 0.5]
+    ((_, _, blocks),) = found.sources
+    assert [(b.start_ns - START_NS) / 1e9 for b in blocks] == [0.0, 1.0]
 
 
 def test_a_descaling_factor_makes_volts_and_none_leaves_counts(tmp_path: Path) -> None:
@@ -133,7 +150,7 @@ def test_a_moved_spread_is_a_stream_of_its_own_and_places_keep_their_names(tmp_p
     names = {s.topic: [c.name for c in s.channels] for s, _, _ in found.sources}
     assert names == {"/seismic/1": ["G01", "G02", "G03"], "/seismic/2": ["G03", "G04", "G05"]}
     starts = [[b.start_ns - START_NS for b in blocks] for _, _, blocks in found.sources]
-    assert starts == [[0], [1_050_000_000, 2_100_000_000]]
+    assert starts == [[0], [1_000_000_000, 2_000_000_000]]
     assert found.geometry is not None
     assert [s.x for s in found.geometry.sensors] == [0.0, 4.0, 8.0, 12.0, 16.0]
     assert found.warnings == ("the spread was moved: 2 streams, receivers named by place",)
@@ -311,3 +328,79 @@ def test_picks_that_do_not_fit_are_refused_in_one_line(
     path.write_text(PICKS.replace(old, new, 1))
     with pytest.raises(SchemaError, match=message):
         read_truth(path, start_ns=START_NS, geometry=geometry, labels=labels)
+
+
+def miniseed(path: Path, n: int = 3000) -> bytearray:
+    from obspy import Trace
+
+    trace = Trace(np.arange(n, dtype="i4"))
+    trace.stats.update({"network": "XX", "station": "ABC", "channel": "EHZ", "sampling_rate": 100})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        trace.write(str(path), format="MSEED", reclen=512, encoding="INT32")
+    return bytearray(path.read_bytes())
+
+
+def test_an_empty_record_of_miniseed_keeps_the_others(tmp_path: Path) -> None:
+    path = tmp_path / "a.mseed"
+    data = miniseed(path)
+    data[3 * 512 + 30 : 3 * 512 + 32] = bytes(2)  # its number of samples
+    path.write_bytes(data)
+    found = SeismicImporter().read([path], None)
+    ((_, _, blocks),) = found.sources
+    samples = np.concatenate([b.samples[:, 0] for b in blocks])
+    lost = set(range(3000)) - set(samples.tolist())
+    assert 0 < len(lost) <= 126
+    assert found.warnings == ("a.mseed: 1 of 3 traces hold no samples: left out",)
+
+
+def test_a_record_of_miniseed_that_is_none_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.mseed"
+    data = miniseed(path)
+    data[3 * 512 : 4 * 512] = bytes(512)
+    path.write_bytes(data)
+    found = SeismicImporter().read([path], None)
+    assert any("Not a SEED record" in line for line in found.warnings)
+
+
+def full_seed(data: bytes) -> bytes:
+    """Return miniSEED behind a volume header, as full SEED has it."""
+    volume = b"000001V 010009502.3092024,122,00:00:00.0000~2038,001,00:00:00.0000~"
+    return volume.ljust(512) + data
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("form", ["SAC", "SEGY", "SU"])
+def test_a_trace_is_known_by_its_content_under_any_name(
+    form: str, order: str, tmp_path: Path
+) -> None:
+    from obspy import Trace
+
+    values = np.arange(300, dtype="f4")
+    trace = Trace(values)
+    trace.stats.sampling_rate = 100
+    path = tmp_path / "recorder.out"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        trace.write(str(path), format=form, byteorder=order)
+    importer = choose([path])
+    assert importer.name == "obspy"
+    ((_, _, blocks),) = importer.read([path], None).sources
+    np.testing.assert_array_equal(np.concatenate([b.samples[:, 0] for b in blocks]), values)
+
+
+def test_seed_with_a_volume_header_is_known_by_its_content(tmp_path: Path) -> None:
+    path = tmp_path / "station.dat"
+    path.write_bytes(full_seed(bytes(miniseed(tmp_path / "a.mseed"))))
+    ((_, _, blocks),) = choose([path]).read([path], None).sources
+    assert sum(len(b) for b in blocks) == 3000
+
+
+def test_text_and_other_binary_files_are_not_taken_for_traces(tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    rng = np.random.default_rng(3)
+    for k in range(200):
+        path.write_bytes(rng.bytes(4096 + k))
+        assert SeismicImporter().sniff(path) == 0
+    path.write_bytes(bytes(8192))
+    assert SeismicImporter().sniff(path) == 0

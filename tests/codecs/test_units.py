@@ -49,8 +49,30 @@ def test_positions_on_the_globe_stay_in_degrees() -> None:
 
 
 def test_a_unit_of_something_else_is_refused() -> None:
-    with pytest.raises(SchemaError, match=r"expected a unit of pressure \(Pa\) or count"):
+    with pytest.raises(SchemaError, match="expected a unit of pressure, one of Pa, hPa"):
         to_quantity("pressure", "deg/s")
+
+
+def test_any_quantity_may_be_in_arbitrary_units() -> None:
+    for quantity in ("magnetic_field", "acceleration", "pressure", "voltage"):
+        assert to_quantity(quantity, "a.u.") == ("a.u.", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "unit", "near"),
+    [
+        ("acceleration", "m/ss", "m/s2"),
+        ("angular_velocity", "degs/s", "deg/s"),
+        ("magnetic_field", "Ut", "uT"),
+        ("pressure", "hpa", "hPa"),
+        ("ground_velocity", "mm/sec", "mm/s"),
+    ],
+)
+def test_a_wrong_spelling_names_the_nearest_of_its_quantity(
+    quantity: str, unit: str, near: str
+) -> None:
+    with pytest.raises(SchemaError, match=rf"found '{unit}': did you mean {near}\?"):
+        to_quantity(quantity, unit)
 
 
 def test_an_unknown_quantity_is_refused() -> None:

@@ -40,6 +40,9 @@ class Imported:
         One line each: what is good to know and no reason to doubt, such as where places count from.
     attachments
         Name, media type and content of files to keep with the recording.
+    files
+        Name and time of the first sample [ns] of each of several files that hold an event each;
+        empty where the files are not apart in time.
     """
 
     sources: tuple[Source, ...]
@@ -50,6 +53,7 @@ class Imported:
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     attachments: tuple[tuple[str, str, bytes], ...] = ()
+    files: tuple[tuple[str, int], ...] = ()
 
 
 class Importer(Protocol):

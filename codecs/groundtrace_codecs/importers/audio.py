@@ -17,6 +17,7 @@ from ..errors import FormatError, MissingReaderError, SchemaError
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream
 from ..units import to_quantity
 from .api import Imported
+from .end_to_end import GAP_S, Part, lay_out
 from .moments import parse_start
 from .riff import bytes_missing, origination
 
@@ -47,7 +48,7 @@ _FRAMES = 1 << 16
 
 
 class AudioImporter:
-    """Reads the files of one recorder, one after the other."""
+    """Reads the files of one recorder."""
 
     name = "audio"
     description = "sound files by soundfile: WAV, RF64, W64, FLAC; a map gives the unit"
@@ -62,7 +63,7 @@ class AudioImporter:
         return 0.4 if path.suffix.lower() in _SUFFIXES else 0.0
 
     def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
-        """Read the files of one recorder; several follow each other without a gap.
+        """Read the files of one recorder; several lie where :mod:`.end_to_end` puts them.
 
         Parameters
         ----------
@@ -83,11 +84,22 @@ class AudioImporter:
         sounds = [_look(path) for path in paths]
         _check_alike(sounds)
         first = sounds[0]
-        start_ns = _start_ns(first, map_)
+        starts = [_start_ns(sound, map_) for sound in sounds]
+        apart = map_ is not None and map_.files == "events"
+        parts = [
+            Part(s.path.name, t, t + round(s.frames * NS_PER_S / s.rate_hz))
+            for s, t in zip(sounds, starts, strict=True)
+        ]
+        laid = lay_out(parts, "files", GAP_S if apart else 0.0)
+        sounds = [sounds[i] for i in laid.order]
+        first, start_ns = sounds[0], laid.starts_ns[0]
         streams = _streams(first, map_)
         warnings = [w for s in sounds for w in s.warnings]
-        if len(sounds) > 1:
-            warnings.append(f"{len(sounds)} files: each taken to go on where the one before ends")
+        if len(sounds) > 1 and not (laid.own or apart):
+            warnings.append(
+                f"{len(sounds)} files: each taken to go on where the one before ends "
+                f'(files = "events" in a map lays them {GAP_S:g} s apart)'
+            )
         if map_ is None:
             warnings.append(
                 f"{first.path.name}: samples are counts: a map gives the unit of the channels"
@@ -96,9 +108,13 @@ class AudioImporter:
         if start_ns and (map_ is None or map_.start is None):
             warnings.append(f"{first.path.name}: the recorder's clock is taken as UTC")
         return Imported(
-            sources=tuple(_source(sounds, s, columns, form, start_ns) for s, columns in streams),
+            sources=tuple(
+                _source(sounds, s, columns, form, laid.starts_ns) for s, columns in streams
+            ),
             start_ns=start_ns,
             warnings=tuple(warnings),
+            remarks=(laid.note,) if len(sounds) > 1 and (laid.own or apart) else (),
+            files=tuple((s.path.name, t) for s, t in zip(sounds, laid.starts_ns, strict=True)),
         )
 
 
@@ -206,20 +222,27 @@ def _mapped(first: _Sound, map_: ImportMap, stream: StreamMap) -> tuple[Stream, 
             )
         unit, factor = to_quantity(column.quantity, column.unit)
         name = column.name or f"ch{i + 1}"
-        channels.append(Channel(name, column.quantity, unit, column.axis, column.scale * factor))
+        channels.append(
+            Channel(name, column.quantity, unit, column.channel_axis, column.scale * factor)
+        )
         columns.append(number)
     made = Stream(stream.topic, tuple(channels), first.rate_hz, stream.placement)
     return made, columns
 
 
 def _source(
-    sounds: Sequence[_Sound], stream: Stream, columns: list[int], form: str, start_ns: int
+    sounds: Sequence[_Sound],
+    stream: Stream,
+    columns: list[int],
+    form: str,
+    starts_ns: Sequence[int],
 ) -> Source:
     def blocks() -> Iterator[SignalBlock]:
-        first = 0
-        for sound in sounds:
+        for sound, begin_ns in zip(sounds, starts_ns, strict=True):
+            first = round((begin_ns - starts_ns[0]) * stream.rate_hz / NS_PER_S)
+            anchor_ns = begin_ns - round(first * stream.period_ns)
             for samples in _samples(sound):
-                yield SignalBlock(stream, start_ns, first, samples[:, columns])
+                yield SignalBlock(stream, anchor_ns, first, samples[:, columns])
                 first += len(samples)
 
     return stream, form, blocks()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from ..errors import FormatError, SchemaError
-from .mapped import TIME_UNITS_NS, import_table
+from ..errors import FormatError, SchemaError, did_you_mean
+from .mapped import TIME_UNITS_NS, import_tables
 from .moments import moments
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62
+#: A row of two numbers or more.
+_ROW = re.compile(rb"\s*[-+\d.,eE]+(?:\s*[,;\t ]\s*[-+\d.,eE]+)+\s*")
 
 
 class TextFile(Protocol):
@@ -51,30 +54,32 @@ class TextFile(Protocol):
 
 
 class DelimitedImporter:
-    """Reads one text table whose columns a map names."""
+    """Reads text tables whose columns a map names."""
 
     name = "csv"
     description = "delimited text (CSV, TSV, TXT) with a map"
 
     def sniff(self, path: Path) -> float:
-        """Return 0.5 for the suffixes of text tables."""
-        return 0.5 if path.suffix.lower() in _SUFFIXES else 0.0
+        """Return 0.5 for the suffixes of text tables, 0.3 for rows of numbers in any other file."""
+        if path.suffix.lower() in _SUFFIXES:
+            return 0.5
+        with path.open("rb") as file:
+            lines = file.read(4096).splitlines()[:-1]
+        return 0.3 if len(lines) > 1 and all(_ROW.fullmatch(x) for x in lines[-2:]) else 0.0
 
     def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
-        """Read one table.
+        """Read tables; several are laid one after the other.
 
         Raises
         ------
         SchemaError
-            Without a map, for more than one file, or where map and table do not match.
+            Without a map, or where map and table do not match.
         FormatError
-            Where the file is no text table.
+            Where a file is no text table.
         """
         if map_ is None:
             raise SchemaError(f"{paths[0].name}: expected --map for a text table, found none")
-        if len(paths) != 1:
-            raise SchemaError(f"{paths[0].name}: expected one text table, found {len(paths)}")
-        return import_table(TextTable.load(paths[0], map_), map_)
+        return import_tables([TextTable.load(path, map_) for path in paths], map_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +188,8 @@ class TextTable:
     def _find(self, column: str) -> int:
         if self.header.count(column) != 1:
             names = ", ".join(self.header) or "no header (name columns by 0-based index)"
-            said = f"{column}: expected one column of {names}, found none"
+            near = did_you_mean(column, self.header)
+            said = f"{column}: expected one column of {names}, found none{near}"
             raise SchemaError(f"{self.name}: {' '.join(said.split())}")  # cells may have lines
         return self.header.index(column)
 

@@ -81,6 +81,7 @@ _UNITS: dict[str, dict[str, str]] = {
         "t": "T",
         "gauss": "gauss",
         "mgauss": "mgauss",
+        **dict.fromkeys(("a.u.", "a.u", "au"), "a.u."),
     },
     "pressure": {"hpa": "hPa", "pa": "Pa", "kpa": "kPa", "mbar": "mbar"},
 }

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from ..errors import SchemaError
+from ..mcap.set_backs import set_backs
 from ..schemas.ros import kind_of
 from ..signals import NS_PER_S, Channel, Stream
 from ..units import to_quantity
 from . import grid, packet_counters
 from .api import Imported
+from .end_to_end import one_recording
 from .grid import Timing
 from .moments import leap_seconds, moments, parse_start
 from .orientation import orientation_labels
@@ -88,6 +90,20 @@ class _Read:
         return replace(self, timing=self.timing.shifted(by_ns), row_times_ns=rows)
 
 
+def import_tables(tables: Sequence[Table], map_: ImportMap) -> Imported:
+    """Return what files of one map hold; several are one recording, see :mod:`.end_to_end`.
+
+    Raises
+    ------
+    SchemaError
+        Where a table does not have what the map names.
+    """
+    found = [import_table(table, map_) for table in tables]
+    return one_recording(
+        found, [table.name for table in tables], continuous=map_.files == "continuous"
+    )
+
+
 def import_table(table: Table, map_: ImportMap) -> Imported:
     """Return the streams and reference events of ``table`` as its map says.
 
@@ -145,6 +161,8 @@ def _start_ns(table: Table, map_: ImportMap) -> int:
         found = np.atleast_1d(table.groups(start.column)[0]).ravel()
         place = f"{table.name}: {start.column}"
         start = found[0] if found.size else ""
+        if not isinstance(start, str | float | int | np.number):
+            raise SchemaError(f"{place}: expected ISO 8601 or unix seconds, found others")
         start = str(start) if isinstance(start, str) else float(start)
     if isinstance(start, str):
         return parse_start(start, place, map_.zone)
@@ -221,17 +239,21 @@ def _times(
             remarks.append(f"{place}: the clock began again {turns} times: taken to go on")
     if len(times_ns) != count:
         raise SchemaError(f"{place}: expected {count} times, found {len(times_ns)}")
-    if count < 2 or not (np.diff(times_ns) > 0).any() or times_ns[-1] <= times_ns[0]:
+    back = [] if time.even else set_backs(times_ns)
+    on_ns = times_ns + grid.earlier_by(back, len(times_ns))
+    if count < 2 or not (np.diff(times_ns) > 0).any() or on_ns[-1] <= on_ns[0]:
         raise SchemaError(f"{place}: expected times that go on, found {count} that do not")
     return times_ns, remarks
 
 
 def _timing_warnings(read: _Read) -> list[str]:
     """Return what a reader should know about the stream's times."""
-    steps = np.diff(read.timing.sample_times())
-    back = int((steps <= 0).sum())
-    warnings = [f"{read.map.topic}: {back} samples are not later than the one before"]
-    return warnings if back else []
+    times_ns, set_back = read.timing.sample_times(), read.timing.set_back
+    back = int((np.diff(times_ns) <= 0).sum()) - len(set_back)
+    warnings = [f"{read.map.topic}: {line}" for line in grid.set_back_lines(set_back)]
+    if back:
+        warnings.append(f"{read.map.topic}: {back} samples are not later than the one before")
+    return warnings
 
 
 def _source(read: _Read) -> Source:
@@ -258,7 +280,9 @@ def _channels(columns: Sequence[ColumnMap]) -> tuple[Channel, ...]:
     for i, (column, name) in enumerate(zip(columns, names, strict=True)):
         unit, factor = to_quantity(column.quantity, column.unit)
         unique = name if names.count(name) == 1 else f"{name}_{i + 1}"
-        channels.append(Channel(unique, column.quantity, unit, column.axis, column.scale * factor))
+        channels.append(
+            Channel(unique, column.quantity, unit, column.channel_axis, column.scale * factor)
+        )
     return tuple(channels)
 
 

@@ -9,17 +9,19 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from ..errors import SchemaError
+from ..errors import SchemaError, did_you_mean
 from ..labels import TRUTH_KINDS
 from ..units import to_quantity
 from .moments import zone_of
-from .orientation_map import OrientationMap  # noqa: TC001 (msgspec reads it at run time)
+from .orientation_map import OrientationMap
 from .time_map import CounterMap, StartMap, TimeMap, TimeScale, check_time
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 EventUnit = Literal["s", "ms", "us", "ns", "sample"]
+#: Axes of the earth, by their first letter, as those of a right-handed frame.
+_EARTH_AXES = {"e": "x", "n": "y", "u": "z"}
 
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,8 +36,11 @@ class ColumnMap(_Strict, frozen=True):
     column
         Header name or 0-based index of a table, or a path into an archive such as
         ``data.SU.LowerBack.Acc[:,0]``.
-    quantity, unit, axis
+    quantity, unit
         What it is, see :mod:`groundtrace_codecs.units`.
+    axis
+        Of the sensor: ``x``, ``y``, ``z``, ``w`` of a quaternion; or of the earth: ``e``, ``n``,
+        ``u`` (east, north, up), which are x, y and z of a right-handed frame.
     name
         Channel name; by default the column's, or quantity and axis.
     scale
@@ -45,9 +50,14 @@ class ColumnMap(_Strict, frozen=True):
     column: str | int
     quantity: str
     unit: str
-    axis: Literal["x", "y", "z", "w", ""] = ""
+    axis: Literal["x", "y", "z", "w", "e", "n", "u", "east", "north", "up", ""] = ""
     name: str = ""
     scale: float = 1.0
+
+    @property
+    def channel_axis(self) -> str:
+        """The axis as channels have it: x, y, z, w or none."""
+        return _EARTH_AXES.get(self.axis[:1], self.axis)
 
 
 class StreamMap(_Strict, frozen=True):
@@ -137,6 +147,10 @@ class ImportMap(_Strict, frozen=True):
     delimiter, decimal, comment, skip_rows, encoding
         Of text tables. Names of columns are sought in the last skipped row and the first after
         it. Lines that start with ``comment`` are no rows.
+    files
+        What several files are: ``events``, each one of its own, or ``continuous``, parts of which
+        each goes on where the one before ends. Without it tables are events, sound is continuous.
+        Files whose times tell them apart keep these either way.
     file
         Name of the map's file, for messages.
     """
@@ -156,6 +170,7 @@ class ImportMap(_Strict, frozen=True):
     comment: str = "#"
     skip_rows: int = 0
     encoding: str = "utf-8-sig"
+    files: Literal["events", "continuous"] | None = None
     file: str = "map"
 
 
@@ -193,27 +208,48 @@ def _sentence(message: str) -> str:
     what, _, where = message.partition(" - at `$")
     key = where.rstrip("`").removeprefix(".")
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", what):
-        return f"{_join(key, unknown[1])}: expected a known key, found an unknown one"
+        known = _TABLES.get(re.sub(r"\[\d*\]|\[\.\.\.\]", "", key))
+        names = [] if known is None else [n for n in known.__struct_fields__ if n != "file"]
+        return (
+            f"{_join(key, unknown[1])}: expected a known key, found an unknown one"
+            f"{did_you_mean(unknown[1], names)}"
+        )
     if missing := re.fullmatch(r"Object missing required field `(.*)`", what):
         return f"{_join(key, missing[1])}: expected a value, found none"
     if wrong := re.fullmatch(r"Expected `(.*)`, got `(.*)`", what):
         return f"{key}: expected {wrong[1]}, found {wrong[2]}"
-    if value := re.fullmatch(r"Invalid enum value (.*)", what):
-        return f"{key}: expected {_choices(key)}, found {value[1]}"
+    if value := re.fullmatch(r"Invalid enum value '?(.*?)'?", what):
+        said, choices = _CHOICES.get(key.rpartition(".")[2], ("another value", ()))
+        return f"{key}: expected {said}, found {value[1]!r}{did_you_mean(value[1], choices)}"
     return f"{key or 'map'}: expected a map, found: {what}"
 
 
-_CHOICES = {
-    "axis": "x, y, z or w",
-    "decimal": "'.' or ','",
-    "missing": "ignore or error",
-    "scale": "utc, gps or tai",
-    "unit": "s, ms, us, ns, iso (times of samples) or sample (times of events)",
+#: What a map's tables are, by their place without indices.
+_TABLES: dict[str, type[msgspec.Struct]] = {
+    "": ImportMap,
+    "stream": StreamMap,
+    "stream.columns": ColumnMap,
+    "truth": TruthMap,
+    "orientation": OrientationMap,
+    "start": StartMap,
+    **dict.fromkeys(("time", "stream.time"), TimeMap),
+    **dict.fromkeys(("counter", "stream.counter"), CounterMap),
 }
-
-
-def _choices(key: str) -> str:
-    return _CHOICES.get(key.rpartition(".")[2], "another value")
+#: What a key may be, in words and as a list.
+_CHOICES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "axis": (
+        "x, y, z or w of the sensor, or e, n or u (east, north, up)",
+        ("x", "y", "z", "w", "east", "north", "up"),
+    ),
+    "decimal": ("'.' or ','", ()),
+    "files": ("events or continuous", ("events", "continuous")),
+    "missing": ("ignore or error", ("ignore", "error")),
+    "scale": ("utc, gps or tai", ("utc", "gps", "tai")),
+    "unit": (
+        "s, ms, us, ns, iso (times of samples) or sample (times of events)",
+        ("s", "ms", "us", "ns", "iso", "sample"),
+    ),
+}
 
 
 def _join(key: str, name: str) -> str:
@@ -260,6 +296,7 @@ def _check_truth(truth: TruthMap, place: str) -> None:
     if truth.kind not in TRUTH_KINDS:
         raise SchemaError(
             f"{place}.kind: expected one of {', '.join(sorted(TRUTH_KINDS))}, found {truth.kind!r}"
+            f"{did_you_mean(truth.kind, TRUTH_KINDS)}"
         )
     origins = (truth.time, truth.increments_of, truth.total_of)
     if sum(o is not None for o in origins) != 1:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import FormatError, SchemaError
-from .mapped import import_table
+from .mapped import import_tables
 from .matlab import Archive
 
 if TYPE_CHECKING:
@@ -30,27 +28,26 @@ class NumpyImporter:
     description = "NumPy archives (.npy, .npz) with a map"
 
     def sniff(self, path: Path) -> float:
-        """Return 1 for NumPy's header, or a zip archive called .npz."""
+        """Return 1 for NumPy's header, or a zip archive whose first member is an array."""
         with path.open("rb") as file:
-            head = file.read(6)
-        return 1.0 if head == _NPY or (head[:4] == _ZIP and path.suffix == ".npz") else 0.0
+            head = file.read(30 + 1024)
+        name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+        archive = head[:4] == _ZIP and (name.endswith(b".npy") or path.suffix == ".npz")
+        return 1.0 if head.startswith(_NPY) or archive else 0.0
 
     def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
-        """Read one archive.
+        """Read archives; several are laid one after the other.
 
         Raises
         ------
         SchemaError
-            Without a map, for more than one file, or where map and file do not match.
+            Without a map, or where map and file do not match.
         FormatError
-            Where the file is no NumPy archive, or holds pickled objects.
+            Where a file is no NumPy archive, or holds pickled objects.
         """
-        path = paths[0]
         if map_ is None:
-            raise SchemaError(f"{path.name}: expected --map for a NumPy archive, found none")
-        if len(paths) != 1:
-            raise SchemaError(f"{path.name}: expected one NumPy archive, found {len(paths)}")
-        return import_table(Archive(path.name, _load(path)), map_)
+            raise SchemaError(f"{paths[0].name}: expected --map for a NumPy archive, found none")
+        return import_tables([Archive(p.name, _load(p)) for p in paths], map_)
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -60,7 +57,8 @@ def _load(path: Path) -> dict[str, Any]:
             if isinstance(loaded, np.ndarray):
                 return {"data": loaded}
             return {name: loaded[name] for name in loaded.files}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile, zlib.error) as error:
+    except Exception as error:  # zipfile and NumPy raise whatever damaged bytes lead them to
+        found = str(error) or type(error).__name__
         raise FormatError(
-            f"{path.name}: expected a NumPy archive without pickled objects, found: {error}"
+            f"{path.name}: expected a NumPy archive without pickled objects, found: {found}"
         ) from error

@@ -23,7 +23,7 @@ def evaluate(root: Any, path: str, place: str) -> list[Any]:
     Parameters
     ----------
     root
-        Nested mappings, objects with attributes, and arrays.
+        Nested mappings and arrays.
     path
         As the module describes.
     place
@@ -75,7 +75,7 @@ def column(root: Any, path: str, place: str) -> np.ndarray[Any, np.dtype[np.floa
 
 def _member(value: Any, name: str, place: str) -> Any:
     """Return a field of a mapping or struct."""
-    fields = value if isinstance(value, Mapping) else getattr(value, "__dict__", {})
+    fields = value if isinstance(value, Mapping) else {}
     if name not in fields:
         names = sorted(n for n in fields if not n.startswith("_"))
         raise SchemaError(f"{place}: expected one of {', '.join(names) or 'no names'}, found none")

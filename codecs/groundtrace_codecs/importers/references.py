@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .maps import TruthMap
 
 _UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+#: Times are further from the first sample than this in no file [s].
+_LONGEST_S = 2**62 / NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,7 +116,12 @@ def _bouts(reference: Reference, truth: TruthMap) -> list[list[Label | None]]:
     }
     bouts = []
     for b, bout in enumerate(times):
-        cells = {name: np.atleast_1d(groups[b]) for name, groups in columns.items()}
+        cells = {
+            name: np.atleast_1d(groups[b])
+            if name == "label"
+            else _numbers(groups[b], reference, getattr(truth, name))
+            for name, groups in columns.items()
+        }
         moments = _numbers(bout, reference, truth.time)
         wrong = [n for n, c in cells.items() if len(c) != len(moments)]
         if wrong:
@@ -160,7 +167,12 @@ def _label(
 def _moment(truth: TruthMap, reference: Reference, time: float) -> int:
     """Return a time of the file on the recording's clock [ns]."""
     if truth.unit != "sample":
-        return reference.start_ns + round(time * _UNITS_S[truth.unit] * NS_PER_S)
+        later_s = time * _UNITS_S[truth.unit]
+        if abs(later_s) > _LONGEST_S:
+            raise SchemaError(
+                f"{reference.name}: {truth.time}: expected a time within 146 years, found {time:g}"
+            )
+        return reference.start_ns + round(later_s * NS_PER_S)
     index = round(time)
     if not 0 <= index < len(reference.sample_times_ns):
         raise SchemaError(

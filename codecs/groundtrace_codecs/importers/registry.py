@@ -7,7 +7,7 @@ import warnings
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, cast
 
-from ..errors import FormatError
+from ..errors import FormatError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +54,9 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def choose(paths: Sequence[Path], format_name: str | None = None) -> Importer:
+def choose(
+    paths: Sequence[Path], format_name: str | None = None, place: str = "--format"
+) -> Importer:
     """Return the importer for some files: the one named, or the surest.
 
     Parameters
@@ -63,6 +65,8 @@ def choose(paths: Sequence[Path], format_name: str | None = None) -> Importer:
         Files of one recording.
     format_name
         Name of an importer, or None to look at the files.
+    place
+        Where the name stands, for the message.
 
     Raises
     ------
@@ -73,7 +77,10 @@ def choose(paths: Sequence[Path], format_name: str | None = None) -> Importer:
     names = ", ".join(sorted(known)) or "none installed"
     if format_name is not None:
         if format_name not in known:
-            raise FormatError(f"--format: expected one of {names}, found {format_name!r}")
+            raise FormatError(
+                f"{place}: expected one of {names}, found {format_name!r}"
+                f"{did_you_mean(format_name, known)}"
+            )
         return known[format_name]
     scores = {name: max(i.sniff(p) for p in paths) for name, i in known.items()}
     best = max(scores, key=lambda name: scores[name], default="")

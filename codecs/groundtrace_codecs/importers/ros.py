@@ -6,8 +6,10 @@ What a message holds is told by the same code that reads ROS 2 messages of an MC
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,12 +18,12 @@ from ..channels import nominal_reader
 from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
 from ..mcap import Message, MessageTable
 from ..recording import Recording
+from ..schemas.ros import in_range
 from ..schemas.ros2msg import parse_ros2msg
 from .sampled import Sampled, together
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 _ROS1 = b"#ROSBAG V"
 _SQLITE = b"SQLite format 3\0"
 _MCAP = b"\x89MCAP0\r\n"
+#: A ROS 2 bag in SQLite has this table, described on its first page (65536 bytes at most).
+_TABLE, _PAGES = b"CREATE TABLE messages", 1 << 16
 _BAG_INFO = b"rosbag2_bagfile_information"
 _HEADER = "std_msgs/msg/Header"
 #: Quantities of an Imu, either of which a sensor may lack.
@@ -53,10 +57,8 @@ class RosImporter:
     def sniff(self, path: Path) -> float:
         """Return 1 for the first bytes of a bag, 0.4 for the suffix of one."""
         with path.open("rb") as file:
-            head = file.read(64)
-        if head.startswith((_ROS1, _MCAP)) or (path.name == "metadata.yaml" and _BAG_INFO in head):
-            return 1.0
-        if head.startswith(_SQLITE) and path.suffix == ".db3":
+            head = file.read(_PAGES)
+        if _suffix_of(head) or (path.name == "metadata.yaml" and _BAG_INFO in head[:64]):
             return 1.0
         return 0.4 if path.name.endswith(_SUFFIXES) else 0.0
 
@@ -75,16 +77,18 @@ class RosImporter:
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for a ROS bag, found one")
         found = _Found()
-        mcaps = [p for p in paths if p.suffix == ".mcap"]
+        mcaps = [p for p in paths if _known_suffix(p) == ".mcap"]
         for path in mcaps:
             _read_mcap(path, found)
-        if bags := _bags(paths, bool(mcaps)):
-            _read_bags(bags, found)
+        if bags := _bags([p for p in paths if p not in mcaps], bool(mcaps)):
+            with _by_suffix(bags) as named:
+                _read_bags(named, found)
+        found.drop_no_positions()
         if not found.samples:
             others = ", ".join(sorted(found.others)) or "no messages"
             raise FormatError(
                 f"{paths[0].name}: expected sensor_msgs Imu, MagneticField, FluidPressure, "
-                f"Temperature or NavSatFix, found {others}"
+                f"Temperature or NavSatFix, or a latitude and a longitude, found {others}"
             )
         left = [f"left alone: {', '.join(sorted(found.others))}"] if found.others else []
         return together(
@@ -97,17 +101,29 @@ class RosImporter:
 
 @dataclass(slots=True)
 class _Found:
-    """What the bags hold: blocks by topic, topics left alone, remarks, site and truth."""
+    """What the bags hold: blocks by topic, topics left alone, remarks, site and truth.
+
+    ``positions`` are topics that messages of unknown type are taken to give positions on.
+    """
 
     samples: dict[str, list[SignalBlock]] = field(default_factory=dict)
     others: set[str] = field(default_factory=set)
     remarks: list[str] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
     geometry: Geometry | None = None
+    positions: set[str] = field(default_factory=set)
 
     def take(self, blocks: Iterable[SignalBlock]) -> None:
         for block in blocks:
             self.samples.setdefault(block.topic, []).append(block)
+
+    def drop_no_positions(self) -> None:
+        """Leave out what cannot be positions in degrees after all."""
+        for topic in self.positions & self.samples.keys():
+            if not all(in_range(block.samples) for block in self.samples[topic]):
+                del self.samples[topic]
+                self.remarks = [x for x in self.remarks if not x.startswith(f"{topic}: the ")]
+                self.others.add(f"{topic} (latitude and longitude beyond 90 and 180 degrees)")
 
     def sampled(self, topic: str) -> Sampled:
         blocks = self.samples[topic]
@@ -143,6 +159,7 @@ def _read_mcap(path: Path, found: _Found) -> None:
         found.geometry = found.geometry or opened.geometry
         found.labels += opened.labels
         found.others |= {f"{o.topic} ({o.schema})" for o in opened.others}
+        found.remarks += opened.assumed
         found.remarks += [f"{path.name}: damaged: {d.reason}" for d in opened.damage]
 
 
@@ -151,7 +168,37 @@ def _bags(paths: Sequence[Path], with_mcap: bool) -> list[Path]:
     folders = [p.parent for p in paths if p.name == "metadata.yaml"]
     if folders:
         return [] if with_mcap else folders
-    return [p for p in paths if p.suffix != ".mcap"]
+    return list(paths)
+
+
+def _suffix_of(head: bytes) -> str:
+    """Return the suffix a bag with these first bytes should have, empty where it is none."""
+    if head.startswith(_MCAP):
+        return ".mcap"
+    if head.startswith(_ROS1):
+        return ".bag"
+    return ".db3" if head.startswith(_SQLITE) and _TABLE in head else ""
+
+
+def _known_suffix(path: Path) -> str:
+    with path.open("rb") as file:
+        return _suffix_of(file.read(_PAGES))
+
+
+@contextmanager
+def _by_suffix(bags: Sequence[Path]) -> Iterator[list[Path]]:
+    """Give bags names that rosbags knows them by: it looks at the suffix alone."""
+    wrong = {p: s for p in bags if p.is_file() and (s := _known_suffix(p)) not in ("", p.suffix)}
+    if not wrong:
+        yield list(bags)
+        return
+    with TemporaryDirectory() as folder:
+        named = []
+        for number, path in enumerate(bags):
+            link = Path(folder) / f"{number}-{path.stem}{wrong.get(path, path.suffix)}"
+            link.symlink_to(path.resolve())
+            named.append(link)
+        yield named
 
 
 def _read_bags(paths: Sequence[Path], found: _Found) -> None:
@@ -191,6 +238,8 @@ def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:
             found.others.add(f"{connection.topic} ({connection.msgtype})")
             continue
         readers[key] = reader
+        found.positions |= {s.topic: s for s in reader.streams if reader.assumed}.keys()
+        found.remarks += (x for x in reader.assumed if x not in found.remarks)
         wanted.append(connection)
     if not wanted:  # rosbags takes no connections for all of them
         return

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from ..errors import FormatError, SchemaError
-from ..geometry import Geometry
+from ..geometry import Geometry, geometry_warnings
 from ..signals import NS_PER_S
-from ..truth import read_truth
+from ..truth import EARLY_NS, names_of, read_truth, unmatched_names
+from .end_to_end import later
 from .maps import load_map
 from .plausible import UnitWatch
 from .registry import choose, files_of
@@ -18,9 +19,19 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from ..signals import SignalBlock
+    from ..signals import SignalBlock, Stream
     from .api import Imported, Importer, Source
     from .maps import ImportMap
+
+
+class Listener(Protocol):
+    """Hears what is imported while it is written, and says at the end what is wrong with it."""
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take the next block of a stream; streams come merged in time, block by block."""
+
+    def remarks(self) -> Sequence[str]:
+        """Return one line for each thing that is wrong; asked for once, after the last block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +89,7 @@ def import_recording(
     strict: bool = False,
     force: bool = False,
     progress: Callable[[float], None] | None = None,
+    listener: Callable[[Sequence[Stream]], Listener] | None = None,
 ) -> ImportReport:
     """Read files of another tool and write them as one recording.
 
@@ -103,6 +115,8 @@ def import_recording(
         Overwrite ``out``.
     progress
         Told how much of the recording is written [s].
+    listener
+        Makes, of the streams, who hears them; what it remarks is a warning.
 
     Raises
     ------
@@ -112,20 +126,29 @@ def import_recording(
     from ..writer import write_recording
 
     map_ = None if map_path is None else load_map(map_path)
-    files = files_of(paths)
-    importer = choose(files, format_name or (map_.format if map_ else None))
+    tables = {p.resolve() for p in (truth, geometry, map_path) if p is not None}
+    files = [f for f in files_of(paths) if f.resolve() not in tables] or files_of(paths)
+    if format_name is None and map_ is not None:
+        importer = choose(files, map_.format, f"{map_.file}: format")
+    else:
+        importer = choose(files, format_name)
     files, left_out = _readable(importer, files, len(paths) == 1 and paths[0].is_dir())
     if stationxml is not None:
         files = [*(f for f in files if f != stationxml), *_stations(importer, stationxml)]
-    imported = _with_tables(importer.read(files, map_), geometry, truth)
-    counts = _Counts({}, 0, {}, strict, imported.start_ns, progress)
+    imported = _with_early_truth(_with_tables(importer.read(files, map_), geometry, truth))
+    streams = [stream for stream, _, _ in imported.sources]
+    heard = None if listener is None else listener(streams)
+    counts = _Counts({}, 0, {}, len(streams), heard, strict, imported.start_ns, progress)
     counts.refuse([*left_out, *imported.warnings])
     write_recording(
         out,
         [(s, f, counts.counted(blocks)) for s, f, blocks in imported.sources],
         geometry=imported.geometry,
         labels=imported.labels,
-        metadata={"groundtrace.import": _provenance(importer, files, map_), **imported.metadata},
+        metadata={
+            "groundtrace.import": _provenance(importer, files, map_, imported),
+            **imported.metadata,
+        },
         attachments=imported.attachments,
         force=force,
     )
@@ -170,20 +193,69 @@ def _readable(
 def _with_tables(imported: Imported, geometry: Path | None, truth: Path | None) -> Imported:
     """Return the import with the given geometry's sensors and the given truth's labels."""
     site = imported.geometry
+    warnings = list(imported.warnings)
     if geometry is not None:
         given = Geometry.from_toml(geometry)
-        _check_channels(given, imported.sources, geometry.name)
+        warnings += _check_channels(given, imported.sources, geometry.name)
         kept = site if site is not None and not given.sources else given
         site = replace(given, sources=kept.sources)
     labels = imported.labels
     if truth is not None:
-        added = read_truth(truth, start_ns=imported.start_ns, geometry=site, labels=labels)
+        added = read_truth(
+            truth,
+            start_ns=imported.start_ns,
+            geometry=site,
+            labels=labels,
+            files=dict(imported.files),
+        )
+        known = names_of([stream for stream, _, _ in imported.sources], site)
+        warnings += unmatched_names(added, known, truth.name)
         labels = tuple(sorted((*labels, *added), key=lambda label: label.time_ns))
-    return replace(imported, geometry=site, labels=labels)
+    return replace(imported, geometry=site, labels=labels, warnings=tuple(warnings))
 
 
-def _check_channels(geometry: Geometry, sources: Sequence[Source], name: str) -> None:
-    """Refuse a sensor that feeds a channel the recording does not have."""
+def _with_early_truth(imported: Imported) -> Imported:
+    """Return the import with what is to be said of truth from before the first sample.
+
+    Such truth is kept at its time; where that would be before the clock's zero, all is later.
+    """
+    early = [label for label in imported.labels if label.time_ns < imported.start_ns]
+    if not early:
+        return imported
+    first_ns = min(label.time_ns for label in early)
+    early_ns = imported.start_ns - first_ns
+    if first_ns < 0 and early_ns > EARLY_NS:
+        raise SchemaError(
+            f"truth: expected no {early[0].kind} more than {EARLY_NS / NS_PER_S:g} s before the "
+            f"first sample, found one {early_ns / NS_PER_S:.3f} s before"
+        )
+    text = (
+        f"truth: {len(early)} of {len(imported.labels)} lie before the first sample, by up to "
+        f"{early_ns / NS_PER_S:.3f} s: kept"
+    )
+    if early_ns > EARLY_NS:
+        text += "; is it the truth of another recording?"
+    by_ns = max(0, -first_ns)
+    if by_ns:
+        text += f", and all times are {by_ns / NS_PER_S:.3f} s later"
+    return replace(
+        imported,
+        sources=tuple((s, form, _later(blocks, by_ns)) for s, form, blocks in imported.sources),
+        start_ns=imported.start_ns + by_ns,
+        labels=tuple(later(label, by_ns) for label in imported.labels),
+        files=tuple((name, start_ns + by_ns) for name, start_ns in imported.files),
+        warnings=(*imported.warnings, text),
+    )
+
+
+def _later(blocks: Iterable[SignalBlock], by_ns: int) -> Iterator[SignalBlock]:
+    for block in blocks:
+        times = None if block.times_ns is None else block.times_ns + by_ns
+        yield replace(block, anchor_ns=block.anchor_ns + by_ns, times_ns=times)
+
+
+def _check_channels(geometry: Geometry, sources: Sequence[Source], name: str) -> list[str]:
+    """Refuse a sensor that feeds a channel the recording does not have; tell of the reverse."""
     channels = {c.name for stream, _, _ in sources for c in stream.channels}
     for sensor in geometry.sensors:
         if sensor.channel not in channels:
@@ -191,12 +263,15 @@ def _check_channels(geometry: Geometry, sources: Sequence[Source], name: str) ->
                 f"{name}: sensor {sensor.name}: expected a channel of "
                 f"{', '.join(sorted(channels))}, found {sensor.channel!r}"
             )
+    return [f"{name}: {text}" for text in geometry_warnings(geometry, [s for s, _, _ in sources])]
 
 
 def _provenance(
-    importer: Importer, files: Sequence[Path], map_: ImportMap | None
+    importer: Importer, files: Sequence[Path], map_: ImportMap | None, imported: Imported
 ) -> dict[str, str]:
     record = {"importer": importer.name, "files": "\n".join(f.name for f in files)}
+    if len(imported.files) > 1:
+        record["starts_ns"] = "\n".join(f"{name}: {start}" for name, start in imported.files)
     return record if map_ is None else {**record, "map": map_.file}
 
 
@@ -207,9 +282,12 @@ class _Counts:
     samples: dict[str, int]
     end_ns: int
     units: dict[str, UnitWatch]
+    open: int
+    listener: Listener | None
     strict: bool = False
     start_ns: int = 0
     progress: Callable[[float], None] | None = None
+    heard: Sequence[str] = ()
 
     def refuse(self, warnings: Sequence[str]) -> None:
         """Raise a SchemaError for the first warning, where none is allowed."""
@@ -217,7 +295,8 @@ class _Counts:
             raise SchemaError(f"--strict: {warnings[0]}")
 
     def remarks(self) -> list[str]:
-        return [line for watch in self.units.values() for line in watch.remarks()]
+        units = [line for watch in self.units.values() for line in watch.remarks()]
+        return [*units, *self.heard]
 
     def counted(self, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
         for block in blocks:
@@ -226,5 +305,10 @@ class _Counts:
             if self.progress is not None:
                 self.progress((self.end_ns - self.start_ns) / NS_PER_S)
             self.units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
+            if self.listener is not None:
+                self.listener.hear(block)
             yield block
+        self.open -= 1
+        if not self.open and self.listener is not None:
+            self.heard = self.listener.remarks()
         self.refuse(self.remarks())

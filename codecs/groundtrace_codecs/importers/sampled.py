@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import FormatError
+from ..mcap.set_backs import set_backs
 from ..signals import NS_PER_S, Channel, Stream
 from . import grid
 from .api import Imported
@@ -50,19 +51,21 @@ class Sampled:
 def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
     """Return the samples by time without repeats, and a line for each thing that took.
 
-    Samples that came late are put where their time says. Of samples with one time and the same
-    values one is kept; with other values all are, for which is right is not known here.
+    Samples that came late are put where their time says, but those after a clock was set back, of
+    which the order of the file tells. Of samples with one time and the same values one is kept;
+    with other values all are, for which is right is not known here.
     """
     times, values = sampled.times_ns, sampled.values
-    back = np.diff(times)
-    late = int((back < 0).sum())
-    remarks = []
+    set_back = set_backs(times)
+    remarks = [f"{sampled.topic}: {line}" for line in grid.set_back_lines(set_back)]
+    on = times + grid.earlier_by(set_back, len(times))
+    late = int((np.diff(on) < 0).sum())
     if late:
-        worst_s = float((np.maximum.accumulate(times) - times).max()) / NS_PER_S
+        worst_s = float((np.maximum.accumulate(on) - on).max()) / NS_PER_S
         remarks.append(
             f"{sampled.topic}: {late} times go back, by up to {worst_s:g} s: sorted by time"
         )
-        order = np.argsort(times, kind="stable")
+        order = np.argsort(on, kind="stable")
         times, values = times[order], values[order]
     same = np.diff(times) == 0
     if same.any():
@@ -103,7 +106,7 @@ def together(
             raise FormatError(f"{each.topic}: expected times within 146 years, found others")
     ordered = [in_order(each) for each in found]
     remarks = [line for _, lines in ordered for line in lines]
-    earliest = min(int(each.times_ns[0]) for each, _ in ordered)
+    earliest = min(int(each.times_ns.min()) for each, _ in ordered)
     shift_ns = max(0, -earliest)
     if shift_ns:
         remarks.append(f"times start {shift_ns} ns before the clock's zero: shifted to zero")
@@ -118,7 +121,7 @@ def together(
 
 def _source(sampled: Sampled, shift_ns: int) -> Source:
     times = sampled.times_ns + shift_ns
-    timing = grid.fit(times) if times[-1] > times[0] else _moment(times)
+    timing = grid.fit(times) if np.ptp(times) > 0 else _moment(times)
     stream = Stream(
         sampled.topic, sampled.channels, timing.rate_hz, sampled.placement, timing.index is None
     )

@@ -7,6 +7,8 @@ stand.
 from __future__ import annotations
 
 import io
+import re
+import struct
 import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -35,8 +37,16 @@ _SUFFIXES = frozenset(
 _SEG2 = (b"\x55\x3a", b"\x3a\x55")
 #: Metres per unit of coordinates, as the header names it.
 _LENGTHS_M = {"METERS": 1.0, "FEET": 0.3048, "CENTIMETERS": 0.01, "INCHES": 0.0254}
-#: First bytes of GSE 2.x waveforms.
-_GSE = (b"WID2 ", b"WID1 ")
+#: First bytes of GSE 2.x and 1.0 waveforms, of TSPAIR and SLIST, of Seismic Handler, of K-NET.
+_TEXTS = (b"WID2 ", b"WID1 ", b"XW01", b"TIMESERIES ", b"DELTA: ", b"Origin Time")
+#: SEED: a record's number, its type (data, or a control header with its first blockette).
+_SEED = re.compile(rb"\d{6}(?:[DRQM]|V[ *]0(?:05|08|10)|[AST][ *]0\d\d)")
+_SEGY_TRACES = 3600
+_TRACE_HEADER = 240
+#: Bytes of a sample by the format code of SEG-Y (SEG-Y rev 2, bytes 3225-3226).
+_SEGY_BYTES = {1: 4, 2: 4, 3: 2, 4: 4, 5: 4, 6: 8, 8: 1, 9: 8, 10: 4, 11: 2, 12: 8, 16: 1}
+#: Trace identification codes of SU go no further.
+_LAST_TRACE_CODE = 200
 #: What formats keep of the start time.
 _KEPT = {
     **dict.fromkeys(("SEGY", "SU"), "whole seconds"),
@@ -52,16 +62,21 @@ class SeismicImporter:
     description = "seismic files by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y"
 
     def sniff(self, path: Path) -> float:
-        """Return 1 for SEG-2, 0.9 for miniSEED, GSE and StationXML, 0.6 for a seismic suffix."""
+        """Return how surely ObsPy reads a file, by what it holds.
+
+        1 for SEG-2, 0.9 for SEED, GSE, other text and StationXML, 0.8 for the headers of SAC and
+        SEG-Y, 0.6 for that of SU, or for a seismic suffix alone.
+        """
         with path.open("rb") as file:
-            head = file.read(8)
-        if head[:2] in _SEG2:
+            head = file.read(_SEGY_TRACES + _TRACE_HEADER)
+        size = path.stat().st_size
+        if head[:2] in _SEG2 and len(head) >= 32:
             return 1.0
-        if head.startswith(_GSE) or is_station_xml(path):
+        if head.startswith(_TEXTS) or _SEED.match(head) or is_station_xml(path):
             return 0.9
-        if len(head) == 8 and head[:6].isdigit() and head[6:7] in b"DRQM":
-            return 0.9
-        return 0.6 if path.suffix.lower() in _SUFFIXES else 0.0
+        if _is_sac(head) or _is_segy(head, size):
+            return 0.8
+        return 0.6 if _is_su(head, size) or path.suffix.lower() in _SUFFIXES else 0.0
 
     def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
         """Read the files of one recording.
@@ -83,7 +98,11 @@ class SeismicImporter:
             raise FormatError(
                 f"{paths[0].name}: expected files with samples, found StationXML only"
             )
-        read = [(path, _read(path)) for path in waves]
+        read, lost = [], []
+        for path in waves:
+            traces, said = _read(path)
+            read.append((path, traces))
+            lost += said
         formats = {str(trace.stats._format) for _, traces in read for trace in traces}
         if "SEG2" in formats:
             if formats != {"SEG2"} or described:
@@ -91,11 +110,49 @@ class SeismicImporter:
                 raise SchemaError(
                     f"{waves[0].name}: expected shots of one format, found {', '.join(others)}"
                 )
-            return lay([_shot(path, traces) for path, traces in read])
+            shots = lay([_shot(path, traces) for path, traces in read])
+            return replace(shots, warnings=(*lost, *shots.warnings))
         traces = [trace for _, found in read for trace in found]
         stations, doubts = _stations(waves, described, traces)
         found = _continuous(traces, formats, waves[0].name, stations)
-        return replace(found, warnings=(*found.warnings, *doubts))
+        return replace(found, warnings=(*lost, *found.warnings, *doubts))
+
+
+def _is_sac(head: bytes) -> bool:
+    """Tell a SAC header: version 6 or 7, some points, evenly spaced or not (SAC manual)."""
+    if len(head) < 632:
+        return False
+    return any(
+        words[76] in (6, 7) and words[79] > 0 and words[105] in (0, 1)
+        for words in (struct.unpack_from(f"{order}110i", head) for order in "<>")
+    )
+
+
+def _is_segy(head: bytes, size: int) -> bool:
+    """Tell the headers of SEG-Y: a known format, and traces of that many samples to the end."""
+    if len(head) < _SEGY_TRACES + _TRACE_HEADER:
+        return False
+    for order in "<>":
+        interval_us, _, samples, _, code = struct.unpack_from(f"{order}5H", head, 3216)
+        (own,) = struct.unpack_from(f"{order}H", head, _SEGY_TRACES + 114)
+        if code not in _SEGY_BYTES or not interval_us or not (own or samples):
+            continue
+        trace = _TRACE_HEADER + (own or samples) * _SEGY_BYTES[code]
+        if (size - _SEGY_TRACES) % trace == 0 or (own == samples and size - _SEGY_TRACES >= trace):
+            return True
+    return False
+
+
+def _is_su(head: bytes, size: int) -> bool:
+    """Tell a trace header of Seismic Unix: traces of that many samples fill the file."""
+    if len(head) < _TRACE_HEADER:
+        return False
+    for order in "<>":
+        code, samples, interval_us = struct.unpack_from(f"{order}h84xHH", head, 28)
+        whole = samples and size % (_TRACE_HEADER + 4 * samples) == 0
+        if whole and interval_us and 0 <= code <= _LAST_TRACE_CODE:
+            return True
+    return False
 
 
 def _stations(
@@ -113,8 +170,8 @@ def _stations(
     return None, (f"expected one StationXML of the stations, found {names}: none was used",)
 
 
-def _read(path: Path) -> list[Any]:
-    """Return ObsPy's traces of one file."""
+def _read(path: Path) -> tuple[list[Any], list[str]]:
+    """Return ObsPy's traces of one file that hold samples, and what is lost of it."""
     try:
         with warnings.catch_warnings():
             # ObsPy's own use of importlib, matplotlib and its remarks on custom headers
@@ -123,17 +180,27 @@ def _read(path: Path) -> list[Any]:
     except ImportError as error:
         raise MissingReaderError(path.name, "obspy", "seismic") from error
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
             # from memory: a reader that fails would leave its file open
             traces = list(read(io.BytesIO(path.read_bytes())))
     except Exception as error:  # ObsPy's readers raise whatever their parsers meet
         raise FormatError(
             f"{path.name}: expected a seismic file ObsPy can read, found: {error}"
         ) from error
-    if not traces or not all(len(t.data) and t.stats.sampling_rate > 0 for t in traces):
+    kept = [t for t in traces if len(t.data) and t.stats.sampling_rate > 0]
+    if not kept:
         raise FormatError(f"{path.name}: expected traces with samples, found none")
-    return traces
+    lines = [
+        f"{path.name}: {' '.join(str(w.message).split())}"
+        for w in said
+        # its reader of miniSEED warns of records it cannot read, others of their own use of Python
+        if "MSEED" in w.category.__name__
+    ]
+    if len(kept) < len(traces):
+        empty = len(traces) - len(kept)
+        lines.append(f"{path.name}: {empty} of {len(traces)} traces hold no samples: left out")
+    return kept, list(dict.fromkeys(lines))
 
 
 def _shot(path: Path, traces: list[Any]) -> Shot:

@@ -1,7 +1,8 @@
-"""Hammer shots of one line, laid end to end as one recording.
+"""Hammer shots of one line as one recording.
 
-Shots lie in the order they were fired (acquisition time, then file name), each a contiguous run,
-with a second of nothing between two, so that a replay starts each with fresh state. Receivers are
+Shots lie in the order they were fired (acquisition time, then file name), each a contiguous run at
+its own time, or laid end to end where their headers tell no different times, see
+:mod:`.end_to_end`. Receivers are
 named ``G01``, ``G02``, ... by place along the whole line: where the spread is moved between shots
 each spread is a stream of its own, and a receiver place keeps its name.
 """
@@ -18,6 +19,7 @@ from ..geometry import Geometry, Sensor
 from ..labels import Label
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream
 from .api import Imported
+from .end_to_end import Part, lay_out
 from .mapped import sample_format
 
 if TYPE_CHECKING:
@@ -26,9 +28,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Position = tuple[float, float, float]
-
-#: Time without samples between two shots [s].
-GAP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +74,9 @@ def lay(shots: Sequence[Shot]) -> Imported:
     """
     shots = sorted(shots, key=lambda s: s.start_ns)  # stable: files come in natural order
     _check_one_line(shots)
-    firsts = _first_samples(shots)
-    rate_hz = shots[0].rate_hz
-    # a file without a date starts at the clock's zero, its shot no earlier
-    start_ns = max(shots[0].start_ns, round(shots[0].delay_s * NS_PER_S))
-    starts = [start_ns + round(f * NS_PER_S / rate_hz) for f in firsts]
+    shots, starts, note = _in_time(shots)
+    start_ns, rate_hz = starts[0], shots[0].rate_hz
+    firsts = [round((t - start_ns) * rate_hz / NS_PER_S) for t in starts]
     names = _names(shots)
     spreads: dict[tuple[str, ...], list[int]] = {}
     for i, shot_names in enumerate(names):
@@ -88,9 +85,8 @@ def lay(shots: Sequence[Shot]) -> Imported:
     for number, (spread, members) in enumerate(spreads.items(), start=1):
         topic = "/seismic" if len(spreads) == 1 else f"/seismic/{number}"
         offsets = [firsts[i] - firsts[members[0]] for i in members]
-        sources.append(
-            _spread(topic, spread, [shots[i] for i in members], offsets, starts[members[0]])
-        )
+        own = [shots[i] for i in members]
+        sources.append(_spread(topic, spread, own, offsets, [starts[i] for i in members]))
     moved = f"the spread was moved: {len(spreads)} streams, receivers named by place"
     return Imported(
         sources=tuple(sources),
@@ -98,6 +94,8 @@ def lay(shots: Sequence[Shot]) -> Imported:
         geometry=_geometry(shots, names),
         labels=tuple(_impact(s, t) for s, t in zip(shots, starts, strict=True)),
         warnings=(moved,) if len(spreads) > 1 else (),
+        remarks=note,
+        files=tuple((s.name, t) for s, t in zip(shots, starts, strict=True)),
     )
 
 
@@ -121,11 +119,22 @@ def _check_one_line(shots: Sequence[Shot]) -> None:
             )
 
 
-def _first_samples(shots: Sequence[Shot]) -> list[int]:
-    """Return the first sample of each shot, counted from the first of all."""
-    gap = round((GAP_S + max(0.0, *(s.delay_s for s in shots))) * shots[0].rate_hz)
-    lengths = [len(s.samples) + gap for s in shots]
-    return [sum(lengths[:i]) for i in range(len(shots))]
+def _in_time(shots: Sequence[Shot]) -> tuple[list[Shot], list[int], tuple[str, ...]]:
+    """Return the shots in order, when the first sample of each is [ns], and of several why then.
+
+    A shot takes its time from the hammer's blow, where that comes before the first sample.
+    """
+    leads = [max(0, round(s.delay_s * NS_PER_S)) for s in shots]
+    period_ns = NS_PER_S / shots[0].rate_hz
+    parts = []
+    for shot, lead_ns in zip(shots, leads, strict=True):
+        # a file without a date starts at the clock's zero, its shot no earlier
+        first_ns = max(shot.start_ns, lead_ns)
+        end_ns = first_ns + round(len(shot.samples) * period_ns)
+        parts.append(Part(shot.name, first_ns - lead_ns, end_ns))
+    laid = lay_out(parts, "shots")
+    starts = [t + leads[i] for i, t in zip(laid.order, laid.starts_ns, strict=True)]
+    return [shots[i] for i in laid.order], starts, (laid.note,) if len(shots) > 1 else ()
 
 
 def _names(shots: Sequence[Shot]) -> list[tuple[str, ...]]:
@@ -146,7 +155,11 @@ def _keys(shot: Shot) -> list[tuple[Any, int]]:
 
 
 def _spread(
-    topic: str, names: tuple[str, ...], shots: Sequence[Shot], offsets: Sequence[int], anchor: int
+    topic: str,
+    names: tuple[str, ...],
+    shots: Sequence[Shot],
+    offsets: Sequence[int],
+    starts: Sequence[int],
 ) -> Any:
     """Return the shots of one spread as a stream; gains are brought to the first shot's."""
     first = shots[0]
@@ -163,8 +176,13 @@ def _spread(
     stream = Stream(topic, channels, first.rate_hz)
     ends = np.cumsum([len(s.samples) for s in shots]).tolist()
     blocks = [
-        SignalBlock(stream, anchor, offset, samples[end - len(s.samples) : end])
-        for s, offset, end in zip(shots, offsets, ends, strict=True)
+        SignalBlock(
+            stream,
+            start_ns - round(offset * stream.period_ns),
+            offset,
+            samples[end - len(s.samples) : end],
+        )
+        for s, offset, start_ns, end in zip(shots, offsets, starts, ends, strict=True)
     ]
     return stream, name, blocks
 

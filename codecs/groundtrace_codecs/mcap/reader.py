@@ -28,9 +28,10 @@ from groundtrace_codecs.mcap.records import (
     parse_attachment,
     read_record,
 )
-from groundtrace_codecs.mcap.remote import open_bytes
+from groundtrace_codecs.mcap.remote import RemoteBytes, open_bytes
 from groundtrace_codecs.mcap.scan import ANY_TIME
 from groundtrace_codecs.mcap.scanned import stray_reason
+from groundtrace_codecs.mcap.set_backs import reading_clock
 from groundtrace_codecs.mcap.table import MessageTable
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.mcap.bytesource import ByteSource
     from groundtrace_codecs.mcap.segments import Segment
+    from groundtrace_codecs.mcap.set_backs import ReadingClock
 
 
 class _Part:
@@ -180,22 +182,39 @@ class McapFile:
         channel_ids: Collection[int] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
+        clock: ReadingClock | None = None,
     ) -> Iterator[MessageTable]:
-        """Read messages as :meth:`messages` does, as many at once as lie together."""
+        """Read messages as :meth:`messages` does, as many at once as lie together.
+
+        With a ``clock``, its times of reading are in the place of log times, also in the messages.
+        """
         low = ANY_TIME[0] if start_ns is None else start_ns
         high = ANY_TIME[1] if stop_ns is None else stop_ns
         wanted: Container[int] = self.channels
-        chunks = [c for c in self._chunks if c.start_ns < high and low <= c.end_ns]
+        chunks = [
+            c
+            for c in (self._chunks if clock is None else clock.chunks)
+            if c.start_ns < high and low <= c.end_ns
+        ]
         if channel_ids is not None:
             wanted = chosen = self.channels.keys() & set(channel_ids)
             chunks = [c for c in chunks if c.channel_ids is None or c.channel_ids & chosen]
         parts = [_Part(self._source, segment, wanted) for segment in self._segments]
 
         def load(entry: ChunkEntry, floor_ns: int) -> MessageTable:
-            found = self._load(parts[entry.segment], entry, low, high)
+            if clock is None:
+                found = self._load(parts[entry.segment], entry, low, high)
+            else:
+                found = clock.read(entry, self._load(parts[entry.segment], entry, *ANY_TIME))
+                found = found.between(low, high).in_order()
             return self._in_time(entry, found, floor_ns)
 
         return merge(chunks, load)
+
+    def reading_clock(self, channel_ids: Collection[int]) -> ReadingClock | None:
+        """Return at what times some channels are to be read if a clock was set back, else None."""
+        near = not isinstance(self._source, RemoteBytes)
+        return reading_clock(self._source, self._chunks, self._segments, channel_ids, near=near)
 
     def attachment(self, ref: AttachmentRef) -> bytes:
         """Read the content of an attachment.

@@ -1,7 +1,8 @@
 """Streams in ROS 2 messages: which messages hold samples, where, and at what time.
 
 Recognised by the embedded schema alone: the five ``sensor_msgs`` below, and any message that
-contains one of them, also in one array. A sample's time is the stamp of its own header where that
+contains one of them, also in one array. A message of another type with a latitude and a longitude
+is taken for a position. A sample's time is the stamp of its own header where that
 is non-zero, else of the nearest enclosing one, else the message's log time.
 """
 
@@ -51,6 +52,14 @@ KINDS: dict[str, tuple[tuple[str, Channel], ...]] = {
 }
 
 
+#: Names of fields that are a position's, in degrees and metres, in messages of unknown types.
+_POSITION_NAMES = {
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon", "lng", "long"),
+    "altitude": ("altitude", "alt", "height"),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class RosSource:
     """One stream within the messages of a topic.
@@ -58,16 +67,24 @@ class RosSource:
     Attributes
     ----------
     kind
-        Key of :data:`KINDS`.
+        Key of :data:`KINDS`, or the name of a message of unknown type that holds a position.
     prefix
         Path before the kind's fields: empty for the message itself, else ending in a dot.
     stamps
         Paths of the header stamps that may time it, innermost first.
+    position
+        Fields of a position in a message of unknown type; empty for a known one.
     """
 
     kind: str
     prefix: str
     stamps: tuple[str, ...]
+    position: tuple[tuple[str, Channel], ...] = ()
+
+    @property
+    def fields(self) -> tuple[tuple[str, Channel], ...]:
+        """The paths of the samples and what they are."""
+        return self.position or KINDS[self.kind]
 
     @property
     def suffix(self) -> str:
@@ -78,17 +95,48 @@ class RosSource:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """The channels of the stream."""
-        return tuple(channel for _, channel in KINDS[self.kind])
+        return tuple(channel for _, channel in self.fields)
 
 
 def find_sources(definition: Definition) -> tuple[RosSource, ...]:
     """Return the streams a message holds, in the order of its fields."""
-    return tuple(_search(definition, "", ()))
+    return tuple(_search(definition, "", ())) or tuple(_positions(definition, "", ()))
+
+
+def in_range(values: NDArray[np.float64]) -> bool:
+    """Tell whether latitudes and longitudes, the first columns, are such in degrees."""
+    with np.errstate(invalid="ignore"):
+        return not (np.abs(values[:, :2]) > (90.0, 180.0)).any()
+
+
+def _positions(definition: Definition, prefix: str, outer: tuple[str, ...]) -> Iterator[RosSource]:
+    """Yield what a message of unknown type has of positions, none of them in arrays."""
+    outer = _stamped(definition, prefix, outer)
+    found: dict[str, str] = {}
+    for quantity, names in _POSITION_NAMES.items():
+        name = next((n for n in names if _is_number(definition, n, "f")), None)
+        if name is not None:
+            found[quantity] = name
+    if {"latitude", "longitude"} <= found.keys():
+        fix = {channel.quantity: channel for _, channel in KINDS["sensor_msgs/NavSatFix"]}
+        fields = tuple((name, fix[quantity]) for quantity, name in found.items())
+        yield RosSource(definition.name, prefix, outer, fields)
+        return
+    for field in definition.fields:
+        path = _below(field, prefix)
+        if field.message is not None and "[]" not in path:
+            yield from _positions(field.message, path, outer)
+
+
+def _stamped(definition: Definition, prefix: str, outer: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the stamps that may time what is in a message, its own first."""
+    if all(_is_number(definition, f"header.stamp.{p}", "iu") for p in ("sec", "nanosec")):
+        return (f"{prefix}header.stamp", *outer)
+    return outer
 
 
 def _search(definition: Definition, prefix: str, outer: tuple[str, ...]) -> Iterator[RosSource]:
-    if all(_is_number(definition, f"header.stamp.{p}", "iu") for p in ("sec", "nanosec")):
-        outer = (f"{prefix}header.stamp", *outer)
+    outer = _stamped(definition, prefix, outer)
     if definition.name in KINDS:
         # A schema may call anything an Imu: it is one if it has an Imu's fields.
         if all(_is_number(definition, path) for path, _ in KINDS[definition.name]):
@@ -151,7 +199,7 @@ def read_samples(
 def _from_table(
     source: RosSource, rows: NDArray[np.intp], table: Table, log_ns: NDArray[np.int64]
 ) -> Samples:
-    columns = [table.column(source.prefix + path) for path, _ in KINDS[source.kind]]
+    columns = [table.column(source.prefix + path) for path, _ in source.fields]
     count = columns[0].shape[1]
     values = np.empty((len(rows), count, len(columns)))
     for i, column in enumerate(columns):
