@@ -18,10 +18,11 @@ class Finding:
     Attributes
     ----------
     topic, channel
-        Where; the channel is empty where the whole stream is meant.
+        Where; the channel is empty where the whole stream is meant, and a quantity where its three
+        axes are.
     kind
         ``not finite``, ``late``, ``constant``, ``clipped``, ``dropouts``, ``spikes``, ``offset``,
-        ``hum`` or ``rate``.
+        ``hum``, ``rate``, ``axes``, ``unit`` or ``zero``.
     start_ns, end_ns
         Half-open span from the first to the last time it is so [ns].
     events

@@ -32,14 +32,15 @@ class Rate:
         self.stream = stream
         self._first: SignalBlock | None = None
         self._best: tuple[float, int, int, int] = (0.0, 0, 0, 0)
-        self._last = 0
+        self._last, self._last_ns = 0, 0
 
     def hear(self, block: SignalBlock) -> None:
         """Take a recorded block."""
         first = self._first
-        if first is None or block.first < self._last:
+        # the count begins again, or the clock does
+        if first is None or block.first < self._last or block.start_ns < self._last_ns:
             first = self._first = block
-        self._last = block.first
+        self._last, self._last_ns = block.first, block.start_ns
         count = block.first - first.first
         if count > self._best[1]:
             taken_ns = block.start_ns - first.start_ns

@@ -9,6 +9,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..source import BRIDGE_S
 from .held import Held
+from .limits import Limits
 from .mains import Hum
 from .nonfinite import NonFinite
 from .offsets import Offsets
@@ -55,6 +56,7 @@ class HealthWatch:
         self._watchers: tuple[Watcher, ...] = (
             NonFinite(stream),
             Held(stream, [*moving, *stream.columns_of(SLOW)], moving),
+            Limits(stream, MOVING),
             Spikes(stream, moving),
             Offsets(stream, seismic),
             Hum(stream, seismic),
@@ -83,8 +85,12 @@ class HealthWatch:
     def findings(self) -> Iterator[Finding]:
         """End the last run and yield all that was found."""
         self._end()
+        clipped = set()
         for watcher in self._watchers:
-            yield from watcher.findings()
+            for found in watcher.findings():
+                if found.kind != "clipped" or found.channel not in clipped:
+                    yield found
+                clipped |= {found.channel} if found.kind == "clipped" else set()
         if self._rate is not None:
             yield from self._rate.findings()
 

@@ -1,0 +1,263 @@
+"""Tops that are cut off though no two samples are equal: amplifiers at a rail, sensors at a limit.
+
+A digitiser at full scale repeats one value (:mod:`.rails`). An amplifier's rail is a few percent
+off from top to top, other on the other side, and carries noise; a gyroscope at its limit is
+multiplied, shifted and mixed with the other axes by its calibration. What is left of the cut is the
+corner: the highest samples of a smooth top are a parabola, whose slope beside n samples is 4 / n of
+how far they spread, whatever the rate and the height. A slope of many times that on both sides is
+none of the signal's own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.units import G0_MPS2
+
+from .finding import Finding, percent, times
+from .held import STEP_PART
+from .rails import LEAST_STEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import Channel, Stream
+
+    from .windows import Window
+
+#: Worn sensors whose limits are looked for in a replay.
+WORN = frozenset({"acceleration", "angular_velocity"})
+#: The samples of one top spread by no more than this part of the channel's swing.
+WITHIN = 0.006
+#: Tops of one sign are of one limit within this part of half the swing.
+WANDERS = 0.05
+#: Slope beside a flat top in those of a parabola (1), and at least this part of the swing a sample,
+#: which noise on a slow signal does not reach. Chosen on 250 simulated rooms of 4 channels, 150 of
+#: them with seeds from 0 and 100 drawn at random: the second of one side has up to 6.2 by chance,
+#: those of a rail hundreds. Near the full scale of a worn sensor, which few signals come to, less
+#: is enough: 3.7 to 34 in llio-pyshoe's gyroscopes of 500 deg/s, below 3 twice on one side in all
+#: else. bench/corrupted_inputs.py reports other rooms and recordings.
+CORNER, STEEP = 10.0, 0.015
+CORNER_NEAR_SCALE, STEEP_NEAR_SCALE = 3.0, 0.01
+#: Samples of a flat top, how many of them, and which part of the tops that come so high are flat.
+SHORTEST, TOPS, PART = 3, 2, 0.1
+#: Limits of worn sensors are the same on both sides but for an offset: tops lower than this part of
+#: the largest value of either sign are none.
+SAME = 0.8
+#: So many tops of one side are kept.
+MOST = 2048
+#: Full scales of accelerometers [m/s2] and gyroscopes [rad/s], and how far from them a calibration
+#: and an offset bring them.
+FULL_SCALES = {
+    "acceleration": [(f"{n} g", n * G0_MPS2) for n in (2, 4, 8, 16)],
+    "angular_velocity": [
+        (f"{n} deg/s", math.radians(n)) for n in (125, 250, 300, 450, 500, 1000, 2000, 4000)
+    ],
+}
+NEAR = 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class _Top:
+    """The highest samples of one excursion: how high, how many, how flat, how steep beside."""
+
+    level: float
+    samples: int
+    spread: float
+    slope: float
+    start_ns: int
+    end_ns: int
+
+
+@dataclass(slots=True)
+class _Side:
+    """Tops of one sign; levels count upwards on both sides."""
+
+    sign: int
+    extreme: float = -math.inf
+    tops: list[_Top] = field(default_factory=list)
+
+    def near(self, swing: float) -> float:
+        """Return from where on tops count."""
+        return self.extreme - WANDERS * swing / 2
+
+    def forget(self, swing: float) -> None:
+        """Drop what is too low to count any more, and of too many every second one."""
+        if len(self.tops) > MOST:
+            near = self.near(swing)
+            self.tops = [top for top in self.tops if top.level >= near]
+            if len(self.tops) > MOST:
+                self.tops = self.tops[::2]
+
+    def flat(self, swing: float, step: float, *, near_scale: bool) -> list[_Top]:
+        """Return the tops that are cut off, if they are of a limit.
+
+        Parameters
+        ----------
+        swing
+            From the lowest to the highest sample.
+        step
+            Nearly the smallest change from sample to sample.
+        near_scale
+            Whether a full scale is near, so that less is enough.
+        """
+        corner = CORNER_NEAR_SCALE if near_scale else CORNER
+        steep = STEEP_NEAR_SCALE if near_scale else STEEP
+        high = [top for top in self.tops if top.level >= self.near(swing)]
+        flat = [
+            top
+            for top in high
+            if top.samples >= SHORTEST
+            and top.slope >= steep * swing
+            and top.slope * top.samples >= corner * 4 * max(top.spread, step)
+        ]
+        return flat if len(flat) >= max(TOPS, PART * len(high)) else []
+
+
+class Limits:
+    """Looks for tops that are cut off.
+
+    Parameters
+    ----------
+    stream
+        Its channels.
+    quantities
+        Those that are looked at.
+    """
+
+    def __init__(self, stream: Stream, quantities: Collection[str] = WORN) -> None:
+        self.stream = stream
+        columns = stream.columns_of(set(quantities))
+        self._sides = {c: (_Side(1), _Side(-1)) for c in columns}
+        self._steps = dict.fromkeys(columns, math.inf)
+        self._heard = 0
+
+    @staticmethod
+    def fits(stream: Stream) -> bool:
+        """Return whether a stream is one of a worn sensor."""
+        return bool(stream.columns_of(WORN))
+
+    def hear(self, window: Window) -> None:
+        """Take the next window."""
+        self._heard += len(window)
+        for c, sides in self._sides.items():
+            core = window.core[c]
+            if not np.isfinite(core).any():
+                continue
+            jumps = np.abs(np.diff(core))
+            jumps = jumps[jumps > 0]
+            if len(jumps):
+                place = int(STEP_PART * len(jumps))
+                self._steps[c] = min(self._steps[c], float(np.partition(jumps, place)[place]))
+            sides[0].extreme = max(sides[0].extreme, float(np.nanmax(core)))
+            sides[1].extreme = max(sides[1].extreme, -float(np.nanmin(core)))
+            swing = sides[0].extreme + sides[1].extreme
+            for side in sides:
+                side.tops.extend(_tops(window, c, side, swing))
+                side.forget(swing)
+
+    def gap(self) -> None:
+        """Nothing crosses windows."""
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield one finding for each channel that is clipped."""
+        for c, sides in self._sides.items():
+            channel = self.stream.channels[c]
+            swing = sides[0].extreme + sides[1].extreme
+            step = self._steps[c]
+            if not math.isfinite(step) or swing < LEAST_STEPS * step:
+                continue
+            least = SAME * max(side.extreme for side in sides)
+            worn = channel.quantity not in SEISMIC_QUANTITIES
+            found = []
+            for side in sides:
+                near = _full_scale(channel, side.extreme * channel.scale)
+                flat = side.flat(swing, step, near_scale=bool(near))
+                if flat and side.extreme > 0 and (side.extreme >= least or not worn):
+                    found.append((side.sign, flat))
+            if found:
+                yield _clipped(self.stream, channel, found, self._heard)
+
+
+def _tops(window: Window, c: int, side: _Side, swing: float) -> Iterator[_Top]:
+    """Yield the tops of a window that come near to the extreme."""
+    if swing <= 0:
+        return
+    row = window.values[c] * side.sign
+    above = np.flatnonzero(row > side.near(swing))
+    if not len(above):
+        return
+    for part in np.split(above, np.flatnonzero(np.diff(above) > 1) + 1):
+        at = int(part[0]) + int(np.argmax(row[part[0] : part[-1] + 1]))
+        if window.left <= at < window.left + len(window):
+            yield _grown(window, row, at, WITHIN * swing)
+
+
+def _grown(window: Window, row: NDArray[np.floating], at: int, within: float) -> _Top:
+    """Return the flattest run of samples around the highest one."""
+    first = last = at
+    highest = float(row[at])
+    best, sharpest = _Top(highest, 1, 0.0, 0.0, window.time_ns(at - window.left), 0), -1.0
+    while True:
+        if last - first + 1 >= SHORTEST and first > 0 and last + 1 < len(row):
+            slope = min(float(row[first] - row[first - 1]), float(row[last] - row[last + 1]))
+            spread = highest - float(row[first : last + 1].min())
+            count = last - first + 1
+            corner = slope * count / max(4 * spread, 1e-6 * within)
+            if corner > sharpest:
+                start = window.time_ns(first - window.left)
+                best, sharpest = _Top(highest, count, spread, slope, start, 0), corner
+        before = float(row[first - 1]) if first else -math.inf
+        after = float(row[last + 1]) if last + 1 < len(row) else -math.inf
+        if not max(before, after) >= highest - within:
+            break
+        first, last = (first - 1, last) if before >= after else (first, last + 1)
+    end_ns = best.start_ns + round(best.samples * window.period_ns)
+    return _Top(best.level, best.samples, best.spread, best.slope, best.start_ns, end_ns)
+
+
+def _clipped(
+    stream: Stream, channel: Channel, found: Sequence[tuple[int, list[_Top]]], heard: int
+) -> Finding:
+    tops = [top for _, flat in found for top in flat]
+    samples = sum(top.samples for top in tops)
+    at = " and ".join(
+        f"{sign * _middle(flat) * channel.scale:.4g} {channel.unit}" for sign, flat in found
+    )
+    first = min(tops, key=lambda top: top.start_ns)
+    near = _full_scale(channel, max(_middle(flat) for _, flat in found) * channel.scale)
+    scale = f", near the full scale of {near}" if near else ""
+    worn = channel.quantity in WORN
+    return Finding(
+        stream.topic,
+        channel.name,
+        "clipped",
+        first.start_ns,
+        max(top.end_ns for top in tops),
+        len(tops),
+        samples / heard,
+        f"clipped at about {at}{scale}, {times(len(tops))}, {percent(samples / heard)} of the "
+        "samples",
+        "it moved further than is recorded: what is integrated goes astray there"
+        if worn
+        else "amplitudes there are lower bounds, onsets stay",
+        "record with a wider range" if worn else "record with less gain or a wider range",
+    )
+
+
+def _full_scale(channel: Channel, level: float) -> str:
+    """Return the full scale of a worn sensor that a level [SI] is near; empty where none is."""
+    scales = FULL_SCALES.get(channel.quantity, []) if channel.unit != "count" else []
+    off = [(abs(level - value) / value, name) for name, value in scales]
+    return min((pair for pair in off if pair[0] <= NEAR), default=(0.0, ""))[1]
+
+
+def _middle(flat: Sequence[_Top]) -> float:
+    return float(np.median([top.level for top in flat]))
