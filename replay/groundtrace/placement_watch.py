@@ -20,14 +20,17 @@ from .detectors.rhythm import repetition
 from .heading.aligned import columns_of_axes
 from .nonfinite import Holder
 from .placement import Measures, PlacementGuess, guessed
+from .source import Source
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import Stream
+
+    from .source import Readable
 
     Array = NDArray[np.float64]
 
@@ -134,6 +137,30 @@ class PlacementWatch:
         )
 
 
+def guessed_placements(
+    recording: Readable, topics: Collection[str]
+) -> dict[str, PlacementGuess | None]:
+    """Return where sensors may be worn, by topic; None where that cannot be told.
+
+    Parameters
+    ----------
+    recording
+        What is looked at, from its first sample on until more would change nothing.
+    topics
+        Of the sensors.
+    """
+    streams = {s.topic: s for s in recording.streams if s.topic in topics}
+    watches = {t: PlacementWatch(s) for t, s in streams.items() if PlacementWatch.fits(s)}
+    for item in Source(recording, topics=set(watches)) if watches else ():
+        if isinstance(item, SignalBlock):
+            watches[item.topic].hear(item)
+        elif not item.bridged and item.topic in watches:
+            watches[item.topic].gap()
+        if all(watch.done for watch in watches.values()):
+            break
+    return {t: watches[t].guess() if t in watches else None for t in streams}
+
+
 def noted(
     items: Iterable[SignalBlock | Gap], watches: dict[str, PlacementWatch | None] | None = None
 ) -> Iterator[SignalBlock | Gap | Note]:
@@ -178,7 +205,7 @@ def _note(watch: PlacementWatch) -> Iterator[Note]:
         text = f"{watch.topic}: placement {watch.stated} stated and taken, but it moves like: "
         yield Note(watch.known_ns, text + guess.text, "WARN", SOURCE)
     elif not watch.stated:
-        text = f"{watch.topic}: no placement stated, stages take their defaults; a guess: "
+        text = f"{watch.topic}: no placement stated; a guess: "
         yield Note(watch.known_ns, text + guess.text, "INFO", SOURCE)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, TraceBlock
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -17,6 +17,7 @@ from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit
 from .localizer_stage import place_candidate, placed_channels
 from .stage import PluginStage
+from .vehicles.api import row_doubt
 from .vehicles.ratios import Noise
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ class _Run:
     columns: list[int]
     sensors: NDArray[np.float64]
     rate_hz: float
+    doubt: str
     carry: Carry = field(default_factory=Carry)
 
     def begin(self) -> None:
@@ -191,7 +193,8 @@ class RatioStage(PluginStage["RatioPlaces"]):
         index = {c.name: i for i, c in enumerate(stream.channels)}
         chosen = [index[name] for name in names]
         spec = in_length_unit(spec, self.geometry)
-        run = _Run(worker, spec, names, chosen, sensors, stream.rate_hz)
+        doubt = row_doubt(names, sensors)
+        run = _Run(worker, spec, names, chosen, sensors, stream.rate_hz, doubt)
         run.begin()
         return run
 
@@ -208,4 +211,7 @@ class RatioStage(PluginStage["RatioPlaces"]):
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         yield block
         if block.accepted[0]:
+            if run.doubt:
+                yield Note(ratios.time_ns, run.doubt, "WARN", self.name)
+                run.doubt = ""
             yield location.fix(ratios.time_ns, f"{self.plugin} {self.parameters.method}", self.name)

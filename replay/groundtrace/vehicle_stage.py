@@ -114,7 +114,8 @@ class VehicleStage(PluginStage["VehicleWorker"]):
         elif not self._told and self.allowed(block.spec.topic):
             self._told = True
             text = f"expected a geometry with places of {self.kind.least_stations} or more stations"
-            text = f"{block.spec.topic}: no {self.kind.emits}: {text}, found none"
+            found = len(Site.of(self.geometry).names) or "none"
+            text = f"{block.spec.topic}: no {self.kind.emits}: {text}, found {found}"
             yield Note(int(block.time_ns[0]), text, "WARN", self.name)
 
     def _worked(self, run: _Run, cycles: Iterable[Cycle]) -> Iterator[Event]:

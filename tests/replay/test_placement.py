@@ -33,7 +33,8 @@ def limb(seconds: float = 40.0, rate_hz: float = 100.0, swing_deg: float = 25.0)
     # the bob of the body along the limb, and the limb's own swing across it
     along = 9.81 * np.cos(angle) + 2.0 * np.cos(2 * stride)
     across = 9.81 * np.sin(angle)
-    turning = np.gradient(angle, t)
+    # right-handed: what is fixed in space goes by v x w in the sensor's axes
+    turning = -np.gradient(angle, t)
     none = np.zeros_like(t)
     return np.stack([across, none, along, none, turning, none], axis=1)
 

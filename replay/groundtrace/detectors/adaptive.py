@@ -14,7 +14,7 @@ the peak.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ from ..parameters import gate, measured
 from .adaptive_band import Followed, StepBand
 from .adaptive_peaks import Peaks
 from .even_grid import GRID_HZ, Kept
+from .filters import HIGHEST_CORNER
 from .frames import FrameTrace, trace_of
 from .rhythm import Scale
 from .upward import FORCE, MAGNITUDE, Upward, UpwardPart
@@ -65,7 +66,9 @@ class AdaptiveParameters:
     dominance: Annotated[
         float, gate("1", "Least time to a higher peak, in step times.", ge=0, le=1)
     ] = 0.55
-    rhythm: Annotated[float, gate("1", "Least strength of the rhythm around it.", ge=0)] = 0.38
+    rhythm: Annotated[float, gate("1", "Least strength of the rhythm around it.", ge=0, le=1)] = (
+        0.38
+    )
 
 
 @dataclass(slots=True)
@@ -85,6 +88,8 @@ class AdaptiveDetector:
 
     Parameters = AdaptiveParameters
     quantities = FORCE | MAGNITUDE
+    #: Of a signal in unknown units, see :class:`.upward.Upward`.
+    mean_is_gravity = True
     emits: Emits = "step"
     columns = (
         Quantity("height", "m/s2"),
@@ -102,6 +107,16 @@ class AdaptiveDetector:
         Level("rhythm", "1", "rhythm"),
     )
 
+    #: Whether peaks are looked for in the band of the steps, or in all that is quicker than them.
+    in_band = True
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: AdaptiveParameters
+    ) -> tuple[type[AdaptiveDetector], AdaptiveParameters]:
+        """Return what measures the same on the signal of the grid, only its slow part taken out."""
+        return _UnfilteredDetector, replace(parameters, cutoff_hz=HIGHEST_CORNER * GRID_HZ)
+
     def __init__(self, parameters: AdaptiveParameters) -> None:
         self.parameters = parameters
 
@@ -111,7 +126,7 @@ class AdaptiveDetector:
         trunk = (p.placement or stream.placement) in TRUNK
         self.state = _State(
             Upward(stream, p.cutoff_hz),
-            StepBand(_TRUNK_SCALES if trunk else _OTHER_SCALES, p.ahead_s),
+            StepBand(_TRUNK_SCALES if trunk else _OTHER_SCALES, p.ahead_s, fine=self.in_band),
             Peaks(p.floor, p.rise if trunk else 0.0),
             FrameTrace(GRID_HZ, 1),
             None,
@@ -177,3 +192,9 @@ class AdaptiveDetector:
             np.zeros(len(found), np.int32),
             found[:, 1:].astype(np.float32),
         )
+
+
+class _UnfilteredDetector(AdaptiveDetector):
+    """Finds peaks in all that is quicker than a step."""
+
+    in_band = False

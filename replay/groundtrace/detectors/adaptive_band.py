@@ -57,15 +57,20 @@ class Followed(NamedTuple):
 
 
 @cache
-def _kernels() -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _kernels(*, fine: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the weights of each node's band, and last of the signal rises are timed in.
+
+    Without ``fine`` the band has no upper end: a point itself in place of its first Gaussian.
 
     Shape (nodes + 1, taps), from the oldest neighbour on; and the first and last that counts. Both
     are to read only.
     """
     reach = len(gaussian(_COARSE * _NODES_S[-1])) // 2
     timed = lowpass(_TIMED_HZ, _TIMED_S, np.arange(-reach, reach + 1) / GRID_HZ)
-    bands = [_padded(_FINE * t, reach) - _padded(_COARSE * t, reach) for t in _NODES_S]
+    point = np.zeros(2 * reach + 1)
+    point[reach] = 1.0
+    tops = [_padded(_FINE * t, reach) if fine else point for t in _NODES_S]
+    bands = [top - _padded(_COARSE * t, reach) for top, t in zip(tops, _NODES_S, strict=True)]
     kernels = np.array([*bands, timed / timed.sum()])
     spans = [(k[0], k[-1] + 1) for k in (np.flatnonzero(kernel) for kernel in kernels)]
     return np.ascontiguousarray(kernels[:, ::-1]), np.array(spans, np.int64)
@@ -86,10 +91,12 @@ class StepBand:
     ----------
     scales, ahead_s
         Of the :class:`~.rhythm.Rhythm`.
+    fine
+        Whether what is quicker than a step is taken out; False leaves it in.
     """
 
-    def __init__(self, scales: Sequence[Scale], ahead_s: float) -> None:
-        self._kernels, self._spans = _kernels()
+    def __init__(self, scales: Sequence[Scale], ahead_s: float, *, fine: bool = True) -> None:
+        self._kernels, self._spans = _kernels(fine=fine)
         trend = _padded(_TREND_S, len(gaussian(_TREND_S)) // 2, centre=-1.0)
         self._trend = CentredFilter(-trend)
         self._rhythm = Rhythm(scales, ahead_s)

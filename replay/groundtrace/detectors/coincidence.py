@@ -22,7 +22,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, Level
+from ..gates import Candidates, Level, Reach
 from ..parameters import gate, measured
 
 if TYPE_CHECKING:
@@ -118,6 +118,7 @@ class Coincidence:
     def __init__(self, parameters: CoincidenceParameters) -> None:
         self.parameters = parameters
         self.state = _State()
+        self._channels = 0
         self._most = 0
         self._window_ns = parameters.window_s * NS_PER_S
         self._sharp_ns = parameters.sharp_s * NS_PER_S
@@ -125,8 +126,13 @@ class Coincidence:
     def start(self, spec: StageSpec) -> tuple[str, ...]:
         """Begin; an impact is not of one channel."""
         self.state = _State()
-        self._most = ceil(MOST * len(spec.channels))
+        self._channels = len(spec.channels)
+        self._most = ceil(MOST * self._channels)
         return ("all",)
+
+    def reach(self) -> dict[str, Reach]:
+        """Return how many channels can see an impact: those that are picked."""
+        return {"channels": Reach(self._channels, "the channels that are picked")}
 
     def associate(self, pick: Pick) -> Candidates:
         """Take a pick; return the groups before it whose window is over."""

@@ -8,7 +8,7 @@ taken out of the times.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
-from .walking import Activity, WalkingSignal
+from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, Activity, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,6 +78,11 @@ class PeakDetector:
         Level("activity", "m/s2", "activity"),
         Refractory(),
     )
+
+    @classmethod
+    def unfiltered(cls, parameters: PeakParameters) -> tuple[type[PeakDetector], PeakParameters]:
+        """Return what measures the same with the low-pass and the high-pass wide open."""
+        return cls, replace(parameters, cutoff_hz=OPEN_CUTOFF_HZ, gravity_hz=OPEN_GRAVITY_HZ)
 
     def __init__(self, parameters: PeakParameters) -> None:
         self.parameters = parameters

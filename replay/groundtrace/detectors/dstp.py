@@ -16,7 +16,7 @@ follow from the first.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
@@ -26,18 +26,27 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..belief import Criterion, Rule  # noqa: TC001 (annotations are read at run time)
 from ..detector import Curve, Emits, Measured
-from ..gates import Candidates, Level, Refractory
+from ..gates import Candidates, Level, Reach, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
 from .lookaround import Lookaround, level
 from .pairing import Pairing
 from .sensor_evidence import Evidence, Heights
-from .walking import WalkingSignal
+from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.signals import SignalBlock, Stream
+
+
+#: Corners of the trapezoids that must not fall.
+RISING = (
+    ("certain_from", "certain_at"),
+    ("true_from", "true_at"),
+    ("true_at", "shock_from"),
+    ("shock_from", "shock_at"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +104,13 @@ class BeliefParameters:
     pause_s: Annotated[float, gate("s", "Least time from a valley to the next peak.", ge=0)] = 0.0
     refractory_s: Annotated[float, gate("s", "Least time between two steps.", ge=0)] = 0.3
 
+    def __post_init__(self) -> None:
+        """Refuse a trapezoid whose corners fall."""
+        for lower, upper in RISING:
+            low, high = getattr(self, lower), getattr(self, upper)
+            if low > high:
+                raise ValueError(f"{lower}: expected at most {upper} ({high:g}), found {low:g}")
+
 
 class _Pair(NamedTuple):
     """A peak and its valley: heights over zero and levels around, accelerometer and gyroscope."""
@@ -151,6 +167,13 @@ class BeliefDetector:
         Refractory(),
     )
 
+    @classmethod
+    def unfiltered(
+        cls, parameters: BeliefParameters
+    ) -> tuple[type[BeliefDetector], BeliefParameters]:
+        """Return what measures the same with the low-pass and the high-pass wide open."""
+        return cls, replace(parameters, cutoff_hz=OPEN_CUTOFF_HZ, gravity_hz=OPEN_GRAVITY_HZ)
+
     def __init__(self, parameters: BeliefParameters) -> None:
         self.parameters = parameters
 
@@ -170,6 +193,18 @@ class BeliefDetector:
             rate,
         )
         return ("norm",)
+
+    def reach(self) -> dict[str, Reach]:
+        """Return what the combined masses can reach, whatever the heights of both sensors."""
+        evidence, p = self.state.evidence, self.parameters
+        told = " and ".join(f"{reliability:g}" for reliability in evidence.reliability)
+        why = f"rule {p.rule}, reliabilities {told}"
+        most = zip(("lead", "mass", "certainty"), evidence.most(), strict=True)
+        return {
+            f"{what}_{name}": Reach(value, why)
+            for name, value in most
+            for what in ("peak", "valley")
+        }
 
     def measure(self, block: SignalBlock) -> Measured:
         """Find the peaks; each waits until its valley and its surroundings are complete."""
@@ -231,7 +266,7 @@ class BeliefDetector:
                 state.evidence.of(valleys / levels),
             ]
         )
-        times = state.signal.shifted(np.array([q.time_ns for q in pairs], np.int64), shift_ns)
+        times = np.array([q.time_ns for q in pairs], np.int64) - shift_ns
         return Candidates(times, np.zeros(len(pairs), np.int32), values.astype(np.float32))
 
     def _valley_samples(self, rate_hz: float) -> int:

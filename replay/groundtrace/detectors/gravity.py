@@ -75,14 +75,13 @@ def along(force: NDArray[np.float64], gravity: NDArray[np.float64]) -> NDArray[n
 
 
 class CountScale:
-    """Scale of a magnitude in unknown units: its mean over a time is taken to be gravity."""
+    """Scale of a specific force in unknown units: its mean length over a time is gravity's."""
 
     def __init__(self, rate_hz: float) -> None:
         self._mean = UnbiasedMean(SCALE_S * rate_hz)
 
-    def __call__(self, magnitude: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the magnitude in m/s2, shape (1, n)."""
-        mean = self._mean(magnitude)
-        return np.divide(
-            GRAVITY_MPS2 * magnitude, mean, out=np.zeros_like(magnitude), where=mean > 0
-        )
+    def __call__(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the force in m/s2: all axes, or the magnitude alone, shape (n_axes, n)."""
+        length = force if len(force) == 1 else np.sqrt(np.einsum("cn,cn->n", force, force))[None, :]
+        mean = self._mean(length)
+        return np.divide(GRAVITY_MPS2 * force, mean, out=np.zeros_like(force), where=mean > 0)

@@ -30,13 +30,10 @@ class Lookaround:
         self.before, self.after = before, after
         self.times: NDArray[np.int64] = np.empty(0, np.int64)
         self.values: NDArray[np.float64] = np.empty((rows, 0))
-        self.start_ns: int | None = None  # of the run's first sample
         self._next = 0  # column of the first sample that was not looked at
 
     def add(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> range:
         """Take samples, shapes (n,) and (n_rows, n); return the columns to look at now."""
-        if self.start_ns is None and len(times):
-            self.start_ns = int(times[0])
         start = max(0, self._next - self.before)  # what no sample looks back to is dropped
         self.times = np.concatenate([self.times[start:], times])
         self.values = np.concatenate([self.values[:, start:], values], axis=1)
@@ -48,10 +45,6 @@ class Lookaround:
         """Return the columns that are left; nothing comes after them."""
         first, self._next = self._next, len(self.times)
         return range(first, self._next)
-
-    def shifted(self, times: NDArray[np.int64], shift_ns: int) -> NDArray[np.int64]:
-        """Return times earlier by a shift, but none before the run."""
-        return np.maximum(times - shift_ns, self.start_ns or 0)
 
     def around(self, column: int, reach: int) -> slice:
         """Return the columns at most ``reach`` away from one, as far as there are any."""

@@ -10,7 +10,7 @@ swings back to rest and not beyond it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
 from .lookaround import Lookaround
-from .walking import WalkingSignal
+from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -79,6 +79,7 @@ class SwingDetector:
         Quantity("swing", "m/s2"),
         Quantity("delay", "s"),
     )
+    sought = "a maximum between two turns"
     trace = trace_of(Quantity("peak", "m/s2"), "m/s2", "m/s2")
     gates = (
         Level("peak", "m/s2", "peak"),
@@ -89,6 +90,11 @@ class SwingDetector:
         Level("delay", "s", "delay_s", at_least=False),
         Refractory(),
     )
+
+    @classmethod
+    def unfiltered(cls, parameters: SwingParameters) -> tuple[type[SwingDetector], SwingParameters]:
+        """Return what measures the same with the low-pass and the high-pass wide open."""
+        return cls, replace(parameters, cutoff_hz=OPEN_CUTOFF_HZ, gravity_hz=OPEN_GRAVITY_HZ)
 
     def __init__(self, parameters: SwingParameters) -> None:
         self.parameters = parameters
@@ -129,7 +135,7 @@ class SwingDetector:
         peaks = [int(i) for i in state.signal.maxima(columns) if self._is_swing(x, int(i))]
         shift_ns = state.walking.delay_ns + round(p.lead_s * NS_PER_S)
         return Candidates(
-            state.signal.shifted(state.signal.times[peaks], shift_ns),
+            state.signal.times[peaks] - shift_ns,
             np.zeros(len(peaks), np.int32),
             np.array([self._followed(x, i) for i in peaks], np.float32).reshape(
                 -1, len(self.columns)

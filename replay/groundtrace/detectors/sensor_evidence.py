@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 SOURCES = ("accelerometer", "gyroscope")
 FRAME = Frame(("it", "none"))
 IT, NONE = FRAME.subset(["it"]), FRAME.subset(["none"])
+#: Corners of a trapezoid, and so many heights are looked at besides them.
+CORNERS, GRID = ("rise", "full", "fade", "gone"), 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,20 @@ class Evidence:
         for source in SOURCES:
             names += [f"{source}_{what}", f"{source}_non{what}", f"{source}_{what}_ignorance"]
         return tuple(Quantity(name, "1") for name in names)
+
+    def most(self) -> tuple[float, float, float]:
+        """Return the most that lead, mass and certainty of :meth:`of` can be, over all heights.
+
+        Looked for over all pairs of heights of a grid that holds every corner of the trapezoids;
+        between corners the masses of a source are polynomials of its height, of degree 2.
+        """
+        corners = [getattr(h, name) for h in (self.certainty, self.truth) for name in CORNERS]
+        known = np.array([c for c in corners if np.isfinite(c)])
+        grid = np.linspace(0, 1.1 * known.max() + 1, GRID)
+        grid = np.unique(np.concatenate([[-1.0], known, grid]))
+        pairs = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+        lead, mass, certainty = np.nanmax(self.of(pairs)[:, :3], axis=0).tolist()
+        return lead, mass, certainty
 
     def of(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the columns of each height, shape (n, 12).

@@ -10,7 +10,7 @@ weights so far, so that the ratio means something from the first samples of a re
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,6 +65,13 @@ class StaLtaPicker:
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "slope", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: StaLtaParameters
+    ) -> tuple[type[StaLtaPicker], StaLtaParameters]:
+        """Return what measures the same without smoothing, on the slope of two samples."""
+        return cls, replace(parameters, smooth_s=1e-9, slope_s=1e-9)
 
     def __init__(self, parameters: StaLtaParameters) -> None:
         self.parameters = parameters

@@ -12,7 +12,7 @@ refinement takes that out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
@@ -144,6 +144,13 @@ class VarianceChangePicker:
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "signal", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: VarianceChangeParameters
+    ) -> tuple[type[VarianceChangePicker], VarianceChangeParameters]:
+        """Return what measures the same without the band-pass."""
+        return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
 
     def __init__(self, parameters: VarianceChangeParameters) -> None:
         self.parameters = parameters

@@ -12,7 +12,7 @@ sample beyond comes late, the more the weaker the signal; the AIC refinement tak
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -133,6 +133,13 @@ class NoiseStatisticsPicker:
     columns = (Quantity("level", "1"), *COLUMNS[1:])
     trace = trace_of(Quantity("level", "1"), "signal", "signal")
     gates = (Level("level", "1", "level"), Refractory())
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: NoiseStatisticsParameters
+    ) -> tuple[type[NoiseStatisticsPicker], NoiseStatisticsParameters]:
+        """Return what measures the same without the band-pass."""
+        return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
 
     def __init__(self, parameters: NoiseStatisticsParameters) -> None:
         self.parameters = parameters

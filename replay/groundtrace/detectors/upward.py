@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.units import UNKNOWN_UNITS
+
 from .even_grid import EvenGrid, GridPart
 from .filters import planar
 from .gravity import CountScale, Gravity, along
@@ -42,8 +44,8 @@ class UpwardPart:
 class Upward:
     """Gives the specific force along gravity, however the sensor is turned.
 
-    Of a sensor that gives a magnitude only, the magnitude; where its unit is unknown, its mean is
-    taken to be gravity.
+    Of a sensor that gives a magnitude only, the magnitude. Where the unit is unknown, the mean of
+    the length is taken to be gravity.
 
     Parameters
     ----------
@@ -56,7 +58,8 @@ class Upward:
     def __init__(self, stream: Stream, cutoff_hz: float) -> None:
         self._columns = stream.columns_of(FORCE) or stream.columns_of(MAGNITUDE)[:1]
         channels = stream.select(self._columns).channels
-        self._scale = CountScale(stream.rate_hz) if channels[0].unit == "count" else None
+        unknown = channels[0].unit in UNKNOWN_UNITS
+        self._scale = CountScale(stream.rate_hz) if unknown else None
         self._gravity = Gravity() if len(channels) > 1 else None
         self._grid = EvenGrid(stream.rate_hz, cutoff_hz)
         self._times = np.empty(0, np.int64)

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.signals import SignalBlock
 
+#: Corners that leave every step as it was recorded [Hz]: the low-pass as high as the rate allows,
+#: the high-pass so low that it takes out gravity alone, of which 20 s of it leave 0.2 %.
+OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ = 1e9, 0.05
 #: Step frequency at which the filter's delay is taken out of the times [Hz].
 NOMINAL_CADENCE_HZ = 1.8
 

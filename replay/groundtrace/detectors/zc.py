@@ -8,7 +8,7 @@ which is why the lobe that follows a crossing must rise high enough.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..detector import Curve, Emits, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
 from .frames import FrameTrace, trace_of
-from .walking import WalkingSignal
+from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,8 +56,16 @@ class ZeroCrossingDetector:
     quantities = frozenset({"acceleration"})
     emits: Emits = "step"
     columns = (Quantity("lobe", "m/s2"), Quantity("depth", "m/s2"))
+    sought = "an upward zero crossing"
     trace = trace_of(Quantity("lobe", "m/s2"), "m/s2", "m/s2")
     gates = (Level("lobe", "m/s2", "lobe"), Level("depth", "m/s2", "depth"), Refractory())
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: CrossingParameters
+    ) -> tuple[type[ZeroCrossingDetector], CrossingParameters]:
+        """Return what measures the same with the low-pass and the high-pass wide open."""
+        return cls, replace(parameters, cutoff_hz=OPEN_CUTOFF_HZ, gravity_hz=OPEN_GRAVITY_HZ)
 
     def __init__(self, parameters: CrossingParameters) -> None:
         self.parameters = parameters

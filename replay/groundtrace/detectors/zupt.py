@@ -95,6 +95,7 @@ class ZeroVelocityDetector:
     quantities = frozenset({"acceleration", "angular_velocity"})
     emits: Emits = "step"
     columns = (Quantity("stillness", "1"), Quantity("duration", "s"), Quantity("motion", "1"))
+    sought = "the begin of a stance"
     trace = trace_of(Quantity("stillness", "1"), "1", "m/s2")
     gates = (
         Level("stillness", "1", "stillness"),
@@ -175,10 +176,10 @@ class ZeroVelocityDetector:
         return ended
 
     def _candidates(self, ended: list[tuple[_Interval, int]]) -> Candidates:
-        lead_ns, begin = round(self.parameters.lead_s * NS_PER_S), self.state.start_ns or 0
+        lead_ns = round(self.parameters.lead_s * NS_PER_S)
         rows = [(i.stillness, (end - i.start_ns) / NS_PER_S, i.motion) for i, end in ended]
         return Candidates(
-            np.array([max(i.start_ns - lead_ns, begin) for i, _ in ended], np.int64),
+            np.array([i.start_ns - lead_ns for i, _ in ended], np.int64),
             np.zeros(len(ended), np.int32),
             np.array(rows, np.float32).reshape(-1, len(self.columns)),
         )

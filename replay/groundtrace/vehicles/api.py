@@ -10,7 +10,7 @@ import numpy as np
 from ..gates import Candidates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 
 #: Sensors no further apart are at one place [m].
 _SAME_M = 0.01
+#: Stations no further off the line through them than this part of their length are in a row. At a
+#: distance d beside the row the power at one that is e off differs from that of the mirror image by
+#: 3 e / d (n = 1.5), less than the third by which a power errs where e < d / 9; d is taken to be a
+#: quarter of the length.
+_ROW = 1 / 36
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +77,23 @@ class Site:
             np.array(geometry.road, np.float64).reshape(-1, 2),
             float("inf") if velocity is None else velocity,
         )
+
+
+def line_through(places: Array) -> tuple[Array, Array]:
+    """Return the middle of places, shape (n, 2), and the direction they lie along, (2,) each."""
+    centre = places.mean(axis=0)
+    along = np.linalg.svd(places - centre)[2][0]
+    return np.asarray(centre), np.asarray(along)
+
+
+def row_doubt(names: Sequence[str], places: Array) -> str:
+    """Return what to doubt of places by powers of stations in a row; empty where they are not."""
+    centre, along = line_through(places)
+    off = places - centre
+    across = off @ np.array([-along[1], along[0]])
+    if np.abs(across).max() > _ROW * np.ptp(off @ along):
+        return ""
+    return f"{', '.join(names)} stand in a row: which side of it a place is on, powers do not tell"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

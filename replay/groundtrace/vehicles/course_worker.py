@@ -44,6 +44,9 @@ _Sigma = Annotated[float, gate("m", "Largest standard deviation of the middle pl
 _Fast = Annotated[float, gate("m/s", "Highest speed.", gt=0)]
 _Cycles = Annotated[float, gate("1", "Fewest cycles with a place.", ge=4)]
 
+#: Log-likelihood that a mirror image lacks at least where powers tell it from the course: it is
+#: then 20 times less likely.
+_TOLD = 3.0
 _SPEED, _PLACE = Quantity("speed", "m/s"), Quantity("sigma", "m")
 _MOTION = (
     Level("speed", "m/s", "speed", at_least=False),
@@ -117,7 +120,8 @@ class RunWorker(ABC):
     A run ends when no station has heard a vehicle for ``quiet_s``; what is found is told then. A
     run of several vehicles at once is fitted as one, but for the direct fit, which tells two apart.
     Where powers scatter about the only track by more than one vehicle's do, a note says so: two
-    vehicles do that, and so does a ground that fades.
+    vehicles do that, and so does a ground that fades. So does one where the mirror image of a track
+    in the line through the stations is as likely, as it is where these stand in a row.
     """
 
     emits: Emits = "track"
@@ -158,13 +162,19 @@ class RunWorker(ABC):
                 yield from self._doubts(ride)
 
     def _doubts(self, ride: Ride) -> Iterator[Note]:
+        time_ns = self._origin_ns + round(float(ride.times_s[0]) * NS_PER_S)
+        if ride.mirror_lost < _TOLD:
+            text = (
+                f"the mirror image of this course in the row of {', '.join(self.site.names)} fits "
+                f"the powers as well: which side it is on, they do not tell"
+            )
+            yield Note(time_ns, text, "WARN", self._stage)
         expected = self.parameters.expected_scatter
         if len(self._found) == 1 and ride.scatter > expected:
             text = (
                 f"the scatter about this course is {ride.scatter:.2f} where {expected:g} at most "
                 f"is expected: perhaps two vehicles"
             )
-            time_ns = self._origin_ns + round(float(ride.times_s[0]) * NS_PER_S)
             yield Note(time_ns, text, "WARN", self._stage)
 
     @abstractmethod

@@ -141,7 +141,7 @@ class StationPasses:
             for name in ("powers", "floors", "present")
         )
         self._found = self._passes(times, powers, floors)
-        self._found.sort(key=lambda found: (found[1].time_s, found[0]))
+        self._found.sort(key=lambda found: (self._at_ns(found[1].time_s), found[0]))
         rows = [
             (self._at_ns(one.time_s), station, _values(one, times, present[station]))
             for station, one, _ in self._found
@@ -200,7 +200,8 @@ class StationPasses:
         )
 
     def _at_ns(self, time_s: float) -> int:
-        return self._origin_ns + round(time_s * NS_PER_S)
+        """Return a moment of the piece [ns]; one fitted to lie before it is at its first cycle."""
+        return self._origin_ns + max(0, round(time_s * NS_PER_S))
 
 
 def _is_clear(one: StationPass) -> bool:

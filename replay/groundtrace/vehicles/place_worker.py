@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Note, Quantity
 from groundtrace_codecs.traffic import quantised
 
 from ..gates import Level
 from ..parameters import gate, measured
-from .api import candidates_of
+from .api import candidates_of, row_doubt
 from .likelihood import CyclePlace, less_noise
 from .medium import PowerLaw
 
@@ -77,6 +77,7 @@ class LikelihoodPlaces:
         """Begin with a lattice about the stations."""
         p = self.parameters
         self._site, self._stage = site, stage
+        self._doubt = row_doubt(site.names, site.places)
         low, high = site.places.min(axis=0) - p.margin_m, site.places.max(axis=0) + p.margin_m
         self._x, self._y = (
             np.arange(a, b + p.step_m / 2, p.step_m) for a, b in zip(low, high, strict=True)
@@ -120,4 +121,7 @@ class LikelihoodPlaces:
         time_ns, location, surface = self._found
         yield quantised(time_ns, surface.x, surface.y, surface.values, self._stage)
         if accepted[0]:
+            if self._doubt:
+                yield Note(time_ns, self._doubt, "WARN", self._stage)
+                self._doubt = ""
             yield location.fix(time_ns, _PLUGIN, self._stage)

@@ -10,13 +10,15 @@ import numpy as np
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
+from .api import line_through
 from .courses import fit_course, vehicle_power
 from .crossings import crossing_of
 from .likelihood import RELATIVE_SIGMA
 from .lines import Course, through
 from .medium import ranges
 from .runs import heard_span, near_span, part_of
-from .search import Search
+from .scoring import deviance, usable
+from .search import Search, strengths
 from .tracker import MotionModel, cycle_places, scatter_about, track, track_places
 from .two_courses import fit_two, scatter_along
 
@@ -59,12 +61,17 @@ class Ride:
         What the gates look at, in the order of the method's columns.
     scatter
         Standard deviation of powers over those of one vehicle, of one strength, along it.
+    mirror_lost
+        By how much the log-likelihood of its mirror image in the line through the stations is
+        lower, each cycle of a strength of its own; inf where the two are no further apart than
+        the places err.
     """
 
     times_s: Array
     courses: tuple[Course, ...]
     values: tuple[float, ...]
     scatter: float
+    mirror_lost: float
 
     def points(self, way: Way) -> Iterator[TrackPoint]:
         """Yield the track."""
@@ -119,10 +126,11 @@ def direct_rides(
         return ()
     alone = fit if len(fit.log_mu) == 1 else fit_course(observed, search, fit_noise=True)
     both = None if alone is None else fit_two(observed, search, alone)
-    if both is None:
+    spans = [_own_span(heard, one) for one, heard in both or ()]
+    # where one of two is heard in no cycle beside the other, there is but one
+    if both is None or any(own.start == own.stop for own in spans):
         scatter = fit.relative_sigma if alone is None else alone.relative_sigma
         return (_direct_ride(observed, fit, span, velocity_mps, scatter),)
-    spans = (_own_span(heard, one) for one, heard in both)
     return tuple(
         _direct_ride(heard, one, own, velocity_mps, one.relative_sigma)
         for (one, heard), own in zip(both, spans, strict=True)
@@ -141,7 +149,8 @@ def _direct_ride(
     course = _undelayed(fit, observed, velocity_mps)
     times = observed.times_s[span]
     values = (fit.evidence, *_motion(course, times), fit.relative_sigma, float(len(fit.rivals)))
-    return Ride(times, (course,) * len(times), values, scatter)
+    lost = mirror_lost(part_of(observed, span), course.at(times), values[2])
+    return Ride(times, (course,) * len(times), values, scatter, lost)
 
 
 def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
@@ -153,8 +162,9 @@ def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
         return None
     course = through(heard.times_s[known], places[known], loss)
     values = (float(known.sum()), *_motion(course, heard.times_s))
-    scatter = scatter_along(heard, course.at(heard.times_s))
-    return Ride(heard.times_s, (course,) * len(heard.times_s), values, scatter)
+    along = course.at(heard.times_s)
+    scatter, lost = scatter_along(heard, along), mirror_lost(heard, along, values[2])
+    return Ride(heard.times_s, (course,) * len(heard.times_s), values, scatter, lost)
 
 
 def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
@@ -174,12 +184,46 @@ def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
     courses = tuple(path.course(cycle) for cycle in range(len(path.times_s)))
     middle = courses[len(courses) // 2]
     values = (float(known.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
-    return Ride(path.times_s, courses, values, scatter_along(heard, path.places))
+    scatter, lost = scatter_along(heard, path.places), mirror_lost(heard, path.places, values[2])
+    return Ride(path.times_s, courses, values, scatter, lost)
 
 
 def about(sensors: Array, speeds_mps: tuple[float, float]) -> Search:
     """Return where and how fast vehicles may be."""
     return replace(Search.about(sensors, _MARGIN), speeds_mps=speeds_mps)
+
+
+def mirror_lost(observed: Observed, places: Array, sigma_m: float) -> float:
+    """Return by how much less likely a path's mirror image is, see :class:`Ride`.
+
+    Parameters
+    ----------
+    observed
+        Powers of the path's cycles.
+    places
+        Shape (c, 2): of the path [m].
+    sigma_m
+        Standard deviation of a place [m].
+    """
+    centre, along = line_through(observed.sensors)
+    off = places - centre
+    mirrored = centre + 2 * (off @ along)[:, None] * along - off
+    if float(np.median(np.hypot(*(mirrored - places).T))) <= sigma_m:
+        return float("inf")
+    lost, lost_mirrored = (_cycle_deviance(observed, path) for path in (places, mirrored))
+    samples = int(usable(observed.powers).sum())
+    relative = max(RELATIVE_SIGMA**2, lost / max(samples, 1))
+    return (lost_mirrored - lost) / (2 * relative)
+
+
+def _cycle_deviance(observed: Observed, places: Array) -> float:
+    """Return the deviance of powers from a vehicle's at places, of a strength for each cycle."""
+    used = usable(observed.powers)
+    powers = np.where(used, observed.powers, 1.0)
+    floors = np.where(used, observed.floors, 0.0)
+    spread = observed.law.power(ranges(places, observed.sensors))
+    mean = np.exp(strengths(powers, floors, spread, (1,))) * spread + floors
+    return float(deviance(powers, mean)[used].sum())
 
 
 def _places(observed: Observed) -> tuple[Array, Array]:

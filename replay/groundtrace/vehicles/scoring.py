@@ -99,7 +99,10 @@ def fit_powers(
         information = slopes.T @ slopes
         gradient = slopes.T @ (powers / mean - 1)
         ridge = damping * np.diag(np.diag(information) + _TOLERANCE)
-        step = np.linalg.solve(information + ridge, gradient)
+        try:
+            step = np.linalg.solve(information + ridge, gradient)
+        except np.linalg.LinAlgError:  # too little damping, where a parameter is open
+            step = np.full_like(values, np.nan)
         tried_mean, tried_slopes = model(values + step)
         tried = float(deviance(powers, tried_mean).sum())
         if not tried <= lost:  # NaN does not help either
