@@ -11,9 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from groundtrace.conformance import check_detector, run
 from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
+from groundtrace.detectors.dp import PeakDetector
 from groundtrace.score.steps import score_steps
 from groundtrace.source import Source
 from groundtrace.stage import DetectorStage
+from groundtrace_codecs.events import Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_recordings import path_of
@@ -152,3 +154,31 @@ def test_it_conforms_in_blocks_of_any_size():
     items, *_ = bundled()
     found = check_detector(AdaptiveDetector, items[:40], block_sizes=(1, 7, 333))
     assert found.accepted.sum() > 10
+
+
+@pytest.mark.parametrize("unit", ["count", "a.u."])
+@pytest.mark.parametrize("turn_deg", [0.0, 40.0])
+def test_axes_in_an_unknown_unit_are_walked_with_as_in_a_known_one(unit, turn_deg):
+    force = Rotation.from_euler("xy", [turn_deg, turn_deg], degrees=True).apply(walking(100.0))
+    channels = tuple(Channel(f"acc_{axis}", "acceleration", unit, axis) for axis in "xyz")
+    found = steps_of(force * 1670.0, 100.0, channels=channels)
+    assert abs(len(found) - 36) <= 1
+    assert np.abs(np.diff(found) - 1 / 1.8).max() < 0.2
+
+
+@pytest.mark.parametrize(
+    ("kind", "level", "said"),
+    [
+        ("adaptive", "INFO", "its mean length is taken for gravity"),
+        ("dp", "WARN", "what steps asks for in m/s2 does not hold"),
+    ],
+)
+def test_a_unit_that_no_threshold_can_be_compared_with_is_told(kind, level, said):
+    detector = {"adaptive": AdaptiveDetector, "dp": PeakDetector}[kind]
+    channels = tuple(Channel(f"acc_{axis}", "acceleration", "a.u.", axis) for axis in "xyz")
+    stage = DetectorStage("steps", kind, detector, detector.Parameters())
+    block = SignalBlock(Stream("/acc", channels, 100.0), START_NS, 0, walking(100.0))
+    notes = [e for e in [*stage.process(block), *stage.flush()] if isinstance(e, Note)]
+    assert [(n.level, n.text) for n in notes] == [
+        (level, f"/acc: acceleration is in a.u., not m/s2: {said}")
+    ]

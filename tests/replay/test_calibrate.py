@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from command_runs import check_schema, done, run
 from localizer_cases import ROOM, SENSORS, THETA_S, times_of
+from planted_arrivals import Walk
 
 from groundtrace.calibrate import (
+    Calibration,
     Choices,
     calibrate,
     calibrate_once,
@@ -19,6 +21,7 @@ from groundtrace.calibrate import (
     calibrated_geometry,
     gather,
 )
+from groundtrace.calibrate.arrivals import Gathered
 from groundtrace.errors import RecordingError
 from groundtrace.localizer_stage import LocalizerStage
 from groundtrace.physics.perceived import PLATE
@@ -31,6 +34,8 @@ from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from groundtrace_codecs.events import Event
 
 START_NS = 1_700_000_000_000_000_000
@@ -105,9 +110,12 @@ def test_scale_exponent_and_error_of_arrivals_come_out(ignore: bool) -> None:
 
 def test_a_recording_with_unsynchronised_clocks_becomes_locatable() -> None:
     events, labels = walked(24, offsets_s=CLOCKS)
-    found = calibrate(gather(events, site(), []), site())
+    found = calibrate(gather(events, site(), labels), site())
     assert found.offsets_estimated
-    assert found.positions is None
+    assert found.held_out_gain is not None
+    assert found.held_out_error is not None
+    assert found.held_out_gain > max(2, found.held_out_error)
+    assert not any("none written" in note for note in found.notes)
     off = np.array([o.offset_s for o in found.offsets]) - CLOCKS
     assert np.abs(off).max() < 4e-4
     after = calibrated_geometry(site(), found)
@@ -115,6 +123,91 @@ def test_a_recording_with_unsynchronised_clocks_becomes_locatable() -> None:
     assert rmse(fixes("power-law", site(), events), labels) > 2.0
     for method in ("power-law", "self-calibrating", "hyperbolic"):
         assert rmse(fixes(method, after, events), labels) < 0.6
+
+
+NONE = "clock offsets are not identifiable from this recording: none written"
+
+
+@pytest.mark.parametrize(
+    ("offsets_s", "ignore"), [(0.0, True), (CLOCKS, False)], ids=["equal, ignored", "apart, none"]
+)
+def test_without_known_places_no_clock_is_written_and_that_is_said(
+    offsets_s: np.ndarray | float, ignore: bool
+) -> None:
+    events, labels = walked(24, offsets_s=offsets_s)
+    sensors = tuple(replace(x, clock_offset_s=0.001 * i) for i, x in enumerate(site().sensors))
+    geometry = replace(site(), sensors=sensors)
+    gathered = gather(events, geometry, labels if ignore else [])
+    found = calibrate(gathered, geometry, ignore_places=ignore)
+    assert not found.offsets_estimated
+    assert found.offsets == ()
+    assert (found.held_out_gain, found.held_out_error) == (None, None)
+    assert found.notes[0] == NONE
+    assert calibrated_geometry(geometry, found).sensors == sensors
+    with pytest.raises(RecordingError, match="--offsets yes: expected impacts at 10 or more known"):
+        calibrate(gathered, geometry, ignore_places=ignore, offsets="yes")
+
+
+def law_of(name: str) -> Callable[[np.ndarray], np.ndarray]:
+    """How long waves take over a distance [m], by laws of several shapes [s]."""
+    laws: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+        "plate": lambda d: 8e-4 * d ** (4 / 3),
+        "constant velocity": lambda d: 2e-3 * d,
+        "saturating": lambda d: 8e-3 * (1 - np.exp(-d / 3)),
+        "two waves": lambda d: np.minimum(8e-4 * d ** (4 / 3), 2e-3 + 1.1e-3 * d),
+    }
+    return laws[name]
+
+
+def calibrated_walk(law: str, sensors: int, seed: int, planted_s: float) -> tuple[Calibration, Any]:
+    """Calibrate by 18 known places; the largest planted offset is ``planted_s``."""
+    walk = Walk.make(sensors, seed, steps=18)
+    rng = np.random.default_rng(seed)
+    planted = rng.normal(size=sensors)
+    planted *= planted_s / np.abs(planted).max()
+    apart = np.hypot(*(walk.places[:, None] - walk.positions).transpose(2, 0, 1))
+    times = law_of(law)(apart) + rng.normal(0, 3e-4, apart.shape) + planted
+    names = NAMES[:sensors]
+    placed = zip(names, walk.positions.tolist(), strict=True)
+    geometry = Geometry(
+        tuple(Sensor(n, n, x, y) for n, (x, y) in placed), medium=Medium(), unit="m"
+    )
+    gathered = Gathered(names, walk.positions, times, walk.places)
+    return calibrate(gathered, geometry), planted - planted.mean()
+
+
+@pytest.mark.parametrize(
+    ("law", "sensors"),
+    [("plate", 4), ("constant velocity", 6), ("saturating", 9), ("two waves", 6)],
+)
+def test_clocks_that_agree_are_left_alone_under_any_law_of_distance(law: str, sensors: int) -> None:
+    found, _ = calibrated_walk(law, sensors, 1, 0.0)
+    assert not found.offsets_estimated
+    assert NONE in found.notes
+
+
+@pytest.mark.parametrize(
+    ("law", "sensors", "planted_s"), [("plate", 4, 2e-3), ("saturating", 9, 3e-3)]
+)
+def test_clocks_apart_by_milliseconds_are_told_by_eighteen_places(
+    law: str, sensors: int, planted_s: float
+) -> None:
+    found, planted = calibrated_walk(law, sensors, 2, planted_s)
+    assert found.offsets_estimated
+    off = np.array([o.offset_s for o in found.offsets]) - planted
+    deviation = np.array([o.deviation_s for o in found.offsets])
+    assert np.abs(off).max() < 6e-4
+    assert np.all(np.abs(off) < 4 * deviation)
+
+
+def test_repeats_at_one_place_are_no_new_evidence() -> None:
+    events, labels = walked(24, offsets_s=CLOCKS)
+    gathered = gather(events, site(), labels)
+    rows = np.tile(np.arange(6), 20)
+    repeated = replace(gathered, times_s=gathered.times_s[rows], known=gathered.known[rows])
+    found = calibrate(repeated, site())
+    assert not found.offsets_estimated
+    assert found.held_out_gain is None
 
 
 def correlated(events: list[Event], onset_s: float, error_s: float) -> list[Event]:
@@ -133,8 +226,8 @@ def correlated(events: list[Event], onset_s: float, error_s: float) -> list[Even
 
 
 def test_clocks_are_told_by_onsets_where_correlation_fails_and_the_floor_is_left_alone() -> None:
-    events, _ = walked(24, offsets_s=CLOCKS)
-    found = calibrate_once(correlated(events, 0.0, 5e-3), site(), [], Choices())
+    events, labels = walked(24, offsets_s=CLOCKS)
+    found = calibrate_once(correlated(events, 0.0, 5e-3), site(), labels, Choices())
     off = np.array([o.offset_s for o in found.offsets]) - CLOCKS
     assert np.abs(off).max() < 4e-4
     assert not found.scale.identifiable
@@ -145,7 +238,7 @@ def test_clocks_are_told_by_onsets_where_correlation_fails_and_the_floor_is_left
 
 
 def test_a_recording_is_replayed_with_the_clocks_found_until_they_settle() -> None:
-    events, _ = walked(24, offsets_s=CLOCKS)
+    events, labels = walked(24, offsets_s=CLOCKS)
     seen: list[Geometry] = []
 
     def replayed(geometry: Geometry) -> list[Event]:
@@ -153,7 +246,7 @@ def test_a_recording_is_replayed_with_the_clocks_found_until_they_settle() -> No
         known = any(s.clock_offset_s for s in geometry.sensors)
         return correlated(events, 5e-4, 0.0 if known else 5e-3)
 
-    found, last = calibrate_replaying(replayed, site(), [], Choices())
+    found, last = calibrate_replaying(replayed, site(), labels, Choices())
     assert len(seen) >= 2
     assert last == seen[-1]
     assert found.scale.identifiable
@@ -188,9 +281,9 @@ def test_what_is_not_identifiable_is_kept_and_said() -> None:
 
 
 def test_a_dead_sensor_is_left_out() -> None:
-    events, _ = walked(20)
+    events, labels = walked(20, offsets_s=CLOCKS)
     alive = [e for e in events if not (isinstance(e, Pick) and e.channel == "G5")]
-    found = calibrate(gather(alive, site(), []), site(), offsets="yes")
+    found = calibrate(gather(alive, site(), labels), site(), offsets="yes")
     assert (found.sensors, len(found.offsets)) == (8, 8)
     assert np.isfinite([o.offset_s for o in found.offsets]).all()
     assert len(calibrated_geometry(site(), found).sensors) == 9
@@ -236,7 +329,11 @@ def test_clocks_of_a_simulated_room_are_found_written_and_used(
     made = ("--seed", 11, "--steps", 24, "--rate-hz", 5000, "--clock-spread-ms", 5)
     done(capsys, "simulate", "room", "-o", "room.mcap", *made)
     done(capsys, *replay, "--out", "before.mcap")
-    given = ("before.mcap", "--ignore-places", "--geometry-out", "g.toml", "--json")
+    blind = done(capsys, "calibrate", "before.mcap", "--ignore-places", "--geometry-out", "b.toml")
+    assert NONE in blind.err
+    assert "ahead [ms]" not in blind.out
+    assert not any(s.clock_offset_s for s in Geometry.from_toml(Path("b.toml")).sensors)
+    given = ("before.mcap", "--geometry-out", "g.toml", "--json")
     found = done(capsys, "calibrate", *given).document
     check_schema("calibrate", found)
     assert found["offsets_estimated"]

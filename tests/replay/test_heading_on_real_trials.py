@@ -49,4 +49,6 @@ def test_an_undisturbed_trial_has_no_disturbance(data: Path, tmp_path: Path) -> 
     assert score.heading is not None
     assert score.heading.rmse_deg is not None
     assert score.heading.rmse_deg < 2.5
-    assert score.disturbance is None
+    assert score.disturbance is not None
+    assert score.disturbance.truth_s == score.disturbance.false_alarm_s == 0.0
+    assert score.disturbance.f1 is None

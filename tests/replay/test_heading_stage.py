@@ -10,7 +10,7 @@ import pytest
 from turning_sensor import RATE_HZ, Turning, turning
 
 from groundtrace.pipeline import Pipeline, build_pipeline, load_pipeline, parse_pipeline
-from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, StageSpec
+from groundtrace_codecs.events import CandidateBlock, Disturbance, Gap, Heading, Note, StageSpec
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
@@ -135,3 +135,40 @@ def test_a_stage_saved_and_restored_goes_on(recipe: str) -> None:
     whole = said(items, build_pipeline(config))
     # as text: no deviation is known to vqf, and NaN differs from itself
     assert list(map(repr, of(events, Heading))) == list(map(repr, of(whole, Heading)))
+
+
+def in_arbitrary_units(items: list[SignalBlock], factor: float) -> list[SignalBlock]:
+    other = stream("/mag", ("magnetic_field", "a.u."))
+    return [
+        replace(b, stream=other, samples=b.samples * factor) if b.topic == "/mag" else b
+        for b in items
+    ]
+
+
+@pytest.mark.parametrize("samples", [1, 50, 700])
+def test_a_field_in_arbitrary_units_gives_the_heading_with_a_warning(samples: int) -> None:
+    case = turning(10.0)
+    known = np.array([h.heading_rad for h in of(said(blocks(case)), Heading)])
+    events = said(in_arbitrary_units(blocks(case, samples), 0.8 / 50e-6))
+    found = np.array([h.heading_rad for h in of(events, Heading)])
+    off = np.angle(np.exp(1j * (found - known)))
+    assert np.degrees(np.abs(off).max()) < 1.0
+    warned = {n.text for n in of(events, Note) if n.level == "WARN"}
+    assert warned == {
+        "/mag: the magnetic field is in a.u.: its length over the first second is taken for 50 uT"
+    }
+
+
+def test_the_heading_by_a_field_in_arbitrary_units_is_the_same_however_it_is_cut() -> None:
+    case = turning(10.0)
+    cuts = [
+        [h.heading_rad for h in of(said(in_arbitrary_units(blocks(case, n), 7.0)), Heading)]
+        for n in (1, 64, 5000)
+    ]
+    assert cuts[0] == cuts[1] == cuts[2]
+
+
+def test_turning_in_counts_gives_no_heading() -> None:
+    unknown = stream("/imu", ("acceleration", "m/s2"), ("angular_velocity", "count"))
+    items = [replace(b, stream=unknown) if b.topic == "/imu" else b for b in blocks(turning(5.0))]
+    assert not of(said(items), Heading)

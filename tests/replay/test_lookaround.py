@@ -44,11 +44,5 @@ def test_nothing_is_kept_that_no_sample_looks_back_to() -> None:
     assert signal.values.shape[1] <= 3 + 5 + 10
 
 
-def test_no_time_is_shifted_before_the_run() -> None:
-    signal = Lookaround(1, 1, 1)
-    signal.add(np.array([100, 110, 120]), np.zeros((1, 3)))
-    assert signal.shifted(np.array([100, 110, 120]), 15).tolist() == [100, 100, 105]
-
-
 def test_a_level_is_the_root_of_the_mean_square() -> None:
     assert level(np.array([3.0, -4.0, 0.0, 0.0])) == 2.5

@@ -46,7 +46,8 @@ def test_values_are_taken_and_the_rest_stays_as_it_is_by_default():
     [
         (
             {"cornr": 1.0},
-            "steps.cornr: expected one of corner_hz, count, shape, strict, found an unknown key",
+            "steps.cornr: expected one of corner_hz, count, shape, strict, found an unknown key; "
+            "did you mean corner_hz?",
         ),
         ({"corner_hz": "3"}, "steps.corner_hz: expected float > 0 and <= 100, found '3'"),
         ({"corner_hz": 0.0}, "steps.corner_hz: expected float > 0 and <= 100, found 0.0"),

@@ -61,7 +61,8 @@ def test_a_pipeline_without_stages_must_say_so_and_its_recipe_is_read_again() ->
         ('name = "m"\nstage = 3', "mine.toml: stage: expected [[stage]] tables, found 3"),
         (
             'name = "m"\nstages = 1',
-            "mine.toml: stages: expected one of name, description, application, stage, found an",
+            "mine.toml: stages: expected one of name, description, application, stage, "
+            "placements, found an",
         ),
         (
             'name = "m"\n[[stage]]\nuse = "dp"\n[[stage]]\nuse = "dp"\nparams = {}',
@@ -118,7 +119,8 @@ def test_settings_change_one_parameter_and_the_last_one_counts():
         ("picks.=1", "--set: expected stage.param=value, found 'picks.=1'"),
         (
             "pick.ratio=1",
-            "--set: expected a stage of picks, coincidence, found 'pick' in 'pick.ratio=1'",
+            "--set: expected a stage of picks, coincidence, found 'pick' in 'pick.ratio=1'; "
+            "did you mean picks?",
         ),
     ],
 )

@@ -97,7 +97,10 @@ def test_five_causes_planted_in_a_room_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     room = Planting.room()
-    room.weaken(3, 0.02, [0, 1, 2, 3])
+    for channel, kept in enumerate(
+        (0.02, 0.05, 0.05, 0.04)
+    ):  # above the floor, as far off as it is
+        room.weaken(3, kept, [channel])
     room.weaken(6, 0.0, [2, 3])
     room.kill(9, 2)
     room.repeat(12, 0.168)

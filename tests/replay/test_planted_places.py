@@ -6,11 +6,14 @@ one that places onsets as they were picked.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
 from planted_rooms import ONSETS, STEPS, Room, why
+
+from groundtrace.explain.place_remedies import Figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -251,6 +254,27 @@ def test_the_change_of_a_gate_does_in_a_replay_what_it_says(
     assert why(again, capsys, *FIXES, "--stage", "power-law")["figures"] == pytest.approx(
         remedy["after"]
     )
+
+
+def test_a_change_that_loses_more_right_places_than_it_mends_does_harm() -> None:
+    now = Figures(right=10, far=3, rejected=2, missing=1, rmse_m=0.5, residual=0.1)
+    assert not now.harmed_by(now)
+    assert not now.harmed_by(replace(now, right=11, far=2))
+    assert now.harmed_by(replace(now, right=9, far=4))
+    assert not now.harmed_by(replace(now, right=8, rejected=0))  # two places less of either kind
+    assert now.harmed_by(replace(now, right=7, rejected=0))
+    assert now.harmed_by(replace(now, right=14, far=4))  # four more right, but one more bad
+
+
+@pytest.mark.parametrize("plant", [dead, displaced, late_pick, four_with_a_dead_one])
+def test_no_change_of_a_place_does_harm(
+    plant: Callable[[], Room], replayed: Replayed, capsys: Capture
+) -> None:
+    found = why(replayed(plant), capsys, *FIXES)
+    remedies = [bad["cause"]["remedy"] for bad in found["bad"] if bad["cause"] is not None]
+    for remedy in remedies:
+        if remedy is not None:
+            assert not Figures(**remedy["before"]).harmed_by(Figures(**remedy["after"]))
 
 
 def test_an_ambiguous_place_names_the_contradictory_signs(

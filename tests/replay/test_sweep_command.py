@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 SCHEMA = Path(__file__).parents[2] / "docs" / "json" / "sweep.schema.json"
 HEIGHT = ("--grid", "steps.height=0.4:2.8:13")
+SHARP = ("--grid", "steps.window_s=0.1,0.2")
 SWING = ("--grid", "steps.swing=1,3,5")
 
 
@@ -266,7 +267,8 @@ def test_truth_may_come_from_a_file(walk: Path, capsys: pytest.CaptureFixture[st
         ((), "--grid: expected at least one parameter to sweep, found none"),
         (("--grid", "steps.height=3:1:4"), "--grid: expected FROM:TO:COUNT with FROM < TO"),
         (("--grid", "steps.cutoff_hz=0:1:4"), "steps.cutoff_hz: expected float > 0"),
-        ((*HEIGHT, "--pipeline", "room-footsteps"), "walk.mcap: pipeline: expected that of --pi"),
+        ((*SHARP, "--pipeline", "room-footsteps"), "walk.mcap: pipeline: expected that of --pi"),
+        ((*HEIGHT, "--pipeline", "room-footsteps"), "steps.height: expected one of window_s, "),
         ((*HEIGHT, "--truth", "none.csv"), "none.csv: expected a truth file"),
         ((*HEIGHT, "--write", "walk.results.mcap", "--force"), "walk.results.mcap: expected a new"),
     ],

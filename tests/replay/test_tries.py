@@ -40,7 +40,7 @@ def test_a_change_gives_the_steps_that_deciding_from_the_start_gives(redecider):
     assert np.array_equal(times_of(tries.unchanged()), redecider.outcome().step_times())
     given = set()
     for stage, parameter, value in CHANGES:
-        found = times_of(tries.passed(stage, parameter, value))
+        found = times_of(tries.passed({(stage, parameter): value}))
         expected = redecider.outcome({(stage, parameter): value}).step_times()
         assert np.array_equal(found, expected), (stage, parameter)
         given.add(tuple(found.tolist()))
@@ -52,7 +52,7 @@ def test_about_a_moment_only_its_candidates_count(redecider):
     span = (start_ns + 2 * 10**9, start_ns + 5 * 10**9)
     near = Tries(redecider).within(*span)
     for stage, parameter, value in CHANGES:
-        found = times_of(near.passed(stage, parameter, value))
+        found = times_of(near.passed({(stage, parameter): value}))
         expected = redecider.outcome({(stage, parameter): value}, span).step_times()
         assert np.array_equal(found, expected), (stage, parameter)
     assert len(times_of(near.unchanged())) > 0
@@ -60,4 +60,4 @@ def test_about_a_moment_only_its_candidates_count(redecider):
 
 def test_what_needs_a_replay_is_refused(redecider):
     with pytest.raises(PipelineError, match="stored floor"):
-        Tries(redecider).passed("picks", "ratio", 0.5)
+        Tries(redecider).passed({("picks", "ratio"): 0.5})

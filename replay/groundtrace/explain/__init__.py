@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .evidence import Evidence, StageEvidence, evidence_of
 from .readings import GateReading
-from .reasons import CAUSES, Reason, reason_at
+from .reasons import CAUSES, Reason, StepReasons, WrongTime, reason_at
 from .redecide import Counts, Outcome, Redecider
 from .remedies import Healer, Remedy
 
@@ -19,6 +19,8 @@ __all__ = [
     "Redecider",
     "Remedy",
     "StageEvidence",
+    "StepReasons",
+    "WrongTime",
     "evidence_of",
     "reason_at",
 ]

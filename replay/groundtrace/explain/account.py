@@ -11,16 +11,19 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..score import match
+from ..score.step_timing import TimeShift, best_shift
 from ..score.steps import usual_latency_s
 from .arrivals import bad_picks
 from .candidates import Chain, links
 from .places import bad_places
 from .readings import GateReading, readings
-from .reasons import Reason, reason_at
+from .reasons import Reason, StepReasons, WrongTime
 from .redecide import Counts, Redecider
 from .remedies import Healer, Remedy
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..score import StepMatch
     from .evidence import Evidence
 
@@ -38,13 +41,16 @@ class Missed:
     reason
         Why.
     remedy
-        The smallest change of one parameter that finds it; None where there is none.
+        The smallest change of one parameter that finds it, or the best pair; None without any.
+    pair
+        The false step that it is, found at the wrong time; None where there is none.
     """
 
     step: int
     time_s: float
     reason: Reason
     remedy: Remedy | None
+    pair: WrongTime | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +64,30 @@ class False_:  # noqa: N801  # False is taken
     narrowest
         The gate it passed by the smallest margin, relative to the threshold; None if unknown.
     remedy
-        The smallest change of one parameter that makes it go; None where there is none.
+        The smallest change of one parameter that makes it go, or the best pair; None without any.
+    pair
+        The missed step that it is, found at the wrong time; None where there is none.
     """
 
     time_s: float
     narrowest: GateReading | None
     remedy: Remedy | None
+    pair: WrongTime | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Mended:
+    """How many wrong decisions a change of one parameter mends, a pair of them, or none."""
+
+    one: int
+    two: int
+    none: int
+
+    @classmethod
+    def of(cls, wrong: Sequence[Missed] | Sequence[False_]) -> Mended:
+        """Count remedies."""
+        found = Counter(len(w.remedy.changes) if w.remedy is not None else 0 for w in wrong)
+        return cls(found[1], found[2], found[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +111,13 @@ class Account:
     bad_picks, bad_fixes
         Picks late, early or missed, and places far off, rejected or missing; None where there is
         nothing to tell by.
+    mended_missed, mended_false
+        For how many missed, and false, steps there is a remedy.
     missed, false
         In the order of time.
+    shift
+        The one shift of all detections that mends most steps found at the wrong time; None where
+        none mends most of them.
     """
 
     recording: str
@@ -99,30 +128,38 @@ class Account:
     found_without_latency: int
     bad_picks: int | None
     bad_fixes: int | None
+    mended_missed: Mended
+    mended_false: Mended
     missed: tuple[Missed, ...]
     false: tuple[False_, ...]
+    shift: TimeShift | None = None
 
 
 def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
     """Explain every missed and every false step of a result."""
     healer = Healer(Redecider(evidence), tolerance_s)
     matching = healer.matching
+    reasons = StepReasons(evidence, tolerance_s, matching)
     missed = tuple(
         Missed(
             int(index) + 1,
-            _seconds(evidence, int(matching.truth_ns[index])),
-            reason_at(evidence, int(matching.truth_ns[index]), tolerance_s),
-            healer.recover(int(matching.truth_ns[index])),
+            _seconds(evidence, time_ns),
+            reasons.at(time_ns),
+            remedy_of(healer, reasons, time_ns),
+            reasons.wrong_time(time_ns),
         )
-        for index in matching.missed
+        for index, time_ns in zip(
+            matching.missed, matching.truth_ns[matching.missed].tolist(), strict=True
+        )
     )
     false = tuple(
         False_(
-            _seconds(evidence, int(matching.found_ns[index])),
-            narrowest(evidence, int(matching.found_ns[index])),
-            healer.remove(int(matching.found_ns[index])),
+            _seconds(evidence, time_ns),
+            narrowest(evidence, time_ns),
+            remedy_of(healer, reasons, time_ns, false=True),
+            reasons.wrong_time(time_ns),
         )
-        for index in matching.false
+        for time_ns in matching.found_ns[matching.false].tolist()
     )
     causes = dict(Counter(m.reason.cause for m in missed))
     latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)
@@ -135,9 +172,26 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
         right,
         bad_picks(evidence),
         bad_places(evidence),
+        Mended.of(missed),
+        Mended.of(false),
         missed,
         false,
+        best_shift(matching, reasons.pairs),
     )
+
+
+def remedy_of(
+    healer: Healer, reasons: StepReasons, time_ns: int, *, false: bool = False
+) -> Remedy | None:
+    """Return the remedy of the missed step at a time, or of the false one.
+
+    Where the two are one step found at the wrong time, what mends the one mends the other: the
+    step is found and that detection is false no longer.
+    """
+    pair = reasons.pair_of(time_ns)
+    if pair is not None:
+        return healer.recover(pair.truth_ns, pair.found_ns)
+    return healer.remove(time_ns) if false else healer.recover(time_ns)
 
 
 def _without_latency(matching: StepMatch, start_ns: int, tolerance_s: float) -> tuple[float, int]:
@@ -177,22 +231,48 @@ class Moment:
         Why no step was accepted there; None where one was.
     chain
         All candidates around it, stage by stage.
+    pair
+        The true step and the detection at the wrong time, one of which is there; None where
+        neither is.
     """
 
     time_s: float
     reason: Reason | None
     chain: tuple[Chain, ...]
+    pair: WrongTime | None = None
 
 
 def moment(evidence: Evidence, time_ns: int, tolerance_s: float = 0.12) -> Moment:
-    """Say what was and was not decided around a moment; needs no truth."""
+    """Say what was and was not decided around a moment; needs no truth.
+
+    Of a true step that was missed, why it was, though a detection near it answers another step.
+    """
     reach = round(tolerance_s * NS_PER_S)
+    reasons = StepReasons(evidence, tolerance_s)
+    missed = time_ns in reasons.matching.truth_ns[reasons.matching.missed]
+    reason = reasons.at(time_ns)
+    if reason.candidate_s is not None:  # what is at the wrong time lies further away
+        off_ns = abs(round((reason.candidate_s - _seconds(evidence, time_ns)) * NS_PER_S))
+        shown = max(reach, off_ns + 1000)
+    else:
+        shown = reach
     chain = tuple(
         link
         for part in evidence.stages
-        for link in links(evidence, part, time_ns - reach, time_ns + reach)
+        for link in links(evidence, part, time_ns - shown, time_ns + shown)
     )
     final = {part.spec.stage for part in evidence.stages if part.spec.emits == "step"}
-    found = any(link.accepted and link.stage in final for link in chain)
-    reason = None if found else reason_at(evidence, time_ns, tolerance_s)
-    return Moment(_seconds(evidence, time_ns), reason, chain)
+    at_s = _seconds(evidence, time_ns)
+    near = [link for link in chain if abs(link.time_s - at_s) * NS_PER_S <= reach]
+    found = any(link.accepted and link.stage in final for link in near)
+    told = reason if missed or not found else None
+    return Moment(at_s, told, chain, _pair_about(reasons, time_ns, reach))
+
+
+def _pair_about(reasons: StepReasons, time_ns: int, reach: int) -> WrongTime | None:
+    """Return the pair whose true step is there, else whose detection is nearest within reach."""
+    there = reasons.wrong_time(time_ns)
+    near = [p.found_ns for p in reasons.pairs if abs(p.found_ns - time_ns) <= reach]
+    if there is not None or not near:
+        return there
+    return reasons.wrong_time(min(near, key=lambda found_ns: abs(found_ns - time_ns)))

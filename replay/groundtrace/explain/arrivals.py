@@ -10,26 +10,21 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..score.picks import ANSWER_S, pick_residuals
+from ..score.picks import ANSWER_S, RIGHT_S, pick_residuals
 from .candidates import Chain, links
-from .parts import accepted_picks, onsets_of
-from .pick_channels import ChannelPicks, PickCounts, by_channel, clocks
-from .pick_reasons import PickReason, early, false, late, missed
-from .readings import timed
+from .parts import onsets_of
+from .pick_channels import ChannelPicks, PickCounts, by_channel, steady
+from .pick_reasons import Picking, PickReason, early, false, late, missed
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from groundtrace_codecs.events import Pick
     from groundtrace_codecs.labels import Label
 
+    from ..score.picks import PickResiduals
     from .evidence import Evidence, StageEvidence
-
-    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +84,7 @@ class PickAccount:
     bad: tuple[BadPick, ...]
 
 
-def pick_account(evidence: Evidence, tolerance_s: float = 0.002, stage: str = "") -> PickAccount:
+def pick_account(evidence: Evidence, tolerance_s: float = RIGHT_S, stage: str = "") -> PickAccount:
     """Explain every bad pick of one stage.
 
     Parameters
@@ -107,17 +102,15 @@ def pick_account(evidence: Evidence, tolerance_s: float = 0.002, stage: str = ""
     RecordingError
         Where nothing was picked, no such stage picked, or there are no true arrivals.
     """
-    part = _picking(evidence, stage)
-    truth = sorted(x for x in evidence.labels if x.kind == "pick")
-    if not truth:
+    picking = _picking(evidence, stage, tolerance_s)
+    if not any(x.kind == "pick" for x in evidence.labels):
         raise RecordingError(
             f"{evidence.name}: expected true picks (in the recording, or --truth FILE), found "
             f"none; --kind fixes judges arrivals without them"
         )
-    errors_s = pick_residuals(evidence.labels, accepted_picks(part)).error_s
-    states = [_state(float(error), tolerance_s) for error in errors_s]
-    bad = _bad(evidence, part, truth, errors_s, tolerance_s)
-    bad += _unasked(part, truth, errors_s)
+    answers = pick_residuals(evidence.labels, picking.picks())
+    states = answers.states(tolerance_s)
+    bad = [*_bad(picking, answers, states), *_unasked(picking, answers)]
     bad.sort(key=lambda item: (item[0], item[1]))
     numbered = tuple(
         BadPick(number, (time_ns - evidence.start_ns) / NS_PER_S, channel, state, off, reason)
@@ -126,11 +119,11 @@ def pick_account(evidence: Evidence, tolerance_s: float = 0.002, stage: str = ""
     extra = [item.state for item in numbered if item.state == "false"]
     return PickAccount(
         evidence.name,
-        part.spec.stage,
+        picking.stage,
         tolerance_s * 1e3,
         PickCounts.of(states + extra),
         dict(Counter(item.reason.cause for item in numbered)),
-        by_channel(truth, states, errors_s, numbered, tolerance_s),
+        by_channel(answers.truth, states, answers.error_s, numbered, tolerance_s),
         numbered,
     )
 
@@ -159,98 +152,80 @@ def pick_moment(
 ) -> PickMoment:
     """Say what the picking stage had at a moment; needs no truth."""
     reach = round(ANSWER_S * NS_PER_S)
-    chain = links(evidence, _picking(evidence, stage), time_ns - reach, time_ns + reach)
+    chain = [
+        link
+        for part in _picking(evidence, stage).parts
+        for link in links(evidence, part, time_ns - reach, time_ns + reach)
+    ]
     kept = tuple(link for link in chain if bad is None or link.channel == bad.channel)
     return PickMoment((time_ns - evidence.start_ns) / NS_PER_S, bad, kept)
 
 
-def bad_picks(evidence: Evidence, tolerance_s: float = 0.002) -> int | None:
+def bad_picks(evidence: Evidence, tolerance_s: float = RIGHT_S) -> int | None:
     """Return how many picks are late, early or missed; None without true arrivals or picks."""
     if not any(x.kind == "pick" for x in evidence.labels) or not _picking_parts(evidence):
         return None
-    errors_s = pick_residuals(evidence.labels, accepted_picks(_picking(evidence))).error_s
-    return sum(_state(float(error), tolerance_s) != "right" for error in errors_s)
+    answers = pick_residuals(evidence.labels, _picking(evidence).picks())
+    return sum(state != "right" for state in answers.states(tolerance_s))
 
 
 def _picking_parts(evidence: Evidence) -> list[StageEvidence]:
     return [part for part in evidence.stages if part.spec.emits == "pick"]
 
 
-def _picking(evidence: Evidence, stage: str = "") -> StageEvidence:
-    """Return a stage that picks, or the last for onsets; of its topics the one with most to say."""
+def _picking(evidence: Evidence, stage: str = "", tolerance_s: float = RIGHT_S) -> Picking:
+    """Return a stage that picks, or the last for onsets, on all of its topics."""
     parts = _picking_parts(evidence)
     if not parts:
         raise RecordingError(f"{evidence.name}: expected a stage that picks, found none")
     wanted = stage or onsets_of(evidence, parts[-1]).spec.stage
-    found = [part for part in parts if part.spec.stage == wanted]
+    found = tuple(part for part in parts if part.spec.stage == wanted)
     if not found:
         names = ", ".join(dict.fromkeys(part.spec.stage for part in parts))
         raise RecordingError(f"{evidence.name}: expected one of {names}, found {stage}")
-    return max(found, key=lambda part: len(part.candidates))
-
-
-def _state(error_s: float, tolerance_s: float) -> str:
-    if not abs(error_s) <= ANSWER_S:
-        return "early" if error_s < -ANSWER_S else "missed"
-    if abs(error_s) <= tolerance_s:
-        return "right"
-    return "late" if error_s > 0 else "early"
+    return Picking(evidence, found, tolerance_s)
 
 
 _Item = tuple[int, str, str, float, PickReason]
 
 
-def _bad(
-    evidence: Evidence,
-    part: StageEvidence,
-    truth: list[Label],
-    errors_s: Array,
-    tolerance_s: float,
-) -> list[_Item]:
+def _bad(picking: Picking, answers: PickResiduals, states: list[str]) -> list[_Item]:
     """Return the true arrivals that were picked late, early or not at all."""
+    constant = steady(answers.truth, answers.error_s, picking.tolerance_s)
     found: list[_Item] = []
-    steady = clocks(truth, errors_s, tolerance_s)
-    for label, error in zip(truth, errors_s.tolist(), strict=True):
-        state = _state(error, tolerance_s)
+    for label, state, error, pick in zip(
+        answers.truth, states, answers.error_s.tolist(), answers.picks, strict=True
+    ):
         if state == "right":
             continue
-        if state == "missed" or label.channel not in part.spec.channels:
-            reason = missed(evidence, part, label.channel, label.time_ns, tolerance_s)
-            found.append((label.time_ns, label.channel, "missed", float("nan"), reason))
-            continue
-        picked_ns = label.time_ns + round(error * NS_PER_S)
-        usual_s = steady.get(label.channel)
-        if usual_s is not None and abs(error - usual_s) <= abs(usual_s) / 2:
-            reason = PickReason("clock", f"{label.channel} is {timed(usual_s)} all the time")
-        elif state == "late":
-            reason = late(evidence, part, label.channel, label.time_ns, picked_ns, tolerance_s)
-        else:
-            reason = early(part, label.channel, picked_ns)
-        found.append((label.time_ns, label.channel, state, error * 1e3, reason))
+        reason = _reason(picking, label, state, pick)
+        usual = constant.get(label.channel)
+        if usual is not None and abs(error - usual.offset_s) <= picking.tolerance_s:
+            reason = PickReason(usual.cause, f"{label.channel} is {usual.text}")
+        off_ms = error * 1e3 if state != "missed" else float("nan")
+        found.append((label.time_ns, label.channel, state, off_ms, reason))
     return found
 
 
-def _unasked(part: StageEvidence, truth: list[Label], errors_s: Array) -> list[_Item]:
+def _reason(picking: Picking, label: Label, state: str, pick: Pick | None) -> PickReason:
+    if pick is None or state == "missed":
+        return missed(picking, label.channel, label.time_ns, pick)
+    if state == "late":
+        return late(picking, label.channel, label.time_ns, pick)
+    return early(picking, label.time_ns, pick)
+
+
+def _unasked(picking: Picking, answers: PickResiduals) -> list[_Item]:
     """Return the picks near true arrivals of their channel that answer none of them."""
-    answers = {
-        (label.channel, label.time_ns + round(error * NS_PER_S))
-        for label, error in zip(truth, errors_s.tolist(), strict=True)
-        if np.isfinite(error)
-    }
+    asked = {(p.topic, p.channel, p.time_ns) for p in answers.picks if p is not None}
     spans: dict[str, tuple[int, int]] = {}
-    for label in truth:
+    for label in answers.truth:
         low, high = spans.get(label.channel, (label.time_ns, label.time_ns))
         spans[label.channel] = (min(low, label.time_ns), max(high, label.time_ns))
     found: list[_Item] = []
-    for pick in accepted_picks(part):
+    for pick in picking.picks():
         low, high = spans.get(pick.channel, (0, -1))
-        inside = low <= pick.time_ns <= high
-        if inside and not _answers(answers, pick.channel, pick.time_ns):
-            reason = false(part, pick.channel, pick.time_ns)
+        if low <= pick.time_ns <= high and (pick.topic, pick.channel, pick.time_ns) not in asked:
+            reason = false(picking, pick)
             found.append((pick.time_ns, pick.channel, "false", float("nan"), reason))
     return found
-
-
-def _answers(answers: set[tuple[str, int]], channel: str, time_ns: int) -> bool:
-    """Whether a pick is an answer; the error in seconds may have been rounded by 1 ns."""
-    return any((channel, time_ns + k) in answers for k in (-1, 0, 1))

@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..score import match, match_steps
 from .differences import ParameterChange, PlaceComparison, changed_parameters, compare_places
-from .evidence import evidence_of
-from .reasons import reason_at
+from .evidence import evidence_of, step_times
+from .reasons import StepReasons, WrongTime
 from .redecide import Counts
+from .unfiltered import with_recording
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Sequence
+    from pathlib import Path
 
-    from groundtrace_codecs.labels import Label
+    from numpy.typing import NDArray
 
     from ..results import Results
     from ..score import StepMatch
@@ -41,6 +44,8 @@ VERDICTS = (
 )
 #: Decisions that A has right and B wrong, and the other way round.
 A_RIGHT, B_RIGHT = ("only A right", "only B false"), ("only B right", "only A false")
+#: Without truth the side that has a step is what the other one is asked for.
+ONE_SIDED = ("only A", "only B")
 SideName = Literal["A", "B"]
 
 
@@ -73,6 +78,14 @@ class Obstacle:
 
 
 @dataclass(frozen=True, slots=True)
+class SidePair:
+    """A true step that one side found at the wrong time."""
+
+    side: SideName
+    pair: WrongTime
+
+
+@dataclass(frozen=True, slots=True)
 class Decision:
     """One step, true or detected.
 
@@ -86,12 +99,15 @@ class Decision:
         One of :data:`VERDICTS`.
     obstacle
         What set the two apart; None where they agree.
+    pairs
+        The sides that found the step at the wrong time, or whose false step it is.
     """
 
     time_s: float
     step: int | None
     verdict: str
     obstacle: Obstacle | None
+    pairs: tuple[SidePair, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +157,11 @@ class Comparison:
 
 
 def compare(
-    a: Results, b: Results, labels: tuple[Label, ...], tolerance_s: float = 0.12
+    a: Results,
+    b: Results,
+    labels: tuple[Label, ...],
+    tolerance_s: float = 0.12,
+    places: Sequence[Path] = (),
 ) -> Comparison:
     """Compare two results of one recording.
 
@@ -153,6 +173,8 @@ def compare(
         The truth; without steps in it the two are compared with each other alone.
     tolerance_s
         Largest distance between a step and its detection, and between two detections [s].
+    places
+        Where the recording may be, to tell whether a filter took a step out.
 
     Raises
     ------
@@ -160,11 +182,15 @@ def compare(
         Where they are not of the same recording, or of different parts of it.
     """
     _check_alike(a, b)
-    sides = evidence_of(a, labels), evidence_of(b, labels)
+    sides = (
+        with_recording(evidence_of(a, labels), a.provenance.sha256, places),
+        with_recording(evidence_of(b, labels), b.provenance.sha256, places),
+    )
     matches = None
     if any(label.kind == "step" for label in labels):
-        matches = matched(sides[0], tolerance_s), matched(sides[1], tolerance_s)
-        decisions = _against_truth(sides, matches, tolerance_s)
+        reasons = StepReasons(sides[0], tolerance_s), StepReasons(sides[1], tolerance_s)
+        matches = reasons[0].matching, reasons[1].matching
+        decisions = _against_truth(reasons)
     else:
         decisions = _against_each_other(sides, tolerance_s)
     verdicts = Counter(decision.verdict for decision in decisions)
@@ -200,20 +226,6 @@ def _side(name: str, evidence: Evidence, matching: StepMatch | None) -> Side:
     return Side(name, evidence.config.name, len(step_times(evidence)), counts)
 
 
-def step_times(evidence: Evidence) -> NDArray[np.int64]:
-    """Return the times of the steps of the last stage that emits them, sorted [ns]."""
-    stages = [part for part in evidence.stages if part.spec.emits == "step"]
-    last = stages[-1].spec.stage if stages else ""
-    times = [p.candidates.time_ns[p.accepted] for p in stages if p.spec.stage == last]
-    return np.sort(np.concatenate([np.empty(0, np.int64), *times]))
-
-
-def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
-    """Match the steps of a result, as decided, to its truth."""
-    e = evidence
-    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
-
-
 def exact_p(verdicts: Counter[str]) -> float | None:
     """Return McNemar's exact p-value of the decisions that one side has right and the other not.
 
@@ -228,31 +240,39 @@ def exact_p(verdicts: Counter[str]) -> float | None:
     return float(binomtest(for_a, for_a + for_b).pvalue)
 
 
-def _against_truth(
-    sides: tuple[Evidence, Evidence], matches: tuple[StepMatch, StepMatch], tolerance_s: float
-) -> list[Decision]:
-    a, b = matches
+def _against_truth(reasons: tuple[StepReasons, StepReasons]) -> list[Decision]:
+    a, b = reasons[0].matching, reasons[1].matching
     right_a, right_b = set(a.pairs[:, 0].tolist()), set(b.pairs[:, 0].tolist())
     decisions = []
     for index, time_ns in enumerate(a.truth_ns.tolist()):
         found = (index in right_a, index in right_b)
         verdict = _said(found, "both right", "only A right", "only B right", "both missed")
-        decisions.append(_decision(sides, time_ns, index + 1, verdict, found, tolerance_s))
+        decisions.append(_decision(reasons, time_ns, index + 1, verdict, found))
     false = a.found_ns[a.false], b.found_ns[b.false]
-    for time_ns, found in _paired(*false, sides[0].start_ns, tolerance_s):
+    for time_ns, found in _paired(*false, reasons[0].evidence.start_ns, a.tolerance_s):
         verdict = _said(found, "both false", "only A false", "only B false")
-        decisions.append(_decision(sides, time_ns, None, verdict, found, tolerance_s))
+        decisions.append(_decision(reasons, time_ns, None, verdict, found))
     return decisions
 
 
 def _against_each_other(sides: tuple[Evidence, Evidence], tolerance_s: float) -> list[Decision]:
+    """Compare two sides without truth: each is asked for the steps of the other."""
     times = step_times(sides[0]), step_times(sides[1])
+    reasons = (
+        StepReasons(sides[0], tolerance_s, _answering(sides[0], times[1], tolerance_s)),
+        StepReasons(sides[1], tolerance_s, _answering(sides[1], times[0], tolerance_s)),
+    )
     return [
-        _decision(
-            sides, time_ns, None, _said(found, "both", "only A", "only B"), found, tolerance_s
-        )
+        _decision(reasons, time_ns, None, _said(found, "both", "only A", "only B"), found)
         for time_ns, found in _paired(*times, sides[0].start_ns, tolerance_s)
     ]
+
+
+def _answering(evidence: Evidence, true_ns: NDArray[np.int64], tolerance_s: float) -> StepMatch:
+    """Match the steps of a result to those of another."""
+    labels = [Label(time_ns, "step") for time_ns in true_ns.tolist()]
+    e = evidence
+    return match_steps(labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
 def _said(found: tuple[bool, bool], both: str, only_a: str, only_b: str, none: str = "") -> str:
@@ -271,23 +291,28 @@ def _paired(
 
 
 def _decision(
-    sides: tuple[Evidence, Evidence],
+    reasons: tuple[StepReasons, StepReasons],
     time_ns: int,
     step: int | None,
     verdict: str,
     found: tuple[bool, bool],
-    tolerance_s: float,
 ) -> Decision:
-    time_s = (time_ns - sides[0].start_ns) / NS_PER_S
+    time_s = (time_ns - reasons[0].evidence.start_ns) / NS_PER_S
+    names: tuple[SideName, SideName] = ("A", "B")
+    pairs = tuple(
+        SidePair(name, pair)
+        for name, side, has in zip(names, reasons, found, strict=True)
+        if (pair := side.wrong_time(time_ns)) is not None and not (has and verdict in ONE_SIDED)
+    )
     if found[0] == found[1]:
-        return Decision(time_s, step, verdict, None)
+        return Decision(time_s, step, verdict, None, pairs)
     lacks: SideName = "B" if found[0] else "A"
-    evidence = sides[1] if found[0] else sides[0]
-    return Decision(time_s, step, verdict, _obstacle(lacks, evidence, time_ns, tolerance_s))
+    obstacle = _obstacle(lacks, reasons[1] if found[0] else reasons[0], time_ns)
+    return Decision(time_s, step, verdict, obstacle, pairs)
 
 
-def _obstacle(side: SideName, evidence: Evidence, time_ns: int, tolerance_s: float) -> Obstacle:
-    reason = reason_at(evidence, time_ns, tolerance_s)
+def _obstacle(side: SideName, reasons: StepReasons, time_ns: int) -> Obstacle:
+    reason = reasons.at(time_ns)
     first = next((r for r in reason.readings if r.gate == reason.gate), None)
     place = (side, reason.cause, reason.text, reason.stage, reason.topic)
     if first is None:

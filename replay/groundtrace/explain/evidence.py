@@ -13,6 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..detector import Frames
 from ..gates import Candidates
 from ..pipeline import parse_pipeline
+from ..score import match_steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -25,10 +26,13 @@ if TYPE_CHECKING:
 
     from ..pipeline import PipelineConfig
     from ..results import Results
+    from ..score import StepMatch
+    from ..warned import Warned
+    from .unfiltered import Unfiltered
 
 
-#: Messages that evidence is made of.
-KINDS = frozenset({"CandidateBlock", "TraceBlock", "Gap", "TrackPoint"})
+#: Messages that evidence is made of, and what the replay warned of.
+KINDS = frozenset({"CandidateBlock", "TraceBlock", "Gap", "Note", "TrackPoint"})
 #: So many blocks of a stage are joined.
 JOINED = 256
 
@@ -86,6 +90,10 @@ class Evidence:
         Where the sensors are; None where unknown.
     track
         Where targets were tracked, by the last stage that tracks.
+    warnings
+        What the replay warned of.
+    unfiltered
+        Measures the recording again without a stage's filter; None where it is not known.
     """
 
     name: str
@@ -97,6 +105,8 @@ class Evidence:
     end_ns: int
     geometry: Geometry | None = None
     track: tuple[TrackPoint, ...] = ()
+    warnings: tuple[Warned, ...] = ()
+    unfiltered: Unfiltered | None = None
 
     @property
     def clock_steps_s(self) -> tuple[float, ...]:
@@ -127,7 +137,22 @@ def evidence_of(results: Results, labels: tuple[Label, ...] | None = None) -> Ev
         origin.end_ns,
         results.geometry,
         _last_track(results.events),
+        results.warnings,
     )
+
+
+def step_times(evidence: Evidence) -> NDArray[np.int64]:
+    """Return the times of the steps of the last stage that emits them, sorted [ns]."""
+    stages = [part for part in evidence.stages if part.spec.emits == "step"]
+    last = stages[-1].spec.stage if stages else ""
+    times = [p.candidates.time_ns[p.accepted] for p in stages if p.spec.stage == last]
+    return np.sort(np.concatenate([np.empty(0, np.int64), *times]))
+
+
+def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
+    """Match the steps of a result, as decided, to its truth."""
+    e = evidence
+    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
 def joined(events: Iterable[Event]) -> Iterator[Event]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import PipelineError
+from ..errors import PipelineError, did_you_mean
 from ..parameters import build, describe, parse_value
 from ..pipeline import STAGE_GROUPS
 from ..plugins import find
@@ -100,6 +100,7 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
     if key not in stages:
         raise PipelineError(
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
+            f"{did_you_mean(key, stages)}"
         )
     group, kind = find(STAGE_GROUPS, stages[key].use)
     counted = counted_kind(config)

@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 import numpy as np
 
-from groundtrace_codecs.events import Gap
+from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
 
 from ..engine import replay
 from ..pipeline import build_pipeline, parse_pipeline, with_settings
+from ..results import file_sha256
 from ..source import Source
+from ..suitability import PLACEMENT, refuse_unsuitable, with_placements
+from ..warned import warnings_of
 from .chain import StepChain
 from .counted import counted_kind, truth_for
 from .evidence import Evidence, stage_evidence
@@ -58,6 +61,14 @@ class EventList:
         """End; nothing is held."""
 
 
+def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:
+    """Return the first of some places where a recording is, by its SHA-256 where that is given."""
+    for path in places:
+        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
+            return path
+    return None
+
+
 def resolved(config: PipelineConfig) -> PipelineConfig:
     """Return a pipeline with every parameter as it stands, defaults written out."""
     return parse_pipeline(build_pipeline(config).recipe().encode(), config.name)
@@ -88,10 +99,13 @@ def measure_evidence(
     config = resolved(config)
     sink = EventList()
     with Recording.open(path) as recording:
+        refuse_unsuitable(config, recording.streams, recording.name)
         # places take long, and no step depends on them, as passes do
         geometry = None if counted_kind(config) == "step" else recording.geometry
+        config, told, _ = with_placements(config, recording)
         chain = build_pipeline(config, geometry, recording.labels)
         replay(Source(recording), chain, [sink])
+        notes = [Note(recording.start_ns, text, "WARN", PLACEMENT) for text in told]
         return Evidence(
             path.name,
             config,
@@ -101,6 +115,7 @@ def measure_evidence(
             recording.start_ns,
             recording.end_ns,
             geometry,
+            warnings=warnings_of([*notes, *sink.events], recording.start_ns),
         )
 
 

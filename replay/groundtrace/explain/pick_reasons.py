@@ -1,4 +1,8 @@
-"""Reasons of bad picks, in the words of the stage that picked."""
+"""Reasons of bad picks, in the words of the stage that picked.
+
+Time comes first: a pick near an arrival that does not answer it is late or early by so much, and
+only where there is none a gate, a filter or a silent channel is looked for.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +13,40 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..score.picks import ANSWER_S
+from .parts import accepted_picks
 from .readings import below, closeness, readings, timed
-from .reasons import channel_verdict
-from .silence import silence
+from .reasons import silent
+from .silence import FRAME_NS, silence
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.events import Pick
+
     from .evidence import Evidence, StageEvidence
     from .readings import GateReading
 
-#: A channel without a pick is looked at so long about the arrival [s].
-REACH_S = 0.05
+#: A rejected candidate is of the arrival where fewer than so many as strong lie as near by chance:
+#: the usual 5 % of a test.
+CHANCE = 0.05
+#: The cause of a bad pick, in one word.
+PICK_CAUSES = (
+    "clock",
+    "latency",
+    "late",
+    "early",
+    "threshold",
+    "refractory",
+    "dropped",
+    "dead",
+    "clipped",
+    "filter",
+    "quiet",
+    "shape",
+    "gap",
+    "false",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,86 +58,254 @@ class PickReason:
     readings: tuple[GateReading, ...] = ()
 
 
-def missed(
-    evidence: Evidence, part: StageEvidence, channel: str, time_ns: int, tolerance_s: float
-) -> PickReason:
-    """Say why an arrival was not picked: its gates, a dead, clipped or quiet channel.
+@dataclass(frozen=True, slots=True, eq=False)
+class Picking:
+    """A stage that picks, on all of its topics.
 
-    Parameters
+    Attributes
     ----------
-    evidence, part
-        The result, and the stage that picked.
-    channel, time_ns
-        Of the true arrival.
+    evidence
+        The result.
+    parts
+        Of the stage, topic by topic; a channel may be in several, as where a spread was moved.
     tolerance_s
         Largest error of a right pick [s].
     """
-    if channel not in part.spec.channels:
-        return PickReason("gap", "the channel is not in the recording")
-    rejected = _rejected(part, channel, time_ns, tolerance_s)
+
+    evidence: Evidence
+    parts: tuple[StageEvidence, ...]
+    tolerance_s: float
+
+    @property
+    def stage(self) -> str:
+        """Its name."""
+        return self.parts[0].spec.stage
+
+    def picks(self) -> list[Pick]:
+        """Return its picks of all topics."""
+        return [pick for part in self.parts for pick in accepted_picks(part)]
+
+    def of(self, pick: Pick) -> StageEvidence:
+        """Return the part that a pick is of."""
+        return next(part for part in self.parts if part.spec.topic == pick.topic)
+
+    def recorded(self, channel: str, time_ns: int) -> StageEvidence | None:
+        """Return the part whose topic has a signal of a channel at a time; None without any."""
+        own = [part for part in self.parts if channel in part.spec.channels]
+        return next((part for part in own if self._has_signal(part, time_ns)), None)
+
+    def _has_signal(self, part: StageEvidence, time_ns: int) -> bool:
+        """Whether a topic has a frame of trace at a time; without a trace, whether no gap."""
+        source = self.traced(part)
+        if source.spec.trace:
+            frames = source.frames.time_ns
+            first, last = np.searchsorted(frames, [time_ns - FRAME_NS, time_ns], side="right")
+            return bool(last > first)
+        gaps = (g for g in self.evidence.gaps if g.topic == part.spec.topic and not g.bridged)
+        return not any(g.start_ns <= time_ns < g.end_ns for g in gaps)
+
+    def traced(self, part: StageEvidence) -> StageEvidence:
+        """Return the last stage with a trace that picks on the same topic, up to a stage."""
+        upto = self._upto(part)
+        return next((e for e in reversed(upto) if e.spec.trace), part)
+
+    def before(self, part: StageEvidence) -> tuple[StageEvidence, ...]:
+        """Return the stages that pick on the same topic before a stage, the last first."""
+        return tuple(e for e in reversed(self._upto(part)) if e.spec.stage != part.spec.stage)
+
+    def _upto(self, part: StageEvidence) -> list[StageEvidence]:
+        order = [stage.key for stage in self.evidence.config.stage]
+        upto = order[: order.index(part.spec.stage) + 1]
+        return [
+            e
+            for key in upto
+            for e in self.evidence.of(key)
+            if e.spec.emits == "pick" and e.spec.topic == part.spec.topic
+        ]
+
+    def by_chance(self, part: StageEvidence, row: int, off_s: float) -> float:
+        """Return how many candidates as strong lie as near to any moment by chance.
+
+        By the rate of those of its channel away from true arrivals, over the time of the
+        candidates; NaN, so never little, where the candidates span no time.
+        """
+        c = part.candidates
+        true_ns = np.sort([x.time_ns for x in self.evidence.labels if x.kind == "pick"])
+        strong = (c.channel == c.channel[row]) & (c.value[:, 0] >= c.value[row, 0])
+        times = c.time_ns[strong]
+        at = np.searchsorted(true_ns, times)
+        before = np.abs(times - true_ns[np.maximum(at - 1, 0)])
+        after = np.abs(times - true_ns[np.minimum(at, len(true_ns) - 1)])
+        away = int((np.minimum(before, after) > ANSWER_S * NS_PER_S).sum())
+        length_s = float(np.ptp(c.time_ns)) / NS_PER_S
+        return away / length_s * 2 * off_s if length_s > 0 else float("nan")
+
+    @property
+    def within(self) -> str:
+        """The tolerance as a phrase."""
+        return f"tolerance {self.tolerance_s * 1e3:g} ms"
+
+
+def missed(picking: Picking, channel: str, time_ns: int, first: Pick | None) -> PickReason:
+    """Say why nothing answers an arrival.
+
+    Parameters
+    ----------
+    picking
+        The stage that picked.
+    channel, time_ns
+        Of the true arrival.
+    first
+        The first pick of the channel after the arrival's impact, too far off to answer it.
+    """
+    reach = round(ANSWER_S * NS_PER_S)
+    near_ns = [
+        int(part.candidates.time_ns[row])
+        for part in picking.parts
+        if channel in part.spec.channels
+        for row in _near(part, channel, time_ns, reach)
+        if part.accepted[row]
+    ]
+    if near_ns:
+        return _passed_over(picking, near_ns, time_ns, first)
+    part = picking.recorded(channel, time_ns)
+    if part is None:
+        return _no_signal(picking, channel)
+    broken = _broken(picking, part, channel, time_ns)
+    if broken is not None:
+        return broken
+    rejected = _rejected(picking, part, channel, time_ns) or _astray(
+        picking, part, channel, time_ns
+    )
     if rejected is not None:
         return rejected
-    number, reach = part.spec.channels.index(channel), round(REACH_S * NS_PER_S)
-    source = _traced(evidence, part)
-    rows = source.between(time_ns - reach, time_ns + reach)
-    cause, text = channel_verdict(source, rows, number, time_ns, reach)
-    picked = [r for r in _near(part, channel, time_ns, reach) if part.accepted[r]]
-    if cause == "taken" and picked:
-        off_ns = min((int(part.candidates.time_ns[r]) - time_ns for r in picked), key=abs)
-        text = f"picked {timed(off_ns / NS_PER_S)} instead: that pick does not count for this step"
-    return PickReason(cause, text)
+    if first is not None:
+        off_s = (first.time_ns - time_ns) / NS_PER_S
+        text = (
+            f"the first pick after the impact comes {timed(off_s)}, {picking.within}: farther off "
+            f"than {ANSWER_S * 1e3:g} ms it answers nothing"
+        )
+        return PickReason("late" if off_s > 0 else "early", text)
+    return _nothing_picked(picking, part, channel, time_ns)
 
 
-def late(
-    evidence: Evidence,
-    part: StageEvidence,
-    channel: str,
-    time_ns: int,
-    picked_ns: int,
-    tolerance_s: float,
-) -> PickReason:
-    """Say why the arrival itself was not picked but something after it, at ``picked_ns``.
-
-    The other parameters are those of :func:`missed`.
-    """
-    found = _rejected(part, channel, time_ns, tolerance_s)
-    if found is None:
-        return _unseen(evidence, part, channel, time_ns, picked_ns)
-    if found.cause != "threshold":
-        return found
-    phase = _value_at(part, channel, picked_ns)
-    text = f"the first swing is under the threshold: {found.text}; picked the later phase{phase}"
-    return PickReason("threshold", text, found.readings)
-
-
-def _rejected(
-    part: StageEvidence, channel: str, time_ns: int, tolerance_s: float
-) -> PickReason | None:
-    """Say which gate rejected the candidate at an arrival; None where there is no such."""
-    reach = round(tolerance_s * NS_PER_S)
-    own = [r for r in _near(part, channel, time_ns, reach) if not part.accepted[r]]
-    if not own:
+def _broken(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -> PickReason | None:
+    """Say that the channel stood still or was clipped at an arrival; None where it was not."""
+    source, reach = picking.traced(part), round(ANSWER_S * NS_PER_S)
+    if not source.spec.trace:
         return None
-    told = readings(part, int(min(own, key=lambda r: closeness(part, int(r), time_ns))))
-    first = next(r for r in told if not r.passed)
-    if first.gate != "refractory":
-        return PickReason("threshold", below(first), told)
+    number = source.spec.channels.index(channel)
+    quiet = silence(source, number, time_ns - reach, time_ns + reach)
+    at_arrival = _near(source, channel, time_ns, round(picking.tolerance_s * NS_PER_S))
+    known = {"dead"} if len(at_arrival) else {"dead", "clipped"}
+    return PickReason(quiet.cause, quiet.text) if quiet.cause in known else None
+
+
+def _passed_over(
+    picking: Picking, near_ns: list[int], time_ns: int, first: Pick | None
+) -> PickReason:
+    """Say why a pick near an arrival does not answer it: another one comes first, or the impact."""
+    off_s = min((t - time_ns for t in near_ns), key=abs) / NS_PER_S
+    if first is not None:
+        first_s = (first.time_ns - time_ns) / NS_PER_S
+        text = (
+            f"the first pick after the impact comes {timed(first_s)}, {picking.within}; the one "
+            f"that is {timed(off_s)} is not the first"
+        )
+        return PickReason("late" if first_s > 0 else "early", text)
+    side = "after the next impact" if off_s > 0 else "before the impact"
+    text = f"picked {timed(off_s)}, {picking.within}: {side}, so that it does not count for it"
+    return PickReason("late" if off_s > 0 else "early", text)
+
+
+def _no_signal(picking: Picking, channel: str) -> PickReason:
+    topics = [part.spec.topic for part in picking.parts if channel in part.spec.channels]
+    if not topics:
+        return PickReason("gap", f"no stream that {picking.stage} picks has a channel {channel}")
+    return PickReason("gap", f"no signal of {channel} was recorded then ({', '.join(topics)})")
+
+
+def _astray(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -> PickReason | None:
+    """Say how late or early the nearest rejected candidate is, where it is no chance neighbour."""
+    for stage in (part, *picking.before(part)):
+        rows = _near(stage, channel, time_ns, round(ANSWER_S * NS_PER_S))
+        own = [int(r) for r in rows if not stage.accepted[r]]
+        if not own:
+            continue
+        row = min(own, key=lambda r: abs(int(stage.candidates.time_ns[r]) - time_ns))
+        off_s = (int(stage.candidates.time_ns[row]) - time_ns) / NS_PER_S
+        if picking.by_chance(stage, row, abs(off_s)) <= CHANCE:
+            found = _gate(stage, row, time_ns)
+            text = f"the nearest candidate comes {timed(off_s)}, {picking.within}: {found.text}"
+            return PickReason("late" if off_s > 0 else "early", text, found.readings)
+    return None
+
+
+def _nothing_picked(
+    picking: Picking, part: StageEvidence, channel: str, time_ns: int
+) -> PickReason:
+    """Say what stages before had, or what the signal was."""
+    reach = round(ANSWER_S * NS_PER_S)
+    source = picking.traced(part)
+    number = source.spec.channels.index(channel)
+    for stage in picking.before(part):
+        rows = _near(stage, channel, time_ns, reach)
+        off_ns = [int(stage.candidates.time_ns[r]) - time_ns for r in rows if stage.accepted[r]]
+        if off_ns:
+            off_s = min(off_ns, key=abs) / NS_PER_S
+            text = (
+                f"{stage.spec.stage} picked {timed(off_s)}, {picking.within}, and "
+                f"{picking.stage} took none"
+            )
+            if abs(off_s) <= picking.tolerance_s:
+                return PickReason("dropped", text)
+            return PickReason("late" if off_s > 0 else "early", text)
+    rows = _near(source, channel, time_ns, reach)
+    if not len(rows):
+        return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
+    row = min(rows.tolist(), key=lambda r: abs(int(source.candidates.time_ns[r]) - time_ns))
+    off_s = (int(source.candidates.time_ns[row]) - time_ns) / NS_PER_S
+    count = picking.by_chance(source, row, abs(off_s))
+    told = _gate(source, row, time_ns)
     text = (
-        f"held off by the pick {first.value * 1e3:.0f} ms earlier "
-        f"(refractory {first.threshold * 1e3:.0f} ms)"
+        f"no candidate of its own: the nearest, as strong as {count:.2g} that lie so near by "
+        f"chance, comes {timed(off_s)}: {told.text}"
     )
-    return PickReason("refractory", text, told)
+    return PickReason("quiet", text, told.readings)
 
 
-def early(part: StageEvidence, channel: str, picked_ns: int) -> PickReason:
+def late(picking: Picking, channel: str, time_ns: int, picked: Pick) -> PickReason:
+    """Say why the arrival itself was not picked but something after it.
+
+    The parameters are those of :func:`missed`; ``picked`` is what answers it.
+    """
+    part = picking.of(picked)
+    late_s = (picked.time_ns - time_ns) / NS_PER_S
+    found = f"found {timed(late_s)}, {picking.within}"
+    rejected = _rejected(picking, part, channel, time_ns)
+    value = _value_at(part, channel, picked.time_ns)
+    if rejected is None:
+        at = f"within {picking.tolerance_s * 1e3:g} ms of the arrival"
+        text = f"{found}: {picking.stage} has no candidate {at}, but a later one{value}"
+        return PickReason("late", text)
+    if rejected.cause != "threshold":
+        return PickReason(rejected.cause, f"{found}: {rejected.text}", rejected.readings)
+    text = f"{found}: {rejected.text}; a later one was picked{value}"
+    return PickReason("threshold", text, rejected.readings)
+
+
+def early(picking: Picking, time_ns: int, picked: Pick) -> PickReason:
     """Say by how much something before the arrival passed the gates."""
-    passed = false(part, channel, picked_ns)
-    return PickReason("early", f"a rise before the arrival: {passed.text}", passed.readings)
+    passed = false(picking, picked)
+    off_s = (picked.time_ns - time_ns) / NS_PER_S
+    text = f"found {timed(off_s)}, {picking.within}: a rise before the arrival: {passed.text}"
+    return PickReason("early", text, passed.readings)
 
 
-def false(part: StageEvidence, channel: str, time_ns: int) -> PickReason:
+def false(picking: Picking, picked: Pick) -> PickReason:
     """Say which gate a pick passed by the smallest margin, relative to its threshold."""
-    own = _near(part, channel, time_ns, 1)
+    part = picking.of(picked)
+    own = _near(part, picked.channel, picked.time_ns, 0)
     told = readings(part, int(own[0])) if len(own) else ()
     finite = [r for r in told if np.isfinite(r.margin)]
     gate = min(finite, key=lambda r: r.margin / max(abs(r.threshold), 1e-9), default=None)
@@ -122,6 +316,32 @@ def false(part: StageEvidence, channel: str, time_ns: int) -> PickReason:
     return PickReason("false", text, told)
 
 
+def _rejected(
+    picking: Picking, part: StageEvidence, channel: str, time_ns: int
+) -> PickReason | None:
+    """Say which gate rejected the candidate at an arrival; None where there is no such."""
+    for stage in (part, *picking.before(part)):
+        near = _near(stage, channel, time_ns, round(picking.tolerance_s * NS_PER_S))
+        own = [int(r) for r in near if not stage.accepted[r]]
+        if own:
+            return _gate(stage, min(own, key=lambda r: closeness(stage, r, time_ns)), time_ns)
+    return None
+
+
+def _gate(part: StageEvidence, row: int, time_ns: int) -> PickReason:
+    """Say which gate a candidate failed first, and how far from the arrival it is."""
+    told = readings(part, row)
+    first = next(r for r in told if not r.passed)
+    off_s = (int(part.candidates.time_ns[row]) - time_ns) / NS_PER_S
+    if first.gate != "refractory":
+        return PickReason("threshold", f"the candidate {timed(off_s)} failed {below(first)}", told)
+    text = (
+        f"the candidate {timed(off_s)} is held off by the pick {first.value * 1e3:.0f} ms earlier "
+        f"(refractory {first.threshold * 1e3:.0f} ms)"
+    )
+    return PickReason("refractory", text, told)
+
+
 def _near(part: StageEvidence, channel: str, time_ns: int, reach: int) -> NDArray[np.intp]:
     """Return the candidates of a channel about a time."""
     rows = part.between(time_ns - reach, time_ns + reach)
@@ -129,40 +349,9 @@ def _near(part: StageEvidence, channel: str, time_ns: int, reach: int) -> NDArra
     return own
 
 
-def _unseen(
-    evidence: Evidence, part: StageEvidence, channel: str, time_ns: int, picked_ns: int
-) -> PickReason:
-    """Say what there is where the arrival left no candidate at all."""
-    source = _traced(evidence, part)
-    reach = round(REACH_S * NS_PER_S)
-    number = source.spec.channels.index(channel)
-    quiet = silence(source, number, time_ns - reach, time_ns)
-    if quiet.cause in ("dead", "clipped"):
-        return PickReason(quiet.cause, quiet.text)
-    off_ms = (picked_ns - time_ns) / 1e6
-    text = (
-        f"no candidate of its own at the arrival: the onset was put {off_ms:.1f} ms later"
-        f"{_value_at(part, channel, picked_ns)}"
-    )
-    return PickReason("onset", text)
-
-
 def _value_at(part: StageEvidence, channel: str, time_ns: int) -> str:
     """Return what a pick reached, as a phrase."""
-    own = _near(part, channel, time_ns, 1)
+    own = _near(part, channel, time_ns, 0)
     if not len(own):
         return ""
     return f" ({part.spec.columns[0].name} {float(part.candidates.value[own[0], 0]):.3g})"
-
-
-def _traced(evidence: Evidence, part: StageEvidence) -> StageEvidence:
-    """Return the last stage with a trace that picks on the same topic, up to a stage."""
-    order = [stage.key for stage in evidence.config.stage]
-    upto = order[: order.index(part.spec.stage) + 1]
-    found = [
-        e
-        for key in upto
-        for e in evidence.of(key)
-        if e.spec.emits == "pick" and e.spec.topic == part.spec.topic and e.spec.trace
-    ]
-    return found[-1] if found else part

@@ -1,26 +1,36 @@
-"""Causes of bad places, in the order in which one looks for them in the field.
+"""Causes of bad places: rivals that explain a step's arrivals, compared by one number.
 
-Too few arrivals; a sensor that is late or displaced all through; an arrival that is late or early;
-arrivals that leave the place open; the gate; at last the ordinary errors of picks.
+Every cause says which arrivals are right. What it leaves unexplained is its misfit: the squares of
+the arrivals it calls right about the recording's arrival curve, in deviations of an arrival, and a
+fixed cost for each that it calls wrong (minus twice the log likelihood of a mixture: an arrival is
+right and normal, or wrong and anywhere in the window). The least misfit names the cause where the
+place is right once what it blames is mended, and only by a clear difference; the next best is
+named beside it.
+
+Where no cause explains the arrivals better than that they are right as they are, the place is open,
+as the places that fit as well show, or the localizer's own model or its gate is at fault.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..localizers.power_law import UNKNOWNS
-from .curve import Curve, fit_curve
+from ..localizers import arrival_fit, hyperbolic, power_law
+from ..localizers.arrival_fit import Model
+from ..localizers.methods import Hyperbolic, PowerLaw, SoTdoa
+from ..score.picks import RIGHT_S
+from .curve import LEAST_NOISE_S, NORMAL, Curve, fit_curve
 from .readings import below, timed
 from .reasons import missing_channels
 from .signs import contradictions
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,12 +49,30 @@ PLACE_CAUSES = (
     "position",
     "late",
     "early",
+    "together",
     "ambiguous",
+    "model",
     "gate",
     "noise",
+    "unclear",
 )
-#: An arrival is off from so many deviations of a pick on, and from so long on [s].
-OFF_NOISE, OFF_S = 4.0, 5e-4
+#: How likely an arrival is wrong before anything is known: one in twenty.
+WRONG = 0.05
+#: A cause is named where it beats what says that the arrivals are right, and the next one that
+#: blames something else, by so much: "strong" for twice a log Bayes factor, R. E. Kass,
+#: A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section 3.2.
+STRONG = 6.0
+#: Places whose misfit is at most this above the least fit as well: 99.9 % of chi squared of two.
+REGION = 13.82
+#: Of this many deviations a normal arrival is off once in 3000 times.
+OFF_NOISE = 3.6
+#: Places that fit as well form a line where they cover less than this part of their length squared;
+#: a disc covers 0.79 of it.
+LINE_PART = 1 / 3
+#: Quantiles of a normal law for what right arrivals leave at most: 99.99 %, and 95 %.
+SURELY, USUALLY = 3.72, 1.645
+#: An error of an arrival that a localizer without one of its own reckons with [s].
+STATED_S = 5e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +89,14 @@ class PlaceCause:
         The channel at fault, or empty.
     off_ms
         By how much its arrival is late (< 0: early) [ms]; NaN where it is none of an arrival.
+    misfit
+        What the cause leaves unexplained of the arrivals; NaN where they were not compared.
+    rival
+        The next best cause, with its channel; empty where there is none.
+    rival_misfit
+        What that one leaves; NaN where there is none.
+    mended_m
+        How far off the place would be without what the cause blames [m]; NaN where unknown.
     remedy
         The smallest change that mends it, or None.
     """
@@ -69,7 +105,56 @@ class PlaceCause:
     text: str
     channel: str = ""
     off_ms: float = float("nan")
+    misfit: float = float("nan")
+    rival: str = ""
+    rival_misfit: float = float("nan")
+    mended_m: float = float("nan")
     remedy: PlaceRemedy | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rival:
+    """One account of a step's arrivals.
+
+    Attributes
+    ----------
+    cause
+        One of :data:`PLACE_CAUSES`; ``noise`` says that all arrivals are right.
+    wrong
+        The channels whose arrivals it calls wrong.
+    misfit
+        What it leaves unexplained.
+    off_s
+        Shape (n,): by how much each arrival is late by it [s]; NaN without one.
+    faults
+        Sensors' faults that it takes for true.
+    """
+
+    cause: str
+    wrong: tuple[int, ...]
+    misfit: float
+    off_s: Array
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def blames(self) -> frozenset[tuple[str, int]]:
+        """What it blames: arrivals and sensors."""
+        sensors = (("sensor", fault.channel) for fault in self.faults)
+        return frozenset([*sensors, *(("arrival", channel) for channel in self.wrong)])
+
+    @property
+    def channels(self) -> frozenset[int]:
+        """The channels of all that it blames."""
+        return frozenset(channel for _, channel in self.blames)
+
+    def contradicts(self, other: Rival) -> bool:
+        """Whether another account cannot be true beside this one.
+
+        One that blames the same and more, or a part of it, can; that nothing is wrong cannot.
+        """
+        if not other.blames:
+            return bool(self.blames)
+        return not (self.blames <= other.blames or other.blames <= self.blames)
 
 
 class PlaceJudge:
@@ -91,32 +176,68 @@ class PlaceJudge:
         self.faults = tuple(faults)
         self.truth_off_s = truth_off_s
         self.curve = self._curve()
+        self.noise_s = self._noise_s()
+        right = np.abs(truth_off_s) <= RIGHT_S
+        #: By how much right picks usually come after the true arrivals [s].
+        self.latency_s = float(np.median(truth_off_s[right])) if right.any() else 0.0
 
     def _curve(self) -> Curve | None:
-        """Fit the arrival curve of all steps, without the sensors' faults."""
-        arrivals, positions = self.relocator.arrivals, self.relocator.positions
-        for fault in self.faults:
-            arrivals, positions = fault.mended(arrivals, positions)
+        """Fit the arrival curve of all steps, without the sensors' faults.
+
+        By the true arrivals where they are known: those picked may be wrong in all steps.
+        """
+        arrivals, positions = self._mended(self.faults)
+        true_s = self.relocator.arrivals.times_s - self.truth_off_s
+        known = np.isfinite(true_s).sum() >= np.isfinite(arrivals).sum() / 2
         sources = self.healer.reference.xy
         if self.healer.reference.kind == "none":
             sources = self.healer.without_faults(self.faults).xy
-        return fit_curve(sources, positions, arrivals.times_s)
+        return fit_curve(sources, positions, true_s if known else arrivals)
+
+    def _mended(self, faults: Sequence[Fault], row: int | None = None) -> tuple[Array, Array]:
+        """Return the arrivals, of one step or all, and sensors' places without faults."""
+        arrivals, positions = self.relocator.arrivals, self.relocator.positions
+        for fault in faults:
+            arrivals, positions = fault.mended(arrivals, positions)
+        return (arrivals.times_s if row is None else arrivals.times_s[row]), positions
+
+    def _noise_s(self) -> float:
+        """Return the standard deviation of a right arrival [s].
+
+        That of the recording by the median difference of two arrivals of a step, but no more than
+        the localizer reckons with: where most arrivals are wrong the first tells nothing.
+        """
+        own_s = getattr(self.relocator.parameters, "sigma_s", STATED_S)
+        stated_s = float(self.relocator.geometry.medium.arrival_sigma_s or own_s)
+        times, positions = self._mended(self.faults)
+        if self.curve is None:
+            return stated_s
+        late = times - self._travel_s(self.healer.reference.xy[:, None], positions)
+        first, second = np.triu_indices(late.shape[1], 1)
+        apart = np.abs(late[:, first] - late[:, second])
+        known = apart[np.isfinite(apart)] / np.sqrt(2)
+        found_s = NORMAL * float(np.median(known)) if len(known) else stated_s
+        return min(max(found_s, LEAST_NOISE_S), max(stated_s, LEAST_NOISE_S))
+
+    def _travel_s(self, places: Array, positions: Array) -> Array:
+        """Return how long waves take by the curve [s]; places and sensors, shape (..., 2)."""
+        assert self.curve is not None
+        apart = np.hypot(*np.moveaxis(places - positions, -1, 0))
+        return np.asarray(self.curve.slope * apart**self.curve.exponent)
+
+    @property
+    def wrong_cost(self) -> float:
+        """What calling an arrival wrong costs: then it may lie anywhere in the window."""
+        window_s = self.relocator.parameters.window_s
+        anywhere = window_s / (self.noise_s * np.sqrt(2 * np.pi))
+        return float(2 * np.log(anywhere * (1 - WRONG) / WRONG))
 
     def cause(self, row: int) -> PlaceCause:
-        """Return the first cause that the evidence bears out."""
+        """Return the cause that explains a bad place best."""
         missing = self.missing(row)
-        found = (
-            self._too_few(row, missing)
-            or self._wrongly_rejected(row)
-            or self._faulty_sensor(row)
-            or self._off_pick(row)
-            or self._open(row, missing)
-            or self._gate(row)
-            or self._noise(row)
-        )
+        found = self._too_few(row, missing) or self._compared(row, missing)
         if found.remedy is None:
-            remedy = self._any_remedy(row, missing)
-            found = PlaceCause(found.cause, found.text, found.channel, found.off_ms, remedy)
+            found = replace(found, remedy=self._any_remedy(row, missing))
         return found
 
     def missing(self, row: int) -> tuple[MissingChannel, ...]:
@@ -156,8 +277,7 @@ class PlaceJudge:
         source = self.healer.reference.xy[row]
         if self.healer.reference.kind != "truth" or not np.isfinite(source).all():
             source = self.relocator.locate_row(row, np.where(others, times, np.nan)).xy[0]
-        apart = np.hypot(*(self.relocator.positions - source).T)
-        after = times - curve.slope * apart**curve.exponent
+        after = times - self._travel_s(source, self.relocator.positions)
         return float(after[channel] - np.median(after[others]))
 
     def heard(self, row: int) -> list[int]:
@@ -168,25 +288,28 @@ class PlaceJudge:
         return found
 
     def _too_few(self, row: int, missing: Sequence[MissingChannel]) -> PlaceCause | None:
-        """Say that there are too few arrivals for a place, or for more than a line of places."""
-        heard, failed = self.heard(row), self.relocator.located.failed(row)
-        least = self.relocator.parameters.min_picks
-        needed = failed is not None and failed.gate == "picks"
-        if not needed and len(heard) > UNKNOWNS:
+        """Say that there are fewer arrivals than a place needs: there is none."""
+        failed = self.relocator.located.failed(row)
+        if failed is None or failed.gate != "picks":
             return None
-        names = ", ".join(self.relocator.names[c] for c in heard) or "none"
-        text = (
-            f"{len(heard)} of {least} arrivals needed ({names})"
-            if needed
-            else f"only {len(heard)} arrivals ({names}): a line of places fits them"
-        )
-        cause, wanted = "arrivals", least if needed else UNKNOWNS + 1
+        heard, least = self.heard(row), self.relocator.parameters.min_picks
+        text = f"{len(heard)} of {least} arrivals needed ({self._names(heard)})"
+        return PlaceCause(*self._lacking(text, row, least, missing))
+
+    def _lacking(
+        self, text: str, row: int, wanted: int, missing: Sequence[MissingChannel]
+    ) -> tuple[str, str]:
+        """Return cause and text of a place that lacks arrivals; broken channels are the cause."""
+        cause, heard = "arrivals", len(self.heard(row))
         for broken in ("dead", "clipped"):
             count = sum(m.cause == broken for m in missing)
-            if count and (len(heard) + count >= wanted or count == len(missing)):
+            if count and (heard + count >= wanted or count == len(missing)):
                 cause = broken
         texts = [text + self._signs(row), *(f"{m.channel} {m.text}" for m in missing)]
-        return PlaceCause(cause, "; ".join(texts))
+        return cause, "; ".join(texts)
+
+    def _names(self, channels: Sequence[int]) -> str:
+        return ", ".join(self.relocator.names[c] for c in channels) or "none"
 
     def _signs(self, row: int) -> str:
         """Return how many signs a method of signs has and what they leave, else nothing."""
@@ -199,92 +322,439 @@ class PlaceJudge:
         )
 
     def _counts_signs(self) -> bool:
-        units = {c.name: c.unit for c in self.relocator.part.spec.columns}
-        return units["residual"] == "1"
+        return issubclass(self.relocator.kind, SoTdoa)
 
-    def _faulty_sensor(self, row: int) -> PlaceCause | None:
-        """Name the sensor whose mending alone brings the place under the tolerance."""
-        for fault in self.faults:
-            remedy = self.healer.by_fault(row, fault)
-            if remedy is not None:
-                name = self.relocator.names[fault.channel]
-                off_ms = fault.offset_s * 1e3 if fault.cause == "clock" else float("nan")
-                if fault.cause == "clock":
-                    text = f"{name} is {timed(fault.offset_s)} in every step: its clock"
-                else:
-                    text = f"{name} {stands(fault, self.relocator.positions)}"
-                return PlaceCause(fault.cause, text, name, off_ms, remedy)
-        return None
+    def _error_m(self, row: int) -> float:
+        return float(self.healer.reference.errors_m(self.relocator.located)[row])
 
-    def _off_pick(self, row: int) -> PlaceCause | None:
-        """Name the arrival that is farthest off, where the place is right without it."""
-        off = self.off_s(row)
-        noise_s = self.curve.noise_s if self.curve is not None else 0.0
-        bound = max(OFF_NOISE * noise_s, OFF_S)
-        known = {fault.channel for fault in self.faults}
-        large = [c for c in self.heard(row) if abs(off[c]) > bound and c not in known]
-        for channel in sorted(large, key=lambda c: -abs(off[c])):
-            remedy = self.healer.by_pick(row, [channel])
-            if remedy is None:
+    def _compared(self, row: int, missing: Sequence[MissingChannel]) -> PlaceCause:
+        """Name the cause of least misfit that mends the place, with the next best."""
+        rivals = sorted(self._rivals(row), key=lambda rival: rival.misfit)
+        right = next((rival for rival in rivals if rival.cause == "noise"), None)
+        if right is None:
+            failed = self.relocator.located.failed(row)
+            if failed is not None and not self._error_m(row) > self.healer.tolerance_m:
+                return PlaceCause("gate", below(failed))
+            return PlaceCause("unclear", "the arrivals of all steps fit no curve over distance")
+        better = [rival for rival in rivals if rival.misfit <= right.misfit - STRONG]
+        best = [rival for rival in better if rival.misfit < better[0].misfit + STRONG]
+        mending = [rival for rival in best if self._mends(row, self._mended_m(row, rival))]
+        if best:
+            return self._blamed(row, [*mending, *best][0], rivals, mending or best)
+        blamed = [rival for rival in rivals if rival is not right]
+        return self._as_they_are(row, right, blamed, missing)
+
+    def _rivals(self, row: int) -> Iterator[Rival]:
+        """Yield every account of a step's arrivals that there is."""
+        if self.curve is None or not self.heard(row):
+            return
+        sets: list[tuple[Fault, ...]] = [(), *((fault,) for fault in self.faults)]
+        sets += [self.faults] if len(self.faults) > 1 else []
+        for faults in sets:
+            yield from self._rivals_with(row, faults)
+
+    def _rivals_with(self, row: int, faults: tuple[Fault, ...]) -> Iterator[Rival]:
+        """Yield the accounts that take some sensors' faults for true."""
+        times, positions = self._mended(faults, row)
+        heard, cost = self.heard(row), self.wrong_cost
+        cause = self._faulty(row, faults).cause if faults else "noise"
+        felt = [f for f in faults if f.cause == "clock" and self.relocator.correlated]
+        whole = [c for c in heard if c not in {fault.channel for fault in felt}]
+        off = self._late_s(row, times, positions, whole, free=True)
+        misfit = self._squares(off, whole) + sum(self._felt(off, f) for f in felt if whole)
+        yield Rival(cause, (), misfit, off, faults)
+        for channel in heard:
+            others = [c for c in heard if c != channel]
+            if len(others) < 2 or self._known_right(row, channel):
                 continue
-            name = self.relocator.names[channel]
-            against = "the true arrival" if self._true(row) else "the other channels"
-            text = f"{name} was picked {timed(off[channel])} against {against}"
-            cause = "late" if off[channel] > 0 else "early"
-            return PlaceCause(cause, text, name, float(off[channel]) * 1e3, remedy)
-        return None
+            off = self._late_s(row, times, positions, others)
+            late = "late" if off[channel] > 0 else "early"
+            yield Rival(late, (channel,), self._squares(off, others) + cost, off, faults)
+        several = self._several(row, times, positions, faults)
+        if several is not None:
+            yield several
 
-    def _true(self, row: int) -> bool:
-        return bool(np.isfinite(self.truth_off_s[row]).any())
+    def _felt(self, off_s: Array, fault: Fault) -> float:
+        """Return the misfit of an arrival by an array method at a sensor whose clock is off.
 
-    def _open(self, row: int, missing: Sequence[MissingChannel]) -> PlaceCause | None:
-        """Say that the arrivals leave the place open, or contradict each other."""
-        located = self.relocator.located
-        texts = []
-        if located.ties[row] > 1:
-            texts.append(f"{located.ties[row]} regions fit equally well")
-        if self._counts_signs():
-            texts += contradictions(self.relocator, row, self.healer.reference)
-        if not texts and located.sigma_m[row] > self.healer.tolerance_m / 2:
-            texts.append("the arrivals leave the place open")
-        if not texts:
-            return None
-        texts.append(f"one standard deviation is {located.sigma_m[row]:.2f} m")
-        if missing:
-            texts.append("no arrival at " + ", ".join(m.channel for m in missing))
-        return PlaceCause("ambiguous", "; ".join(texts))
+        Such a method leaves any part of the clock's error in an arrival, from none to all of it.
+        """
+        late_s, all_s = off_s[fault.channel] + fault.felt_s, fault.offset_s
+        if not np.isfinite(late_s):
+            return 0.0
+        beyond = max(0.0, -late_s * np.sign(all_s), (late_s - all_s) * np.sign(all_s))
+        anywhere = abs(all_s) / (self.noise_s * np.sqrt(2 * np.pi))
+        return float((beyond / self.noise_s) ** 2 + 2 * np.log(max(anywhere, 1.0)))
 
-    def _wrongly_rejected(self, row: int) -> PlaceCause | None:
-        """Say that the gate rejects a place which is right."""
-        error = self.healer.reference.errors_m(self.relocator.located)[row]
-        return self._gate(row) if error <= self.healer.tolerance_m else None
+    def _known_right(self, row: int, channel: int) -> bool:
+        """Whether an arrival is right by the true one, so that nothing else of it counts."""
+        off: Array = self.truth_off_s[row]
+        if not np.isfinite(off[channel]) or np.isfinite(off).sum() < 2:
+            return False
+        return bool(abs(off[channel] - self.latency_s) <= self.least_off_s)
 
-    def _gate(self, row: int) -> PlaceCause | None:
+    def _several(
+        self, row: int, times: Array, positions: Array, faults: tuple[Fault, ...]
+    ) -> Rival | None:
+        """Return the best account by which two or more arrivals are wrong; None without any."""
+        heard, cost, best = self.heard(row), self.wrong_cost, None
+        anchored = bool(np.isfinite(self.truth_off_s[row]).any())
+        for kept in heard:
+            right = [kept]
+            off = self._late_s(row, times, positions, right)
+            for _ in range(len(heard)):
+                size = (off / self.noise_s) ** 2
+                again = [c for c in heard if size[c] <= cost] or ([] if anchored else [kept])
+                if again == right:
+                    break
+                right = again
+                off = self._late_s(row, times, positions, right)
+            wrong = tuple(c for c in heard if c not in right)
+            if len(wrong) < 2:
+                continue
+            misfit = self._squares(off, right) + cost * len(wrong)
+            if best is None or misfit < best.misfit:
+                best = Rival("together", wrong, misfit, off, faults)
+        return best
+
+    def _squares(self, off_s: Array, channels: Sequence[int]) -> float:
+        return float(((off_s[list(channels)] / self.noise_s) ** 2).sum())
+
+    def _late_s(
+        self,
+        row: int,
+        times: Array,
+        positions: Array,
+        right: Sequence[int],
+        *,
+        free: bool = False,
+    ) -> Array:
+        """Return by how much arrivals are late if some are right, shape (n,) [s].
+
+        From the true place where it is known, else from the one that fits those arrivals best. The
+        moment of the step is that of the true arrivals where they are known; where it is ``free``
+        and elsewhere it fits those that are right.
+        """
+        assert self.curve is not None
+        place, chosen = self.healer.reference.xy[row], list(right)
+        if self.healer.reference.kind != "truth" or not np.isfinite(place).all():
+            if len(chosen) >= hyperbolic.UNKNOWNS:
+                model = Model(self.curve.exponent, self.curve.slope)
+                place = self._best_place(times, positions, chosen, model)
+            else:
+                place = self.relocator.located.xy[row]
+        travel = self._travel_s(place, positions)
+        late, begun = times - travel, float("nan")
+        if not free:
+            true_s = self.relocator.arrivals.times_s[row] - self.truth_off_s[row]
+            begun = _middle(true_s - travel) + self.latency_s
+        return np.asarray(late - (begun if np.isfinite(begun) else late[chosen].mean()))
+
+    def _best_place(
+        self, times: Array, positions: Array, channels: list[int], model: Model
+    ) -> Array:
+        outline = np.array(self.relocator.geometry.outline, np.float64)
+        area = arrival_fit.lattice(positions, outline if len(outline) else None, model.exponent)
+        area = replace(area, u=area.u[channels])
+        found = arrival_fit.search(area, positions[channels], times[None, channels], model)
+        return np.asarray(found.places[0])
+
+    def _faulty(self, row: int, faults: tuple[Fault, ...]) -> Fault:
+        """Return the fault of some that moves a step's place most."""
+
+        def without(fault: Fault) -> float:
+            located = self.healer.without_faults((fault,))
+            error = self.healer.reference.errors_m(located)[row]
+            return float(error) if np.isfinite(error) else float("inf")
+
+        return min(faults, key=without)
+
+    def _mended_m(self, row: int, rival: Rival) -> float:
+        """Return the error of a place without what an account blames [m]; NaN if unknown."""
+        if not rival.wrong:
+            located = self.healer.without_faults(rival.faults)
+            return float(self.healer.reference.errors_m(located)[row])
+        times, positions = self._mended(rival.faults, row)
+        times = times.copy()
+        wrong = list(rival.wrong)
+        times[wrong] -= rival.off_s[wrong]
+        located = self.relocator.locate_row(row, times, positions)
+        return float(np.hypot(*(located.xy[0] - self.healer.reference.xy[row])))
+
+    def _mends(self, row: int, mended_m: float) -> bool:
+        """Whether a place is right with that error, or its error at least halved; or unknown."""
+        error_m = self._error_m(row)
+        if not np.isfinite(mended_m):
+            return not np.isfinite(error_m)
+        return mended_m <= self.healer.tolerance_m or mended_m <= error_m / 2
+
+    def _blamed(
+        self, row: int, rival: Rival, rivals: Sequence[Rival], equal: Sequence[Rival]
+    ) -> PlaceCause:
+        """Return the cause by an account that blames a sensor or arrivals.
+
+        It is unclear where one of ``equal``, which explain as much, contradicts it.
+        """
+        following = next((other for other in rivals if rival.contradicts(other)), None)
+        mended_m = self._mended_m(row, rival)
+        said = replace(self._beside(rival, following), mended_m=mended_m)
+        # a sensor that is wrong all through outdoes its own arrival being wrong in this step
+        same = following is not None and following.channels == rival.channels
+        if following is not None and following in equal and not (same and rival.faults):
+            text = (
+                f"{self._called(rival)} explains the {len(self.heard(row))} arrivals hardly better "
+                f"than {self._called(following)}"
+            )
+            return replace(said, cause="unclear", text=text)
+        if self._sensor_alone(row, rival):
+            fault = self._faulty(row, rival.faults)
+            if not fault.clear:
+                text = f"{self.relocator.names[fault.channel]} is late or displaced: {fault.alike}"
+                return replace(said, cause="unclear", text=text)
+            name = self.relocator.names[fault.channel]
+            off_ms = fault.offset_s * 1e3 if fault.cause == "clock" else float("nan")
+            if fault.cause == "clock":
+                late = timed(fault.offset_s)
+                text = f"{name} is {late} in {fault.steps} steps, the median: its clock"
+            else:
+                text = f"{name} {stands(fault, self.relocator.positions)}"
+            text += self._still(row, mended_m)
+            remedy = self.healer.by_fault(row, fault)
+            return replace(
+                said, cause=fault.cause, text=text, channel=name, off_ms=off_ms, remedy=remedy
+            )
+        off, against = self._told_off(row, rival)
+        if len(rival.wrong) > 1:
+            each = ", ".join(f"{self.relocator.names[c]} {timed(off[c])}" for c in rival.wrong)
+            count = f"{len(rival.wrong)} of {len(self.heard(row))} arrivals"
+            text = f"{count} are off together against {against}: {each}"
+            return replace(said, cause="together", text=text + self._still(row, mended_m))
+        channel = rival.wrong[0]
+        name = self.relocator.names[channel]
+        text = f"{name} was picked {timed(off[channel])} against {against}"
+        text += self._still(row, mended_m)
+        remedy = self.healer.by_pick(row, [channel])
+        cause = "late" if off[channel] > 0 else "early"
+        off_ms = float(off[channel]) * 1e3
+        return replace(said, cause=cause, text=text, channel=name, off_ms=off_ms, remedy=remedy)
+
+    def _sensor_alone(self, row: int, rival: Rival) -> bool:
+        """Whether sensors are all that an account blames, or mending them is enough."""
+        if not rival.wrong or not rival.faults:
+            return not rival.wrong
+        located = self.healer.without_faults(rival.faults)
+        return self._mends(row, float(self.healer.reference.errors_m(located)[row]))
+
+    def _beside(self, rival: Rival, following: Rival | None) -> PlaceCause:
+        """Return a cause with the misfit of an account and of the next best one."""
+        if following is None:
+            return PlaceCause(rival.cause, "", misfit=rival.misfit)
+        return PlaceCause(
+            rival.cause,
+            "",
+            misfit=rival.misfit,
+            rival=self._called(following),
+            rival_misfit=following.misfit,
+        )
+
+    def _still(self, row: int, mended_m: float) -> str:
+        """Say how far off a place is still without what is blamed, where that is not enough."""
+        if self._mends(row, mended_m) or not np.isfinite(mended_m):
+            return ""
+        return f"; without that the place is still {mended_m:.1f} m off"
+
+    def _told_off(self, row: int, rival: Rival) -> tuple[Array, str]:
+        """Return by how much arrivals are late as it is told, shape (n,) [s], and against what."""
+        truth: Array = self.truth_off_s[row]
+        if np.isfinite(truth[list(rival.wrong)]).all():
+            return truth, "the true arrivals" if len(rival.wrong) > 1 else "the true arrival"
+        return rival.off_s, "the other channels"
+
+    def _called(self, rival: Rival) -> str:
+        """Return what an account is called: its cause and channels."""
+        if not rival.wrong and not rival.faults:
+            return "noise"
+        if not rival.wrong:
+            channels = dict.fromkeys(fault.channel for fault in rival.faults)
+            return f"{rival.cause} {self._names(list(channels))}"
+        return f"{rival.cause} {self._names(rival.wrong)}"
+
+    def _as_they_are(
+        self, row: int, right: Rival, blamed: Sequence[Rival], missing: Sequence[MissingChannel]
+    ) -> PlaceCause:
+        """Say why a place is bad of which the arrivals are right to their noise."""
+        following = blamed[0] if blamed else None
+        said = self._beside(right, following)
         failed = self.relocator.located.failed(row)
-        return None if failed is None else PlaceCause("gate", below(failed))
+        if failed is not None and not self._error_m(row) > self.healer.tolerance_m:
+            return replace(said, cause="gate", text=below(failed))
+        scattered = self._scattered(row, right)
+        # true arrivals that say so as well need less beside them
+        normal = SURELY if scattered[0] == "unclear" else USUALLY
+        if right.misfit > _most_misfit(len(self.heard(row)) - 1, normal):
+            return replace(said, cause=scattered[0], text=scattered[1])
+        if self._counts_signs():
+            cause, text = self._open_signs(row, missing)
+        else:
+            cause, text = self._open(row, missing)
+        return replace(said, cause=cause, text=text)
 
-    def _noise(self, row: int) -> PlaceCause:
+    def _scattered(self, row: int, right: Rival) -> tuple[str, str]:
+        """Return cause and text where arrivals are not right and nothing says which are."""
+        heard, truth = self.heard(row), self.truth_off_s[row]
+        off = truth if np.isfinite(truth[heard]).all() else right.off_s
+        wrong = [c for c in heard if abs(truth[c] - self.latency_s) > self.least_off_s]
+        if len(wrong) > 1:
+            each = ", ".join(f"{self.relocator.names[c]} {timed(off[c])}" for c in wrong)
+            return "together", (
+                f"{len(wrong)} of {len(heard)} arrivals are off together against the true "
+                f"arrivals: {each}"
+            )
+        worst = max(heard, key=lambda c: abs(right.off_s[c]))
+        size_s = float(np.sqrt((right.off_s[heard] ** 2).sum() / max(len(heard) - 1, 1)))
+        return "unclear", (
+            f"the arrivals scatter by {size_s * 1e3:.2f} ms about the curve, "
+            f"{self.noise_s * 1e3:.2f} ms is usual, and nothing explains that better: the worst, "
+            f"{self.relocator.names[worst]}, is {timed(right.off_s[worst])}"
+        )
+
+    @property
+    def least_off_s(self) -> float:
+        """From here on an arrival is off by more than its noise [s]."""
+        return OFF_NOISE * self.noise_s
+
+    def _open_signs(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
+        """Say what the signs of arrivals leave open, or which contradict the truth."""
+        located, heard = self.relocator.located, self.heard(row)
+        texts = contradictions(self.relocator, row, self.healer.reference)
+        if located.ties[row] > 1:
+            texts = [f"{located.ties[row]} regions fit equally well", *texts]
+        if len(heard) < len(self.relocator.names) and len(heard) <= power_law.UNKNOWNS:
+            text = f"only {len(heard)} arrivals ({self._names(heard)})"
+            wanted = power_law.UNKNOWNS + 1
+            cause, text = self._lacking(text, row, min(wanted, len(self.relocator.names)), missing)
+            return cause, "; ".join([text, *texts])
+        texts.append(f"one standard deviation is {located.sigma_m[row]:.2f} m")
+        return "ambiguous", "; ".join(texts)
+
+    def _open(self, row: int, missing: Sequence[MissingChannel]) -> tuple[str, str]:
+        """Say how far the places reach that fit the arrivals as well, if the truth is one."""
+        heard, times = self.heard(row), self.relocator.arrivals.times_s[row]
+        model = self._own_model()
+        outline = np.array(self.relocator.geometry.outline, np.float64)
+        positions = self.relocator.positions[heard]
+        area = arrival_fit.lattice(
+            self.relocator.positions, outline if len(outline) else None, model.exponent
+        )
+        least = arrival_fit.search(
+            replace(area, u=area.u[heard]), positions, times[None, heard], model
+        )
+        unit = len(heard) / self.noise_s**2
+        above = (least.losses[0] - least.loss[0]) * unit
+        fitting = area.nodes[above <= REGION]
+        truth, place = self.healer.reference.xy[row], self.relocator.located.xy[row]
+        true_above, place_above = (
+            float(self._loss_at(x, positions, times[heard], model) - least.loss[0]) * unit
+            for x in (truth, place)
+        )
+        noise = f"the arrivals are right to {self.noise_s * 1e3:.2f} ms"
+        length_m = _length_m(fitting)
+        own, kind = self.relocator.part.spec.stage, self.healer.reference.kind
+        if not true_above <= REGION:
+            return "model", (
+                f"{noise} by the recording's own curve, but {own} fits them {true_above:.1f} worse "
+                f"at the {kind} than at its best place ({REGION:g} allowed): its velocity or "
+                f"exponent is not theirs"
+            )
+        if length_m <= self.healer.tolerance_m and not place_above <= REGION:
+            return "model", (
+                f"{noise} by the recording's own curve, which fits them {place_above:.1f} worse "
+                f"where {own} puts the step than at its best place ({REGION:g} allowed)"
+            )
+        if length_m <= self.healer.tolerance_m:
+            return "noise", self._noise(row, noise)
+        line = len(fitting) * area.spacing**2 < LINE_PART * length_m**2
+        shape = f"lie on a line {length_m:.1f} m long" if line else f"are {length_m:.1f} m apart"
+        fits = (
+            f"places that fit them as well {shape}, the {self.healer.reference.kind} among them "
+            f"({true_above:.1f} above the best, {REGION:g} allowed)"
+        )
+        if len(heard) <= power_law.UNKNOWNS and len(heard) < len(self.relocator.names):
+            text = f"only {len(heard)} arrivals ({self._names(heard)}): {fits}"
+            return self._lacking(text, row, power_law.UNKNOWNS + 1, missing)
+        if len(heard) <= power_law.UNKNOWNS:
+            return "arrivals", f"only {len(heard)} arrivals ({self._names(heard)}): {fits}"
+        if not line and length_m < 2 * self._error_m(row):
+            return "noise", self._noise(row, noise)
+        text = f"{noise}, and {fits}"
+        if missing:
+            text += "; no arrival at " + ", ".join(m.channel for m in missing)
+        return "ambiguous", text
+
+    def _own_model(self) -> Model:
+        """Return how a localizer's arrivals grow: by its own unknowns, as it knows them."""
+        assert self.curve is not None
+        if issubclass(self.relocator.kind, PowerLaw):
+            return Model(self.relocator.parameters.exponent)
+        if issubclass(self.relocator.kind, Hyperbolic):
+            own = self.relocator.parameters.velocity_mps
+            velocity_mps = own or self.relocator.geometry.medium.velocity_mps
+            assert velocity_mps  # without one it locates nothing
+            return Model(1.0, 1 / float(velocity_mps))
+        return Model(self.curve.exponent, self.curve.slope)
+
+    def _loss_at(self, place: Array, positions: Array, times: Array, model: Model) -> float:
+        u = np.hypot(*(positions - place).T)[:, None] ** model.exponent
+        return float(arrival_fit.losses(u, times[None], model)[0, 0])
+
+    def _noise(self, row: int, noise: str) -> str:
         """Say how far off the worst arrival is."""
         off = self.off_s(row)
         sigma_m = self.relocator.located.sigma_m[row]
         known = [c for c in self.heard(row) if np.isfinite(off[c])]
         if not known:
-            return PlaceCause("noise", f"one standard deviation is {sigma_m:.2f} m")
+            return f"{noise}: one standard deviation is {sigma_m:.2f} m"
         worst = max(known, key=lambda c: abs(off[c]))
-        text = (
+        return (
             f"no single arrival does it: the worst, {self.relocator.names[worst]}, is "
             f"{timed(off[worst])}; one standard deviation is {sigma_m:.2f} m"
         )
-        return PlaceCause("noise", text)
 
     def _any_remedy(self, row: int, missing: Sequence[MissingChannel]) -> PlaceRemedy | None:
         """Return the first change that helps: the gate, one pick, a sensor, the picker."""
-        found = self.healer.by_gate(row) or self.healer.by_pick(row, self.heard(row))
+        remedy = self.healer.by_gate(row) or self.healer.by_pick(row, self.heard(row))
         for fault in self.faults:
-            found = found or self.healer.by_fault(row, fault)
+            remedy = remedy or self.healer.by_fault(row, fault)
         silent = ("dead", "clipped", "filter", "gap")
         channels = [self.relocator.channels[m.channel] for m in missing if m.cause not in silent]
-        return found or (self.healer.by_picking(row, channels) if channels else None)
+        return remedy or (self.healer.by_picking(row, channels) if channels else None)
+
+
+def _middle(late: Array) -> float:
+    """Return the median of what is known; NaN without any."""
+    known = late[np.isfinite(late)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _most_misfit(unknown: int, normal: float) -> float:
+    """Return what right arrivals leave at most, by chi squared of so many degrees of freedom.
+
+    Its quantile from that of a normal law by E. B. Wilson, M. M. Hilferty, The distribution of
+    chi-square, PNAS 17 (1931).
+    """
+    k = max(unknown, 1)
+    return float(k * (1 - 2 / (9 * k) + normal * np.sqrt(2 / (9 * k))) ** 3)
+
+
+def _length_m(places: Array) -> float:
+    """Return the largest distance between two of some places [m]; 0 without two."""
+    if len(places) < 2:
+        return 0.0
+    low, high = places.min(axis=0), places.max(axis=0)
+    # the farthest two lie on the border: those extreme in some direction are enough
+    angle = np.linspace(0, np.pi, 36, endpoint=False)
+    along = (places - (low + high) / 2) @ np.stack([np.cos(angle), np.sin(angle)])
+    return float(np.ptp(along, axis=0).max())
 
 
 def stands(fault: Fault, positions: Array) -> str:

@@ -1,6 +1,7 @@
 """Remedies of places: the smallest single change that brings one under the tolerance.
 
-Each is tried by locating again from stored picks, and says what it does to all other places.
+Each is tried by locating again from stored picks, and says what it does to all other places. One
+that does harm is not offered: :meth:`Figures.harmed_by`.
 """
 
 from __future__ import annotations
@@ -51,6 +52,18 @@ class Figures:
     missing: int
     rmse_m: float
     residual: float
+
+    @property
+    def bad(self) -> int:
+        """Places that are far off, rejected or missing."""
+        return self.far + self.rejected + self.missing
+
+    def harmed_by(self, after: Figures) -> bool:
+        """Whether a change does harm: more bad places, or more right ones lost than bad ones gone.
+
+        Other picks may make more or fewer places, so that the one does not follow from the other.
+        """
+        return after.bad > self.bad or self.right - after.right > self.bad - after.bad
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +200,8 @@ class PlaceHealer:
             if not self._helps(time_ns, row, self._near_by(stage, parameter, value, time_ns)):
                 continue
             again = self._picked_again(stage, parameter, value)
+            if self.before.harmed_by(again.figures):
+                continue
             index = int(np.abs(again.located.block.time_ns - time_ns).argmin())
             change = f"--set {stage}.{parameter}={value:.10g}"
             return PlaceRemedy(change, float(again.errors_m[index]), self.before, again.figures)
@@ -278,6 +293,8 @@ class PlaceHealer:
         if not located.block.accepted[row] or not self._near(located, row):
             return None
         after = figures(located, self.reference, self.tolerance_m)
+        if self.before.harmed_by(after):
+            return None
         return PlaceRemedy(change, self._error(located, row, row), self.before, after)
 
     def _near(self, located: Located, row: int) -> bool:

@@ -51,14 +51,27 @@ def closeness(part: StageEvidence, row: int, time_ns: int) -> tuple[int, float, 
     return failed, float(np.nansum(short)), abs(int(part.candidates.time_ns[row]) - time_ns)
 
 
+def told_apart(value: float, other: float, digits: int = 4) -> tuple[str, str]:
+    """Return two numbers with as many digits as show which is the larger, at least ``digits``."""
+    for precision in range(digits, 18):
+        texts = f"{value:.{precision}g}", f"{other:.{precision}g}"
+        shown = float(texts[0]), float(texts[1])
+        if (shown[0] < shown[1], shown[0] > shown[1]) == (value < other, value > other):
+            return texts
+    return f"{value!r}", f"{other!r}"
+
+
 def below(reading: GateReading) -> str:
-    """Return value, threshold and margin of a failed gate as a phrase."""
+    """Return value, threshold and margin of a failed gate as a phrase that its numbers bear out."""
     unit = "" if reading.unit == "1" else f" {reading.unit}"
-    sign = "<" if reading.value < reading.threshold else ">"
-    return (
-        f"{reading.gate} {reading.value:.4g}{unit} {sign} {reading.threshold:.4g}{unit} "
-        f"(margin {reading.margin:.3g})"
-    )
+    if np.isnan(reading.value):
+        return f"{reading.gate} is no number, the threshold is {reading.threshold:.4g}{unit}"
+    # a time is stored rounded: one that just fails may read as the threshold itself
+    at_threshold = reading.value == reading.threshold
+    found = reading.threshold - abs(reading.margin) if at_threshold else reading.value
+    value, threshold = told_apart(found, reading.threshold)
+    sign = "<" if found < reading.threshold else ">"
+    return f"{reading.gate} {value}{unit} {sign} {threshold}{unit} (margin {reading.margin:.3g})"
 
 
 def timed(off_s: float) -> str:

@@ -161,7 +161,7 @@ class Relocator:
         block, _ = decided_block(self.part.spec, candidates, worker, parameters)
         return Located(block, np.array([f.ties for f in found], np.int64))
 
-    def locate_row(self, row: int, times_s: Array) -> Located:
+    def locate_row(self, row: int, times_s: Array, positions: Array | None = None) -> Located:
         """Locate one step from other arrivals, after the steps before it as they are.
 
         Parameters
@@ -170,13 +170,20 @@ class Relocator:
             The step.
         times_s
             Shape (n,): its arrivals [s]; NaN where there is none.
+        positions
+            Shape (n, 2): other places of the sensors [m], for all steps so far.
         """
-        worker = self._worker_before(row)
+        worker = self._worker_before(row, positions)
         step_ns = self.arrivals.step_ns[row : row + 1]
         return self._decided(worker, self.parameters, Arrivals(step_ns, times_s[None]))
 
-    def _worker_before(self, row: int) -> Any:
+    def _worker_before(self, row: int, positions: Array | None = None) -> Any:
         """Return a localizer that has seen the steps before one: it may learn from them."""
+        if positions is not None and not np.array_equal(positions, self.positions):
+            worker = self._worker(positions, self.parameters)
+            for times in self.arrivals.times_s[:row]:
+                worker.locate(times)
+            return worker
         if self._ahead is None or row < self._seen:
             self._ahead, self._seen = self._worker(self.positions, self.parameters), 0
         for times in self.arrivals.times_s[self._seen : row]:

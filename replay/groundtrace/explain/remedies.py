@@ -1,9 +1,24 @@
-"""Remedies: the smallest change of one gate's parameter that makes a wrong decision right."""
+"""Remedies: the smallest change of one parameter that makes a wrong decision right, or of two.
+
+None does harm: false and missed steps of the whole recording together, FP + FN, are no more with
+it than without. Right decisions that it loses, steps found before and missed with it and false
+ones that it adds, are then no more than the wrong ones it mends, steps missed before and false
+ones gone, since the true steps stay the same. Where the smallest change does harm, the smallest
+one that does not is sought.
+
+Changes of one parameter are tried in two ways: thresholds beside the candidates around the wrong
+decision, about that moment first and then on the whole recording; and a table of thresholds beside
+all candidates of the recording, each decided once for all wrong decisions. Where none helps, pairs
+are: those that let in a candidate there which two gates keep out, and a second table, of every two
+parameters. Neither table decides more than :data:`WORK` candidates in all, or than a few settings
+where a recording alone has as many.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +32,7 @@ from .redecide import Counts
 from .tries import Tries
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -29,17 +44,26 @@ if TYPE_CHECKING:
 
     #: Whether a change does what is wanted, by the true steps and how it does on them.
     Works = Callable[[TrueSteps, Verdicts], bool]
-    #: Stage, parameter, old value, new values by size of the change.
-    Proposal = tuple[str, str, float, list[float]]
-    #: Stage, parameter, new value.
-    Change = tuple[str, str, float]
+    #: Changes of one parameter, by their size.
+    Proposal = list["Change"]
+    Changes = tuple["Change", ...]
 
 #: Other candidates of at most this many values are tried for each parameter.
 TRIES = 12
 #: Candidates this far from the step may have to do with it, through the refractory time [s].
 INFLUENCE_S = 1.0
-#: Where none of those helps, so many values from the whole recording are tried.
+#: So many of a parameter's values about a moment may do harm before the tables are asked.
+HARMFUL = 2
+#: So many values of each parameter are in the table of single changes, and in that of pairs.
 FAR_TRIES = 100
+PAIR_TRIES = 16
+#: Candidates that a table decides on, all its settings together: with an associator on the way 2 us
+#: each, four times as many as without (simulated room of 5 minutes, simulated walk of 20).
+WORK = 2_000_000
+#: A table has at least so many values of each parameter.
+LEAST_TRIES = 4
+#: Candidates that two gates keep out, of those at a step, which are tried to be let in.
+KEPT_OUT = 4
 #: A refractory time may fall between a candidate and so many after it.
 NEIGHBOURS = 6
 #: Time around a step in which a change is tried first [s].
@@ -50,8 +74,8 @@ DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Remedy:
-    """A change of one parameter and what it does.
+class Change:
+    """Another value of one parameter.
 
     Attributes
     ----------
@@ -59,16 +83,12 @@ class Remedy:
         Which.
     old, new
         Its values; ``--set stage.parameter=new`` gives the same in a replay.
-    before, after
-        Steps right, false and missed, without and with it.
     """
 
     stage: str
     parameter: str
     old: float
     new: float
-    before: Counts
-    after: Counts
 
     @property
     def setting(self) -> str:
@@ -76,9 +96,49 @@ class Remedy:
         return f"{self.stage}.{self.parameter}={self.new:.10g}"
 
     @property
-    def change(self) -> float:
+    def size(self) -> float:
         """Its size relative to the old value."""
         return abs(self.new - self.old) / max(abs(self.old), 1e-9)
+
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """A change of one parameter, or of two, and what it does.
+
+    Attributes
+    ----------
+    changes
+        One or two; all of them given to ``replay --set`` do the same.
+    before, after
+        Steps right, false and missed, without and with it.
+    """
+
+    changes: tuple[Change, ...]
+    before: Counts
+    after: Counts
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The changes as ``replay --set`` takes them."""
+        return tuple(change.setting for change in self.changes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trial:
+    """Changes, and how the whole recording does with them."""
+
+    changes: Changes
+    found: Verdicts
+
+    @property
+    def wrong(self) -> int:
+        """Decisions that are wrong with them."""
+        return int((~self.found.hit).sum()) + len(self.found.false_ns)
+
+    @property
+    def size(self) -> float:
+        """Their size, of all together."""
+        return sum(change.size for change in self.changes)
 
 
 class Healer:
@@ -99,64 +159,137 @@ class Healer:
         truth = TrueSteps.of(evidence.labels, evidence.start_ns, evidence.end_ns, tolerance_s)
         self._truth = StepTruth(truth)
         self._tries = Tries.of(redecider)
-        self._tried: dict[Change, Verdicts | None] = {}
-        self._far: list[Proposal] | None = None
+        self._tried: dict[Changes, _Trial | None] = {}
+        self._singles: list[_Trial] | None = None
+        self._pairs: list[_Trial] | None = None
         self.matching = truth.match(times_of(self._tries.unchanged() if self._tries else []))
         self.before = Counts.of(self.matching)
 
-    def recover(self, truth_ns: int) -> Remedy | None:
-        """Return the smallest change that finds the step at ``truth_ns``, or None."""
-        return self._smallest(truth_ns, lambda true, found: truth_ns in true.truth_ns[found.hit])
+    def recover(self, truth_ns: int, found_ns: int | None = None) -> Remedy | None:
+        """Return the smallest change that finds the step at ``truth_ns``, or None.
+
+        Parameters
+        ----------
+        truth_ns
+            The missed step.
+        found_ns
+            Its detection, where that comes at a wrong time: it must be false no longer, since
+            another detection beside it would mend nothing.
+        """
+
+        def works(true: TrueSteps, found: Verdicts) -> bool:
+            at = int(true.truth_ns.searchsorted(truth_ns))
+            return bool(found.hit[at]) and (found_ns is None or found_ns not in found.false_ns)
+
+        return self._mended(truth_ns, works)
 
     def remove(self, found_ns: int) -> Remedy | None:
-        """Return the smallest change that makes the false step at ``found_ns`` go, or None."""
-        return self._smallest(found_ns, lambda _, found: found_ns not in found.false_ns)
+        """Return the smallest change that makes the false step at ``found_ns`` go, or None.
 
-    def _smallest(self, time_ns: int, works: Works) -> Remedy | None:
-        """Return the smallest change that works by what is near, else through a long chain."""
-        if self._tries is None:
-            return None
-        near = self._best(self._tries, self._proposals(time_ns), works, time_ns)
-        if near is None and self._may_be_held_off(time_ns):
-            if self._far is None:
-                self._far = list(self._far_proposals())
-            return self._best(self._tries, self._far, works, None)
-        return near
-
-    def _may_be_held_off(self, time_ns: int) -> bool:
-        """Whether one change may leave a refractory time alone in the way of a candidate there.
-
-        What began that time may be far away: each accepted candidate holds off the next.
+        No other false step may come in its place, that is within the tolerance of it.
         """
         reach = round(self.tolerance_s * NS_PER_S)
-        for part in self.redecider.evidence.stages:
-            names = [gate.name for gate in part.spec.gates]
-            others = [i for i, name in enumerate(names) if name != "refractory"]
-            rows = part.between(time_ns - reach, time_ns + reach)
-            failed = (~(part.margin[rows][:, others] >= 0)).sum(axis=1)
-            if "refractory" in names and (failed <= 1).any():
-                return True
-        return False
 
-    def _best(
-        self, tries: Tries, proposals: Iterable[Proposal], works: Works, near_ns: int | None
-    ) -> Remedy | None:
-        """Return the smallest change that works; about ``near_ns`` first, as that is faster."""
-        best: Remedy | None = None
-        near = None if near_ns is None else self._about(tries, near_ns)
-        for stage, parameter, old, values in proposals:
-            for new in values:
-                size = abs(new - old) / max(abs(old), 1e-9)
-                if best is not None and size >= best.change:
+        def false_near(false_ns: NDArray[np.int64]) -> set[int]:
+            first, last = false_ns.searchsorted((found_ns - reach, found_ns + reach + 1))
+            return set(false_ns[first:last].tolist())
+
+        others = false_near(self.matching.found_ns[self.matching.false]) - {found_ns}
+
+        def works(_: TrueSteps, found: Verdicts) -> bool:
+            return false_near(found.false_ns) <= others
+
+        return self._mended(found_ns, works)
+
+    def _mended(self, time_ns: int, works: Works) -> Remedy | None:
+        """Return the smallest change of one parameter that works; else the best pair."""
+        if self._tries is None:
+            return None
+        near = self._about(self._tries, time_ns)
+        best = self._nearby(self._tries, near, time_ns, works)
+        far = self._first(self._single_table(self._tries), works)
+        best = min((t for t in (best, far) if t is not None), key=_size, default=None)
+        if best is None:
+            pairs = [*self._exact_pairs(self._tries, near, time_ns, works)]
+            table = self._first(self._pair_table(self._tries), works)
+            found = pairs if table is None else [*pairs, table]
+            best = min(found, key=_wrong_then_size, default=None)
+        return None if best is None else Remedy(best.changes, self.before, _counts(best.found))
+
+    def _nearby(
+        self, tries: Tries, near: tuple[Tries, StepTruth], time_ns: int, works: Works
+    ) -> _Trial | None:
+        """Return the smallest harmless change by what is around."""
+        best: _Trial | None = None
+        for proposal in self._proposals(time_ns):
+            harmful = 0
+            for change in proposal:
+                if best is not None and change.size >= best.size:
                     break
-                change = (stage, parameter, new)
-                if near is not None and not _helps(works, near[1], _judged(*near, change)):
+                if not _helps(works, near[1], _judged(*near, (change,))):
                     continue
-                found = self._whole(tries, change)
-                if found is not None and works(self._truth.steps, found):
-                    best = Remedy(stage, parameter, old, new, self.before, _counts(found))
+                trial = self._whole(tries, (change,))
+                if trial is None or not works(self._truth.steps, trial.found):
+                    continue
+                if self._harmless(trial):
+                    best = trial
+                    break
+                harmful += 1
+                if harmful == HARMFUL:
                     break
         return best
+
+    def _exact_pairs(
+        self, tries: Tries, near: tuple[Tries, StepTruth], time_ns: int, works: Works
+    ) -> Iterator[_Trial]:
+        """Yield the pairs that let in a candidate at a time which two gates keep out."""
+        for changes in self._let_in(time_ns):
+            if _helps(works, near[1], _judged(*near, changes)):
+                trial = self._whole(tries, changes)
+                if trial is None or not works(self._truth.steps, trial.found):
+                    continue
+                if self._harmless(trial):
+                    yield trial
+
+    def _harmless(self, trial: _Trial) -> bool:
+        """Whether no more decisions are wrong than before."""
+        return trial.wrong <= self.before.fp + self.before.fn
+
+    def _first(self, table: Sequence[_Trial], works: Works) -> _Trial | None:
+        return next((t for t in table if works(self._truth.steps, t.found)), None)
+
+    def _single_table(self, tries: Tries) -> list[_Trial]:
+        """Return the harmless changes of one parameter, the smallest first."""
+        if self._singles is None:
+            proposals = list(self._far_proposals())
+            most = self._most(len(proposals))
+            tried = [(c,) for kept in proposals for c in _spread(kept, min(most, FAR_TRIES))]
+            self._singles = sorted(self._harmless_of(tries, tried), key=_size)
+        return self._singles
+
+    def _pair_table(self, tries: Tries) -> list[_Trial]:
+        """Return the harmless pairs of changes, those with the fewest wrong decisions first."""
+        if self._pairs is None:
+            sides = self._sides()
+            most = math.isqrt(self._most(math.comb(len(sides), 2)))
+            most = max(min(most, PAIR_TRIES), LEAST_TRIES)
+            kept = [_of_both(opened, shut, most) for opened, shut in sides]
+            tried = [both for a, b in combinations(kept, 2) for both in product(a, b)]
+            self._pairs = sorted(self._harmless_of(tries, tried), key=_wrong_then_size)
+        return self._pairs
+
+    def _most(self, parts: int) -> int:
+        """Return how many settings of each part of a table the work allows."""
+        candidates = sum(len(part.candidates) for part in self._parts())
+        return max(WORK // max(candidates * parts, 1), LEAST_TRIES)
+
+    def _harmless_of(self, tries: Tries, tried: Sequence[Changes]) -> Iterator[_Trial]:
+        """Try changes on the whole recording, in the order that is fastest."""
+        for index in tries.order([_settings(changes) for changes in tried]):
+            found = _judged(tries, self._truth, tried[index])
+            trial = None if found is None else _Trial(tried[index], found)
+            if trial is not None and self._harmless(trial):
+                yield trial
 
     def _about(self, tries: Tries, time_ns: int) -> tuple[Tries, StepTruth]:
         """Return the candidates and the true steps around a time."""
@@ -168,13 +301,14 @@ class Healer:
         )
         return tries.within(time_ns - reach, time_ns + reach), StepTruth(near)
 
-    def _whole(self, tries: Tries, change: Change) -> Verdicts | None:
-        """Return how a change does on the whole recording."""
-        if change not in self._tried:
+    def _whole(self, tries: Tries, changes: Changes) -> _Trial | None:
+        """Return how changes do on the whole recording."""
+        if changes not in self._tried:
             if len(self._tried) >= REMEMBERED:
                 self._tried.clear()
-            self._tried[change] = _judged(tries, self._truth, change)
-        return self._tried[change]
+            found = _judged(tries, self._truth, changes)
+            self._tried[changes] = None if found is None else _Trial(changes, found)
+        return self._tried[changes]
 
     def _parts(self) -> Iterator[StageEvidence]:
         """Yield the evidence of the stages that steps depend on."""
@@ -187,31 +321,122 @@ class Healer:
         for part in self._parts():
             reach = round((INFLUENCE_S + self.tolerance_s) * NS_PER_S)
             rows = part.between(time_ns - reach, time_ns + reach)
-            whole = self.redecider.whole_numbers(part.spec.stage)
-            for index, gate in enumerate(part.spec.gates):
-                found = np.unique(part.gate_value[rows, index].astype(np.float64))
-                values = thresholds(gate, found, whole=gate.parameter in whole)
-                if values:
-                    yield part.spec.stage, gate.parameter, gate.threshold, values[:TRIES]
+            for index in range(len(part.spec.gates)):
+                changes = self._changes(part, index, part.gate_value[rows, index])
+                if changes:
+                    yield changes[:TRIES]
 
     def _far_proposals(self) -> Iterator[Proposal]:
         """Yield the same from all candidates: a chain of refractory times reaches far."""
         for part in self._parts():
-            whole = self.redecider.whole_numbers(part.spec.stage)
             for index, gate in enumerate(part.spec.gates):
                 found = part.gate_value[:, index].astype(np.float64)
                 if gate.name == "refractory":
                     found = np.concatenate([found, _spacings(part.candidates.time_ns)])
-                values = thresholds(gate, np.unique(found), whole=gate.parameter in whole)
-                if values:
-                    kept = values[:: math.ceil(len(values) / FAR_TRIES)]
-                    yield part.spec.stage, gate.parameter, gate.threshold, kept
+                changes = self._changes(part, index, found)
+                if changes:
+                    yield changes
+
+    def _let_in(self, time_ns: int) -> Iterator[Changes]:
+        """Yield changes of two gates that let in a candidate which these two keep out."""
+        reach = round(self.tolerance_s * NS_PER_S)
+        for part in self._parts():
+            rows = part.between(time_ns - reach, time_ns + reach)
+            failed = ~(part.margin[rows] >= 0)
+            by_two = np.flatnonzero(failed.sum(axis=1) == 2)
+            apart = np.abs(part.candidates.time_ns[rows[by_two]] - time_ns)
+            for at in by_two[np.argsort(apart, kind="stable")[:KEPT_OUT]]:
+                first, second = np.flatnonzero(failed[at]).tolist()
+                value = part.gate_value[rows[at]]
+                yield from zip(
+                    self._changes(part, first, value[[first]]),
+                    self._changes(part, second, value[[second]]),
+                    strict=False,
+                )
+
+    def _sides(self) -> Sequence[tuple[Proposal, Proposal]]:
+        """Return for each parameter the changes that let in candidates at missed steps, and others.
+
+        The others shut out what is accepted: the false steps one by one, and otherwise 1, 2, 4, 8
+        and so on of the accepted ones.
+        """
+        sides: dict[tuple[str, str], tuple[set[Change], set[Change]]] = {}
+        reach = round(self.tolerance_s * NS_PER_S)
+        missed = self.matching.truth_ns[self.matching.missed]
+        false = self.matching.found_ns[self.matching.false]
+        for part in self._parts():
+            times = part.candidates.time_ns
+            at_missed, at_false = (
+                _beside_any(times, missed, reach),
+                _beside_any(times, false, reach),
+            )
+            for index, gate in enumerate(part.spec.gates):
+                value = part.gate_value[:, index]
+                opened = self._changes(part, index, value[at_missed])
+                shut = self._changes(part, index, value[part.accepted & at_false])
+                more = self._changes(part, index, value[part.accepted])
+                powers = [more[i] for i in _powers_of_two(len(more))]
+                both = sides.setdefault((part.spec.stage, gate.parameter), (set(), set()))
+                both[0].update(c for c in opened if (c.new < c.old) == gate.at_least)
+                both[1].update((*shut, *powers))
+        return [(_by_size(opened), _by_size(shut)) for opened, shut in sides.values()]
+
+    def _changes(self, part: StageEvidence, index: int, found: NDArray[np.floating]) -> Proposal:
+        """Return changes of one gate's parameter beside values that it looked at."""
+        stage, gate = part.spec.stage, part.spec.gates[index]
+        whole = gate.parameter in self.redecider.whole_numbers(stage)
+        values = thresholds(gate, np.unique(found.astype(np.float64)), whole=whole)
+        return [Change(stage, gate.parameter, gate.threshold, value) for value in values]
 
 
-def _judged(tries: Tries, truth: StepTruth, change: Change) -> Verdicts | None:
-    """Return how a change does; None where it cannot be decided from what was stored."""
+def _by_size(changes: Iterable[Change]) -> Proposal:
+    return sorted(changes, key=lambda change: (change.size, change.new))
+
+
+def _size(trial: _Trial) -> float:
+    return trial.size
+
+
+def _wrong_then_size(trial: _Trial) -> tuple[int, float]:
+    return trial.wrong, trial.size
+
+
+def _settings(changes: Changes) -> dict[tuple[str, str], float]:
+    return {(change.stage, change.parameter): change.new for change in changes}
+
+
+def _beside_any(
+    times_ns: NDArray[np.int64], wanted_ns: NDArray[np.int64], reach: int
+) -> NDArray[np.bool_]:
+    """Return which times lie within a reach of one of some sorted others."""
+    first = np.searchsorted(wanted_ns, times_ns - reach)
+    last = np.searchsorted(wanted_ns, times_ns + reach, side="right")
+    return np.asarray(last > first)
+
+
+def _powers_of_two(count: int) -> list[int]:
+    """Return 0, 1, 3, 7 and so on, below a count."""
+    return [2**k - 1 for k in range(count.bit_length())]
+
+
+def _spread(kept: Sequence[Change], most: int) -> list[Change]:
+    """Return at most so many of the changes, the first and the last among them."""
+    if len(kept) <= most:
+        return list(kept)
+    return [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, most).round().astype(int))]
+
+
+def _of_both(opened: Sequence[Change], shut: Sequence[Change], most: int) -> list[Change]:
+    """Return at most so many changes, half of either kind where both have as many."""
+    half = most // 2
+    first = _spread(opened, max(half, most - len(shut)))
+    return [*first, *_spread(shut, most - len(first))]
+
+
+def _judged(tries: Tries, truth: StepTruth, changes: Changes) -> Verdicts | None:
+    """Return how changes do; None where it cannot be decided from what was stored."""
     try:
-        return truth.verdicts(tries.passed(*change))
+        return truth.verdicts(tries.passed(_settings(changes)))
     except PipelineError:
         return None
 

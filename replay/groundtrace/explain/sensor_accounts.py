@@ -35,7 +35,8 @@ class SensorFault:
     channel
         Its channel.
     cause
-        ``clock``, ``position``, or why it has no arrivals: ``dead``, ``clipped``, ``threshold``...
+        ``clock``, ``position``, ``unclear`` which of these two, or why it has no arrivals:
+        ``dead``, ``clipped``, ``threshold``...
     text
         The same for people.
     steps
@@ -46,6 +47,10 @@ class SensorFault:
         Where it seems to stand, and where the geometry has it [m].
     before_ms, after_ms
         Median distance from the arrival curve of the others, as it is and mended [ms].
+    gain
+        By how much the cause explains its arrivals better than none (BIC); NaN where it has none.
+    rival, rival_gain
+        The other cause that was tried, and by how much that does.
     change
         What mends it; empty where nothing does.
     before, after
@@ -63,31 +68,45 @@ class SensorFault:
     stated_y_m: float
     before_ms: float
     after_ms: float
+    gain: float
+    rival: str
+    rival_gain: float
     change: str
     before: Figures | None
     after: Figures | None
 
 
 def faulty_sensors(healer: PlaceHealer, faults: Sequence[Fault]) -> tuple[SensorFault, ...]:
-    """Return the accounts of sensors that are late or displaced."""
+    """Return the accounts of sensors that are late or displaced.
+
+    Two that are swapped are mended together. A change that does harm to the places is not offered.
+    """
+    by_channel = {fault.channel: fault for fault in faults}
     accounts = {fault.channel: _faulty(healer, fault) for fault in faults}
     names = healer.relocator.names
     for pair in swapped(faults, healer.relocator.positions):
+        both = healer.without_faults(tuple(by_channel[channel] for channel in pair))
+        after = figures(both, healer.reference, healer.tolerance_m)
         for one, other in (pair, pair[::-1]):
             text = f"{accounts[one].text}: swapped with {names[other]}"
-            accounts[one] = replace(accounts[one], text=text)
-    return tuple(accounts.values())
+            accounts[one] = replace(accounts[one], text=text, after=after)
+    return tuple(
+        replace(account, change="") if healer.before.harmed_by(account.after) else account
+        for account in accounts.values()
+        if account.after is not None
+    )
 
 
 def _faulty(healer: PlaceHealer, fault: Fault) -> SensorFault:
     positions = healer.relocator.positions
     (x, y), (x0, y0) = fault.place.tolist(), positions[fault.channel].tolist()
     clock = fault.cause == "clock"
-    steady = f"{timed(fault.offset_s)} in every one of {fault.steps} steps"
+    steady = f"{timed(fault.offset_s)} in {fault.steps} steps, the median"
+    text = steady if clock else stands(fault, positions)
     return SensorFault(
         channel=healer.relocator.names[fault.channel],
-        cause=fault.cause,
-        text=steady if clock else stands(fault, positions),
+        cause=fault.cause if fault.clear else "unclear",
+        text=text if fault.clear else f"late or displaced: {text}, or the other",
         steps=fault.steps,
         offset_ms=fault.offset_s * 1e3 if clock else float("nan"),
         x_m=x,
@@ -96,6 +115,9 @@ def _faulty(healer: PlaceHealer, fault: Fault) -> SensorFault:
         stated_y_m=y0,
         before_ms=fault.before_s * 1e3,
         after_ms=fault.after_s * 1e3,
+        gain=fault.gain,
+        rival="position" if clock else "clock",
+        rival_gain=fault.rival_gain,
         change=mending(fault, healer.relocator),
         before=healer.before,
         after=figures(healer.without_faults((fault,)), healer.reference, healer.tolerance_m),
@@ -121,4 +143,22 @@ def _silent(judge: PlaceJudge, channel: int, rows: NDArray[np.intp]) -> SensorFa
     count, nan = len(judge.relocator.arrivals.step_ns), float("nan")
     x, y = judge.relocator.positions[channel].tolist()
     text = f"no arrival in {len(rows)} of {count} steps: {why}"
-    return SensorFault(name, cause, text, len(rows), nan, nan, nan, x, y, nan, nan, "", None, None)
+    return SensorFault(
+        channel=name,
+        cause=cause,
+        text=text,
+        steps=len(rows),
+        offset_ms=nan,
+        x_m=nan,
+        y_m=nan,
+        stated_x_m=x,
+        stated_y_m=y,
+        before_ms=nan,
+        after_ms=nan,
+        gain=nan,
+        rival="",
+        rival_gain=nan,
+        change="",
+        before=None,
+        after=None,
+    )

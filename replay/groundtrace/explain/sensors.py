@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..localizers import power_law
 from ..localizers.power_law import HUBER
-from .curve import blind_sources, fit_curve
+from .curve import LEAST_NOISE_S, blind_sources, fit_curve
 from .relocate import Arrivals
 
 if TYPE_CHECKING:
@@ -38,9 +39,13 @@ SAMPLE = 150
 LEAST_SHIFT_M, LEAST_OFFSET = 0.3, 3.0
 #: A fault explains at least this part of a channel's misfit, and so many units of likelihood (BIC).
 LEAST_PART, LEAST_GAIN = 0.5, 20.0
+#: A clock and a place are told apart from this difference on: "strong" for twice a log Bayes
+#: factor, R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section 3.2.
+CLEAR_GAIN = 6.0
 #: So many channels are looked at, the worst first; so many faults are named.
 SUSPECTS, MOST_FAULTS = 3, 3
-#: Places tried along each side, refinements about the best, and how far outside the array [m].
+#: Places tried along each side, refinements about the best, and how far outside the array they lie
+#: where no room is known [m].
 NODES, REFINEMENTS, BEYOND_M = 41, 3, 2.0
 
 
@@ -65,6 +70,10 @@ class Fault:
         Shape (2,): where it seems to stand [m].
     before_s, after_s
         Median distance from the curve with and without the fault [s].
+    gain
+        By how much it explains the channel's arrivals better than no fault (BIC).
+    rival_gain
+        By how much the other cause, a place for a clock and a clock for a place, does.
     """
 
     channel: int
@@ -75,6 +84,20 @@ class Fault:
     place: Array
     before_s: float
     after_s: float
+    gain: float
+    rival_gain: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether the cause explains the arrivals clearly better than the other one."""
+        return self.gain - self.rival_gain >= CLEAR_GAIN
+
+    @property
+    def alike(self) -> str:
+        """That the two causes explain the arrivals alike, by how much."""
+        gains = (self.gain, self.rival_gain)
+        clock, place = gains if self.cause == "clock" else gains[::-1]
+        return f"its clock explains them better by {clock:.0f}, its place by {place:.0f} (BIC)"
 
     def mended(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
         """Return the arrivals that places are made of, and sensors' places, without the fault.
@@ -123,16 +146,64 @@ def found_faults(
     correlated
         Whether the arrivals are an array method's.
     """
+    first = sorted(judge.found(onsets, positions), key=lambda item: -item[0])
+    if judge.known is not None:
+        first = first[:1]  # known places leave no choice: the worst is wrong
+    sets = [
+        _followed(judge, fault, onsets, arrivals, positions, correlated=correlated)
+        for _, fault in first
+    ]
+    if judge.known is not None or not sets:
+        return sets[0] if sets else ()
+    return _least_left(judge, sets, onsets, positions)
+
+
+def _followed(
+    judge: Judge,
+    fault: Fault,
+    onsets: Arrivals,
+    arrivals: Arrivals,
+    positions: Array,
+    *,
+    correlated: bool,
+) -> tuple[Fault, ...]:
+    """Return a fault and those that are found when it is mended, the worst first."""
     found: list[Fault] = []
-    for _ in range(MOST_FAULTS):
-        worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
-        if worst is None:
-            break
-        fault = judge.felt(worst[1], arrivals, positions) if correlated else worst[1]
-        found.append(fault)
+    while True:
+        found.append(judge.felt(fault, arrivals, positions) if correlated else fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
-        arrivals, positions = fault.mended(arrivals, positions)
-    return tuple(found)
+        arrivals, positions = found[-1].mended(arrivals, positions)
+        worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
+        if worst is None or len(found) == MOST_FAULTS:
+            return tuple(found)
+        fault = worst[1]
+
+
+def _least_left(
+    judge: Judge, sets: list[tuple[Fault, ...]], onsets: Arrivals, positions: Array
+) -> tuple[Fault, ...]:
+    """Return the faults that leave least, of rival sets; none where another leaves as little.
+
+    Without known places a displaced sensor moves all places, which makes others look displaced.
+    """
+    left = []
+    for faults_ in sets:
+        mended, there = onsets, positions
+        for fault in faults_:
+            mended, there = mended.shifted(fault.channel, -fault.offset_s), there.copy()
+            there[fault.channel] = fault.place
+        left.append(judge.left(mended, there))
+    best = int(np.argmin([cost for cost, _ in left]))
+    cost, noise_s = left[best]
+    blamed = {fault.channel for fault in sets[best]}
+    # of as many wrong sensors as a step has arrivals to spare the others tell nothing
+    if len(blamed) >= len(positions) - power_law.UNKNOWNS:
+        return ()
+    for other, (other_cost, _) in zip(sets, left, strict=True):
+        alike = 2 * (other_cost - cost) / noise_s < CLEAR_GAIN
+        if alike and {fault.channel for fault in other} != blamed:
+            return ()
+    return sets[best]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,9 +234,31 @@ class Judge:
             sources = self.sources(others, positions)
             curve = fit_curve(sources, positions, others.times_s)
             if curve is not None:
-                item = _explained(curve, sources, positions, arrivals, channel)
+                item = _explained(
+                    curve, sources, positions, arrivals, channel, self._bounds(positions)
+                )
                 if item is not None:
                     yield item
+
+    def _bounds(self, positions: Array) -> Array:
+        """Return where a sensor may stand, shape (2, 2) [m]: in the room, or about the others."""
+        if self.outline is not None:
+            margin_m, corners = LEAST_SHIFT_M, np.concatenate([self.outline, positions])
+        else:
+            margin_m, corners = BEYOND_M, positions
+        return np.stack([corners.min(axis=0) - margin_m, corners.max(axis=0) + margin_m])
+
+    def left(self, arrivals: Arrivals, positions: Array) -> tuple[float, float]:
+        """Return the sizes of all misfits [s], summed, and the noise of the curve [s]."""
+        sources = self.sources(arrivals, positions)
+        curve = fit_curve(sources, positions, arrivals.times_s)
+        if curve is None:
+            return float("inf"), LEAST_NOISE_S
+        off = [
+            curve.misfit_s(sources, place, arrivals.times_s[:, c])
+            for c, place in enumerate(positions)
+        ]
+        return float(np.nansum(np.abs(off))), curve.noise_s
 
     def felt(self, fault: Fault, arrivals: Arrivals, positions: Array) -> Fault:
         """Return a fault with how much of a clock's error is left in an array method's arrivals."""
@@ -182,11 +275,14 @@ class Judge:
         return replace(fault, felt_s=float(np.median(known))) if len(known) else fault
 
     def _suspects(self, arrivals: Arrivals, positions: Array) -> list[int]:
-        """Return the channels that are farthest off when all are taken for right."""
+        """Return the channels that are farthest off when all are taken for right.
+
+        All of them where those fit no curve: two sensors swapped across a room can do that.
+        """
         sources = self.sources(arrivals, positions)
         curve = fit_curve(sources, positions, arrivals.times_s)
         if curve is None:
-            return []
+            return np.flatnonzero(np.isfinite(arrivals.times_s).any(axis=0)).tolist()
         off = {
             c: scale(curve.misfit_s(sources, place, arrivals.times_s[:, c]))
             for c, place in enumerate(positions)
@@ -202,7 +298,12 @@ def scale(misfit_s: Array) -> float:
 
 
 def _explained(
-    curve: Curve, sources: Array, positions: Array, arrivals: Arrivals, channel: int
+    curve: Curve,
+    sources: Array,
+    positions: Array,
+    arrivals: Arrivals,
+    channel: int,
+    bounds: Array,
 ) -> tuple[float, Fault] | None:
     """Return what a channel's fault gains and the fault; None where it has none."""
     times, place = arrivals.times_s[:, channel], positions[channel]
@@ -212,7 +313,7 @@ def _explained(
     if count < LEAST_STEPS:
         return None
     offset_s = float(np.median(off[kept]))
-    there = _better_place(curve, sources, positions, times)
+    there = _better_place(curve, sources, bounds, times)
     moved = curve.misfit_s(sources, there, times)
     costs = np.array([_cost(x[kept], curve.noise_s) for x in (off, off - offset_s, moved)])
     gains = 2 * (costs[0] - costs[1:]) - np.array([1, 2]) * np.log(count)
@@ -224,13 +325,14 @@ def _explained(
     )
     if not large or gains[which] < LEAST_GAIN or costs[1 + which] > LEAST_PART * costs[0]:
         return None
+    gain, rival = float(gains[which]), float(gains[1 - which])
     before_s, after_s = scale(off), scale((off - offset_s, moved)[which])
     fault = (
-        Fault(channel, "clock", count, offset_s, offset_s, place, before_s, after_s)
+        Fault(channel, "clock", count, offset_s, offset_s, place, before_s, after_s, gain, rival)
         if which == 0
-        else Fault(channel, "position", count, 0.0, 0.0, there, before_s, after_s)
+        else Fault(channel, "position", count, 0.0, 0.0, there, before_s, after_s, gain, rival)
     )
-    return float(gains[which]), fault
+    return gain, fault
 
 
 def _cost(off_s: Array, noise_s: float) -> float:
@@ -239,11 +341,11 @@ def _cost(off_s: Array, noise_s: float) -> float:
     return float(np.where(size < HUBER, size**2 / 2, HUBER * (size - HUBER / 2)).sum())
 
 
-def _better_place(curve: Curve, sources: Array, positions: Array, times_s: Array) -> Array:
+def _better_place(curve: Curve, sources: Array, bounds: Array, times_s: Array) -> Array:
     """Return the place of a sensor that fits its arrivals best, shape (2,) [m]."""
     kept = np.isfinite(times_s) & np.isfinite(sources).all(axis=1) & np.isfinite(curve.origin_s)
     t, here = (times_s - curve.origin_s)[kept], sources[kept]
-    low, high = positions.min(axis=0) - BEYOND_M, positions.max(axis=0) + BEYOND_M
+    low, high = bounds
     centre, half = (low + high) / 2, (high - low) / 2
     for _ in range(1 + REFINEMENTS):
         x, y = (np.linspace(-h, h, NODES) for h in half)

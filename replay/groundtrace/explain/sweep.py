@@ -11,9 +11,8 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..results import file_sha256
 from .chain import StepChain
-from .measuring import Judged, Task, judge_all, with_values
+from .measuring import Judged, Task, judge_all, recording_in, with_values
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -209,9 +208,9 @@ def measurements(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
 
 def _recording(name: str, places: tuple[Path, ...], sha256: str) -> Path:
     """Return the place where the recording is that was measured."""
-    for path in places:
-        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
-            return path
+    path = recording_in(places, sha256)
+    if path is not None:
+        return path
     raise RecordingError(
         f"{name}: expected the recording beside its results, or --recording FILE, since the signal "
         f"path is swept, found none with its SHA-256"

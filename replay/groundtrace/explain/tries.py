@@ -1,4 +1,4 @@
-"""Steps of a result with one threshold changed, again and again: all of them, or about a moment."""
+"""Steps of a result with thresholds changed, again and again: all of them, or about a moment."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from .counted import counted_kind
 from .grid import Axis
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from .chain import Passed
-    from .redecide import Redecider
+    from .redecide import Redecider, Settings
 
 
 class Tries:
-    """Decides with one parameter changed.
+    """Decides with some parameters changed.
 
     Parameters
     ----------
@@ -61,17 +63,24 @@ class Tries:
         found._chain = self._chain.within(start_ns, end_ns)
         return found
 
-    def passed(self, stage: str, parameter: str, value: Any) -> list[Passed]:
-        """Return the steps with one parameter changed, topic by topic.
+    def passed(self, settings: Settings) -> list[Passed]:
+        """Return the steps with some parameters changed, topic by topic.
 
         Raises
         ------
         PipelineError
-            Where the value is not allowed, or needs a replay.
+            Where a value is not allowed, or needs a replay.
         """
-        key = (stage, parameter)
-        self._redecider.parameters(*self._stages[stage], {key: value})
-        return self._chain.passed([*(self._base | {key: value}).values()])
+        for name in {stage for stage, _ in settings}:
+            self._redecider.parameters(*self._stages[name], settings)
+        return self._chain.passed(self._row(settings))
+
+    def order(self, tried: Sequence[Settings]) -> list[int]:
+        """Return the order of settings in which the early gates change least often."""
+        return self._chain.order([self._row(settings) for settings in tried])
+
+    def _row(self, settings: Settings) -> list[Any]:
+        return [settings.get(key, value) for key, value in self._base.items()]
 
     def unchanged(self) -> list[Passed]:
         """Return the steps as they stood, topic by topic."""

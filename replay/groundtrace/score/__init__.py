@@ -13,6 +13,7 @@ from .positions import PositionScore, score_positions
 from .report import Score, score_events
 from .set_distances import Gospa, gospa, ospa
 from .step_matching import StepMatch, match_steps, scored_spans
+from .step_timing import TimeShift, TimingPair, timing_pairs
 from .step_words import Confusion
 from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
@@ -31,6 +32,8 @@ __all__ = [
     "Score",
     "StepMatch",
     "StepScore",
+    "TimeShift",
+    "TimingPair",
     "TrackScore",
     "WayScore",
     "assign",
@@ -50,4 +53,5 @@ __all__ = [
     "score_tracks",
     "score_ways",
     "scored_spans",
+    "timing_pairs",
 ]

@@ -115,14 +115,26 @@ def score_consistency(
     fixes: Sequence[Fix],
     points: Sequence[TrackPoint],
     tolerance_s: float = 0.12,
+    filtered: Sequence[TrackPoint] | None = None,
 ) -> ConsistencyScore | None:
     """Compare the errors of places to their covariances, each of one stage.
+
+    Parameters
+    ----------
+    labels
+        The truth.
+    fixes, points
+        Whose places and covariances are compared.
+    tolerance_s
+        Within which a place answers a true one [s].
+    filtered
+        Points whose innovations are looked at; None: those of ``points``.
 
     Returns
     -------
     The score, or None where neither covariances with truth nor innovations are known.
     """
-    nis = np.array([point.nis for point in points], np.float64)
+    nis = np.array([x.nis for x in (points if filtered is None else filtered)], np.float64)
     score = ConsistencyScore(
         nees_fixes=consistency(place_squares(labels, fixes, tolerance_s), 2),
         nees_tracks=consistency(place_squares(labels, points, tolerance_s), 2),

@@ -29,22 +29,32 @@ class DisturbanceScore:
     stage
         The stage scored: the last one that finds disturbances.
     precision, recall, f1
-        Of frames of 10 ms.
+        Of frames of 10 ms; precision is None where nothing was found, recall and F1 where truth has
+        no disturbed span.
     truth_s, found_s, both_s
         Disturbed by truth, by the stage, and by both [s].
+    false_alarm_s, scored_s
+        Disturbed by the stage alone, and all that is scored [s].
     """
 
     stage: str
-    precision: float
-    recall: float
-    f1: float
+    precision: float | None
+    recall: float | None
+    f1: float | None
     truth_s: float
     found_s: float
     both_s: float
+    false_alarm_s: float
+    scored_s: float
 
 
 def score_disturbances(
-    labels: Sequence[Label], found: Sequence[Disturbance], start_ns: int, end_ns: int
+    labels: Sequence[Label],
+    found: Sequence[Disturbance],
+    start_ns: int,
+    end_ns: int,
+    *,
+    told_by: str = "",
 ) -> DisturbanceScore | None:
     """Score the disturbances of one stage against ``disturbed`` labels.
 
@@ -56,13 +66,16 @@ def score_disturbances(
         Of one stage.
     start_ns, end_ns
         First and last sample of the recording [ns].
+    told_by
+        The stage that would have found some; empty where there is none.
 
     Returns
     -------
-    The score, or None where truth has no disturbed span or the stage found nothing.
+    The score, or None where there is no truth of any kind, or no stage. Where truth has no
+    disturbed span, all that was found is a false alarm.
     """
     true = _spans(labels, "disturbed")
-    if not true or not found:
+    if not labels or not (found or told_by):
         return None
     count = (end_ns - start_ns) // FRAME_NS + 1
     scored = ~_frames(_spans(labels, "ignore"), start_ns, count)
@@ -71,13 +84,15 @@ def score_disturbances(
     both, n_truth, n_said = (int(x.sum()) for x in (truth & said, truth, said))
     frame_s = FRAME_NS / 1e9
     return DisturbanceScore(
-        stage=found[-1].stage,
-        precision=both / n_said if n_said else 0.0,
-        recall=both / n_truth if n_truth else 0.0,
-        f1=f1_score(n_truth, n_said, both),
+        stage=found[-1].stage if found else told_by,
+        precision=both / n_said if n_said else None,
+        recall=both / n_truth if n_truth else None,
+        f1=f1_score(n_truth, n_said, both) if n_truth else None,
         truth_s=n_truth * frame_s,
         found_s=n_said * frame_s,
         both_s=both * frame_s,
+        false_alarm_s=(n_said - both) * frame_s,
+        scored_s=int(scored.sum()) * frame_s,
     )
 
 

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .html_parts import STYLE, folded, section, table
+from .html_parts import STYLE, folded, section, table, warned
 from .html_sections import Scored, all_sections
 from .report import answers_of
+from .truth import ScoredTruth
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from groundtrace_codecs.labels import Label
 
@@ -24,7 +25,11 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 
 
 def score_page(
-    result: Results, labels: Sequence[Label], score: Score, tolerance_s: float = 0.12
+    result: Results,
+    labels: Sequence[Label] | ScoredTruth,
+    score: Score,
+    tolerance_s: float = 0.12,
+    stages: Collection[str] = (),
 ) -> str:
     """Return a score as an HTML page with figures.
 
@@ -35,16 +40,20 @@ def score_page(
     result
         What was scored.
     labels
-        The truth.
+        The truth, perhaps with remarks on it.
     score
         The result's score against it.
     tolerance_s
         The score's tolerance [s].
+    stages
+        Those chosen for the score.
     """
     origin = result.provenance
-    said = answers_of(result.events)
+    remarks = labels.remarks if isinstance(labels, ScoredTruth) else ()
+    truth = labels.labels if isinstance(labels, ScoredTruth) else labels
+    said = answers_of(result.events, stages)
     scored = Scored(
-        labels, said, result.geometry, origin.start_ns, origin.end_ns, tolerance_s, score
+        truth, said, result.geometry, origin.start_ns, origin.end_ns, tolerance_s, score
     )
     name = PureWindowsPath(origin.recording).name
     seconds = (origin.end_ns - origin.start_ns) / NS_PER_S
@@ -55,7 +64,9 @@ def score_page(
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>Score of {escape(name)}</title><style>{STYLE}</style></head>\n<body><main>"
         f'<header><p class="brand">groundtrace score</p><h1>{escape(name)}</h1>'
-        f'<p class="sub">{escape(subtitle)}</p></header>\n'
+        f'<p class="sub">{escape(subtitle)}</p>{warned(result.warnings)}'
+        + "".join(f"<p>Truth: {escape(remark)}.</p>" for remark in remarks)
+        + "</header>\n"
         f"{all_sections(scored)}\n{_origin(origin)}</main></body></html>\n"
     )
 

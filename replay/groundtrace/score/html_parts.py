@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..warned import Warned
     from .step_words import Confusion
 
 #: Colours after Okabe and Ito (2008), told apart by colour-blind people, on light and dark.
@@ -71,8 +72,15 @@ td{overflow-wrap:anywhere}
 details{margin-top:16px}summary{cursor:pointer;color:var(--result)}
 pre{background:var(--card);border:1px solid var(--rule);border-radius:8px;padding:14px;
 overflow-x:auto;font-size:13px}
+.warned{margin:10px 0 0;padding:0;list-style:none;color:var(--missed)}
 @media print{main{padding:0}section{break-inside:avoid}}
 """
+
+
+def warned(warnings: Sequence[Warned]) -> str:
+    """Return what a replay warned of as a list for the head of a page; empty where of nothing."""
+    items = "".join(f"<li>Warning: {escape(each.line)}</li>" for each in warnings)
+    return f'<ul class="warned">{items}</ul>' if items else ""
 
 
 def section(title: str, content: str) -> str:

@@ -25,6 +25,7 @@ from .positions import matched_fixes
 from .report import last_word
 from .step_figures import latency_figure, timeline_figure, tolerance_figure
 from .step_matching import match_steps
+from .step_timing import best_shift, found_text, timing_pairs
 from .tracks import moments
 
 if TYPE_CHECKING:
@@ -88,6 +89,7 @@ def _steps(scored: Scored, s: StepScore) -> str:
         "Steps",
         _step_tiles(s)
         + (_step_figures(scored, s, matching) if s.truth or s.detected else "")
+        + _wrong_times(matching, scored.start_ns)
         + _unmatched(matching, scored.start_ns)
         + '<div class="row">'
         + "".join(confusion_table(name, c) for name, c in words if c is not None)
@@ -137,6 +139,31 @@ def _step_figures(scored: Scored, s: StepScore, matching: StepMatch) -> str:
         false="false",
     )
     return f'<div class="pair">{curve}{latency}</div>{timeline}'
+
+
+def _wrong_times(matching: StepMatch, start_ns: int) -> str:
+    """Return missed and false steps that are one error each, and the shift that mends most."""
+    pairs = timing_pairs(matching)
+    if not pairs:
+        return ""
+    title = f"Missed and false steps that are one, found at the wrong time: {len(pairs)}"
+    shift = best_shift(matching, pairs)
+    if shift is not None:
+        title += (
+            f"; all detections {shift.late_ms:+.0f} ms from the truth: without that {shift.mends} "
+            f"of them would be right, {shift.right} steps in all"
+        )
+    rows = [
+        (
+            str(pair.step),
+            f"{(pair.truth_ns - start_ns) / NS_PER_S:.3f}",
+            f"{(pair.found_ns - start_ns) / NS_PER_S:.3f}",
+            found_text(pair, matching.tolerance_s),
+        )
+        for pair in pairs[:LISTED]
+    ]
+    more = f" (the first {LISTED})" if len(pairs) > LISTED else ""
+    return table(title + more, ("step", "true time [s]", "false step [s]", "error"), rows)
 
 
 def _unmatched(matching: StepMatch, start_ns: int) -> str:
@@ -266,11 +293,15 @@ def _heading(scored: Scored, h: HeadingScore) -> str:
 
 
 def _disturbance(d: DisturbanceScore) -> str:
+    alarm = ("False alarm", f"{d.false_alarm_s:.2f} s", f"of {d.scored_s:.2f} s scored")
+    if d.f1 is None:
+        return section("Disturbances", tiles([alarm]) + "<p>Truth has no disturbed span.</p>")
     numbers = tiles(
         [
             ("F1", f"{d.f1:.3f}", "frames of 10 ms"),
-            ("Precision", f"{d.precision:.3f}", f"{d.both_s:.2f} of {d.found_s:.2f} s found"),
-            ("Recall", f"{d.recall:.3f}", f"{d.both_s:.2f} of {d.truth_s:.2f} s true"),
+            ("Precision", shown(d.precision, "", 3), f"{d.both_s:.2f} of {d.found_s:.2f} s found"),
+            ("Recall", shown(d.recall, "", 3), f"{d.both_s:.2f} of {d.truth_s:.2f} s true"),
+            alarm,
         ]
     )
     return section("Disturbances", numbers)

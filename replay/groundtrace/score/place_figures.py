@@ -29,7 +29,7 @@ WIDE = 1160
 
 def pick_figure(residuals: PickResiduals) -> str:
     """Return the errors of the first picks, impact by impact; far ones at the edge."""
-    errors = residuals.error_s * 1e3
+    errors, states = residuals.error_s * 1e3, residuals.states()
     known = np.abs(errors[~np.isnan(errors)])
     reach = float(np.clip(1.3 * np.percentile(known, 98) if len(known) else 1, 0.5, ANSWER_S * 1e3))
     count = len(residuals.impacts)
@@ -38,7 +38,7 @@ def pick_figure(residuals: PickResiduals) -> str:
     plot.horizontal(0, "zero")
     for i, name in enumerate(residuals.impacts):
         of = np.flatnonzero(residuals.impact == i)
-        good = errors[of][np.abs(errors[of]) <= ANSWER_S * 1e3]
+        good = errors[[k for k in of if states[k] != "missed"]]
         if len(good):
             middle = float(np.clip(np.median(good), -reach, reach))
             plot.line([(i + 0.75, middle), (i + 1.25, middle)], "median")
@@ -48,8 +48,7 @@ def pick_figure(residuals: PickResiduals) -> str:
             if np.isnan(errors[k]):
                 plot.dot(x, -reach, "dot missed", title + "no pick")
                 continue
-            answered = abs(errors[k]) <= ANSWER_S * 1e3
-            style = "dot result" if answered else "dot false"
+            style = "dot false" if states[k] == "missed" else "dot result"
             y = float(np.clip(errors[k], -reach, reach))
             plot.dot(x, y, style, f"{title}{errors[k]:+.2f} ms", 2.6)
     return plot.svg("Errors of picks by impact")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -18,6 +18,8 @@ from groundtrace_codecs.events import (
     TrackPoint,
 )
 
+from ..errors import RecordingError
+from ..trackers.api import SMOOTHED
 from .consistency import ConsistencyScore, score_consistency
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings
@@ -31,11 +33,13 @@ from .tracks import TrackScore, score_tracks
 from .ways import has_vehicles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.labels import Label
 
+#: Events that answer truth.
+ANSWERS = (StepEvent, Pick, Fix, TrackPoint, Heading, Disturbance, Pass)
 E = TypeVar("E", Fix, TrackPoint, Heading, Disturbance, Pass)
 
 
@@ -66,9 +70,15 @@ class Answers:
     fixes
         Of all stages, so that localisers side by side can be compared.
     points
-        Of the last stage that tracks.
+        Of the last stage that tracks: its smoothed track where there is one.
     headings, disturbances, passes
         Of the last stage that gives any.
+    filtered
+        Points of the same stage as they came, whose innovations tell whether it is consistent.
+    finds_steps
+        Whether a stage is there that would have given steps, or none is known at all.
+    disturbances_by
+        The last stage that would have given disturbances; empty where there is none.
     """
 
     steps: list[StepEvent]
@@ -78,13 +88,33 @@ class Answers:
     headings: list[Heading]
     disturbances: list[Disturbance]
     passes: list[Pass]
+    filtered: list[TrackPoint] = field(default_factory=list)
+    finds_steps: bool = False
+    disturbances_by: str = ""
 
 
-def answers_of(events: Iterable[Event]) -> Answers:
-    """Sort a result's events by the truth they answer."""
+def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> Answers:
+    """Sort a result's events by the truth they answer.
+
+    Parameters
+    ----------
+    events
+        All events of the result.
+    stages
+        Stages whose answers count in the place of others' of their kind.
+
+    Raises
+    ------
+    RecordingError
+        Where one of the stages answers nothing; it says which do.
+    """
+    events = tuple(events)
+    if stages:
+        events = _only(events, stages)
     found = Answers([], [], [], [], [], [], [])
     picking: dict[str, str] = {}
-    stepping = tracking = ""
+    stepping = tracking = telling = ""
+    emitted = {event.emits for event in events if isinstance(event, StageSpec)}
     for event in events:
         match event:
             case StepEvent():
@@ -107,15 +137,44 @@ def answers_of(events: Iterable[Event]) -> Answers:
                 stepping = event.stage
             case StageSpec(emits="track"):
                 tracking = event.stage
+            case StageSpec(emits="heading"):
+                telling = event.stage
     tracks = [point for point in found.points if point.stage == tracking]
+    smoothed = [point for point in found.points if point.stage == tracking + SMOOTHED]
     return replace(
         found,
         steps=[step for step in found.steps if step.stage == (stepping or step.stage)],
         picks=[pick for pick in found.picks if picking.get(pick.topic) == pick.stage],
-        points=tracks or last_word(found.points),
+        points=smoothed or tracks or last_word(found.points),
+        filtered=tracks or last_word(found.points),
+        finds_steps=bool(found.steps) or not emitted or bool(emitted & {"step", "impact"}),
+        disturbances_by=telling,
         headings=last_word(found.headings),
         disturbances=last_word(found.disturbances),
         passes=last_word(found.passes),
+    )
+
+
+def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ...]:
+    """Return the events without those of kinds that the chosen stages give and they did not."""
+    given: dict[str, set[type]] = {}
+    for event in events:
+        if isinstance(event, ANSWERS):
+            given.setdefault(event.stage, set()).add(type(event))
+    unknown = sorted(set(stages) - set(given))
+    if unknown:
+        known = ", ".join(given) or "none"
+        raise RecordingError(f"--stage: expected one of {known}, found {unknown[0]}")
+    chosen: set[type] = set().union(*(given[stage] for stage in stages))
+    emitted = {StepEvent: {"step", "impact"}, Pick: {"pick"}, TrackPoint: {"track"}}
+    silent = set().union(*(emitted.get(kind, set()) for kind in chosen))
+    return tuple(
+        event
+        for event in events
+        if not (type(event) in chosen and getattr(event, "stage", "") not in stages)
+        and not (
+            isinstance(event, StageSpec) and event.emits in silent and event.stage not in stages
+        )
     )
 
 
@@ -131,6 +190,7 @@ def score_events(
     start_ns: int,
     end_ns: int,
     tolerance_s: float = 0.12,
+    stages: Collection[str] = (),
 ) -> Score:
     """Score a result's events against labels.
 
@@ -144,16 +204,23 @@ def score_events(
         First and last sample of the recording [ns].
     tolerance_s
         Largest distance of a matched step [s].
+    stages
+        As of :func:`answers_of`.
     """
-    said = answers_of(events)
+    said = answers_of(events, stages)
+    steps = _steps(labels, said.steps, start_ns, end_ns, tolerance_s) if said.finds_steps else None
     return Score(
-        steps=_steps(labels, said.steps, start_ns, end_ns, tolerance_s),
+        steps=steps,
         positions=score_positions(labels, said.fixes, tolerance_s),
         picks=score_picks(labels, said.picks),
         track=score_tracks(labels, said.points, tolerance_s),
         heading=score_headings(labels, said.headings, tolerance_s),
-        disturbance=score_disturbances(labels, said.disturbances, start_ns, end_ns),
-        consistency=score_consistency(labels, last_word(said.fixes), said.points, tolerance_s),
+        disturbance=score_disturbances(
+            labels, said.disturbances, start_ns, end_ns, told_by=said.disturbances_by
+        ),
+        consistency=score_consistency(
+            labels, last_word(said.fixes), said.points, tolerance_s, said.filtered
+        ),
         passes=score_passes(labels, said.passes),
     )
 

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from groundtrace_codecs.labels import Label
 
 
+#: Half a nanosecond [s].
+HALF_NS_S = 0.5 / NS_PER_S
+
+
 def seconds(label_ns: int, start_ns: int) -> float:
     """Return a time as seconds since the recording's first sample."""
     return (label_ns - start_ns) / NS_PER_S
@@ -88,12 +92,19 @@ class StepMatch:
         Index pairs (truth, found), shape (k, 2).
     spans
         Scored spans [s since the first sample], shape (s, 2).
+    outside_ns
+        Detections that are not scored and answer no true step that is not scored either, sorted,
+        shape (k,).
+    tolerance_s
+        Of the match [s].
     """
 
     truth_ns: NDArray[np.int64]
     found_ns: NDArray[np.int64]
     pairs: NDArray[np.intp]
     spans: NDArray[np.float64]
+    outside_ns: NDArray[np.int64]
+    tolerance_s: float
 
     @property
     def missed(self) -> NDArray[np.intp]:
@@ -122,6 +133,8 @@ class TrueSteps:
         First sample of the recording [ns].
     tolerance_s
         Of the match [s].
+    unscored_s
+        True steps that are not scored, sorted [s since the first sample].
     """
 
     truth_ns: NDArray[np.int64]
@@ -129,6 +142,7 @@ class TrueSteps:
     spans: NDArray[np.float64]
     start_ns: int
     tolerance_s: float
+    unscored_s: NDArray[np.float64]
 
     @classmethod
     def of(
@@ -139,15 +153,26 @@ class TrueSteps:
         spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
         truth_s = (truth_ns - start_ns) / NS_PER_S
         scored = inside(truth_s, spans)
-        return cls(truth_ns[scored], truth_s[scored], spans, start_ns, tolerance_s)
+        own = (truth_ns[scored], truth_s[scored])
+        return cls(*own, spans, start_ns, tolerance_s, truth_s[~scored])
 
     def match(self, detected_ns: NDArray[np.int64]) -> StepMatch:
         """Match detected steps to the true ones inside the scored spans."""
         found_ns = np.sort(detected_ns)
         found_s = (found_ns - self.start_ns) / NS_PER_S
         counted = self._counted(found_s)
-        pairs = match(self.truth_s, found_s[counted], self.tolerance_s)
-        return StepMatch(self.truth_ns, found_ns[counted], pairs, self.spans)
+        pairs = match(self.truth_s, found_s[counted], self._within_s)
+        outside = np.flatnonzero(~counted)
+        others = match(self.unscored_s, found_s[outside], self._within_s)[:, 1]
+        outside_ns = found_ns[np.delete(outside, others)]
+        return StepMatch(
+            self.truth_ns, found_ns[counted], pairs, self.spans, outside_ns, self.tolerance_s
+        )
+
+    @property
+    def _within_s(self) -> float:
+        """The tolerance [s], so that seconds which are rounded compare as nanoseconds do."""
+        return self.tolerance_s + HALF_NS_S
 
     def _counted(self, found: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which detections are scored.
@@ -155,7 +180,7 @@ class TrueSteps:
         Those inside the spans, and of those outside the ones that answer a true step inside which
         no other detection answers.
         """
-        truth, tolerance_s = self.truth_s, self.tolerance_s
+        truth, tolerance_s = self.truth_s, self._within_s
         counted = inside(found, self.spans)
         if counted.all():
             return counted

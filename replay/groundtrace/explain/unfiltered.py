@@ -1,0 +1,281 @@
+"""Measuring again without the filter: whether the filter took a step out is shown, not guessed.
+
+A recorded signal that stands out of its noise by more than the filtered one does not tell: what
+stood out may be no step. So the stretch of the recording is measured again with the filter taken
+out, as the detector says, and the filter is to blame only where a candidate is there then that
+passes all thresholds. That takes the recording; results alone do not say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..associator_stage import AssociatorStage
+from ..parameters import build
+from ..pipeline import STAGE_GROUPS
+from ..plugins import find
+from ..source import Source
+from ..stage import DetectorStage
+from .evidence import stage_evidence
+from .measuring import recording_in
+from .parts import accepted_picks
+from .redecide import associated
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.mcap.bytesource import ByteSource
+
+    from ..pipeline import PipelineConfig, StageConfig
+    from .evidence import Evidence, StageEvidence
+
+#: Stretches of this length are measured at once [s], so that misses side by side share one.
+STRETCH_S = 30.0
+#: A flat top has so many samples, as one alone has in the faults of a recording; and a corner: the
+#: signal comes to it, or leaves it, by so many of the least differences between two of its levels
+#: up to so long beside it [s]. A slow maximum of few levels is flat too, but has no corner.
+FLAT_SAMPLES, CORNER_LEVELS, BESIDE_S = 5, 4, 1.0
+#: A stretch is measured from so long before it on, and until so long after [s]: what detectors
+#: look back and ahead, of which the rhythm of a phone in a hand is the longest, 12 s and 6 s.
+BEFORE_S, AFTER_S = 20.0, 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Unmuted:
+    """A candidate that is there without the filter.
+
+    Attributes
+    ----------
+    time_ns
+        Its time.
+    value
+        What its decision function reaches, in the unit of the candidates' first column.
+    """
+
+    time_ns: int
+    value: float
+
+
+class Unfiltered:
+    """The signal of a result, and what its stages find in it without their filters.
+
+    Parameters
+    ----------
+    config
+        The pipeline, every parameter as it stood.
+    locate
+        Returns the recording, None where it is not at hand; asked when it is needed first.
+    """
+
+    def __init__(
+        self, config: PipelineConfig, locate: Callable[[], Path | ByteSource | str | None]
+    ) -> None:
+        self._stages = {stage.key: stage for stage in config.stage}
+        self._placements = config.placements
+        self._locate = locate
+        self._source: Path | ByteSource | str | None = None
+        self._located = False
+        self._measured: dict[tuple[str, str, int], StageEvidence | None] = {}
+
+    @property
+    def at_hand(self) -> bool:
+        """Whether the recording is."""
+        if not self._located:
+            self._source, self._located = self._locate(), True
+        return self._source is not None
+
+    def nearest(
+        self, part: StageEvidence, channel: int, start_ns: int, end_ns: int
+    ) -> Unmuted | None:
+        """Return what passes all thresholds in a span without the filter, nearest its middle.
+
+        A refractory time is no threshold of the signal: it is left out.
+
+        Parameters
+        ----------
+        part
+            The stage and topic as they stood.
+        channel
+            Whose candidates.
+        start_ns, end_ns
+            First and last moment that count.
+
+        Returns
+        -------
+        None where there is none, the recording is not at hand, or the detector has no filter.
+        """
+        middle_ns = (start_ns + end_ns) // 2
+        found = self._stretch(part, middle_ns)
+        if found is None:
+            return None
+        rows = found.between(start_ns, end_ns)
+        levels = [i for i, gate in enumerate(found.spec.gates) if gate.name != "refractory"]
+        passed = found.margin[:, levels].min(axis=1, initial=0.0) >= 0
+        own = [r for r in rows if found.candidates.channel[r] == channel and passed[r]]
+        if not own:
+            return None
+        times = found.candidates.time_ns
+        row = min(own, key=lambda r: abs(int(times[r]) - middle_ns))
+        return Unmuted(int(times[row]), float(found.candidates.value[row, 0]))
+
+    def group(
+        self, part: StageEvidence, source: StageEvidence, start_ns: int, end_ns: int
+    ) -> Unmuted | None:
+        """Return the accepted group of picks in a span where they are picked without the filter.
+
+        Parameters
+        ----------
+        part, source
+            The stage that groups picks, and the one that picked, as they stood.
+        start_ns, end_ns
+            First and last moment that count.
+
+        Returns
+        -------
+        As :meth:`nearest`; its value is that of the first column, the channels that saw it.
+        """
+        middle_ns = (start_ns + end_ns) // 2
+        picked = self._stretch(source, middle_ns)
+        if picked is None:
+            return None
+        stage = self._stages[part.spec.stage]
+        kind: Any = find(STAGE_GROUPS, stage.use)[1]
+        parameters = build(kind.Parameters, stage.parameters, stage.key)
+        runner = AssociatorStage(
+            stage.key, stage.use, kind, parameters, stage.topics, source.spec.stage
+        )
+        own = [
+            Unmuted(int(time_ns), float(value[0]))
+            for block in associated(runner, [(picked.spec, accepted_picks(picked))])
+            if isinstance(block, CandidateBlock)
+            for time_ns, value, good in zip(block.time_ns, block.value, block.accepted, strict=True)
+            if good and start_ns <= time_ns <= end_ns
+        ]
+        return min(own, key=lambda one: abs(one.time_ns - middle_ns), default=None)
+
+    def clipped(self, part: StageEvidence, start_ns: int, end_ns: int) -> tuple[str, float] | None:
+        """Return the channel that stood still at its extreme for longest, and for how long [s].
+
+        What a stage makes of several channels, such as the length of an acceleration, goes on
+        moving where one of them is clipped; so they are looked at as recorded.
+
+        Parameters
+        ----------
+        part
+            The stage and topic.
+        start_ns, end_ns
+            First and last moment that count.
+
+        Returns
+        -------
+        None where no channel stood still there for :data:`FLAT_SAMPLES` at its extreme, or the
+        recording is not at hand.
+        """
+        if not self.at_hand or self._source is None:
+            return None
+        kind: Any = find(STAGE_GROUPS, self._stages[part.spec.stage].use)[1]
+        longest: dict[str, float] = {}
+        with Recording.open(self._source) as recording:
+            stream = next((s for s in recording.streams if s.topic == part.spec.topic), None)
+            if stream is None:
+                return None
+            columns = stream.columns_of(frozenset(kind.quantities))
+            beside = round(BESIDE_S * NS_PER_S)
+            span = (start_ns - beside, end_ns + beside)
+            source = Source(recording, topics={stream.topic}, start_ns=span[0], stop_ns=span[1])
+            blocks = [item for item in source if isinstance(item, SignalBlock)]
+        if not blocks:
+            return None
+        times = np.concatenate([block.sample_times() for block in blocks])
+        samples = np.concatenate([block.samples[:, columns] for block in blocks])
+        inside = (times >= start_ns) & (times <= end_ns)
+        for number, values in zip(columns, samples.T, strict=True):
+            levels = np.unique(values)
+            if not inside.any() or len(levels) < 2:
+                continue
+            flat = _longest_flat(values[inside], CORNER_LEVELS * float(np.diff(levels).min()))
+            if flat >= FLAT_SAMPLES:
+                longest[stream.channels[number].name] = flat / stream.rate_hz
+        return max(longest.items(), key=lambda item: item[1], default=None)
+
+    def _stretch(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+        spec, length = part.spec, round(STRETCH_S * NS_PER_S)
+        key = (spec.stage, spec.topic, time_ns // length)
+        if key not in self._measured:
+            start_ns = key[2] * length
+            self._measured[key] = self._measure(part, start_ns, start_ns + length)
+        return self._measured[key]
+
+    def _measure(self, part: StageEvidence, start_ns: int, end_ns: int) -> StageEvidence | None:
+        worker = unfiltered_kind(self._stages[part.spec.stage])
+        if worker is None or not self.at_hand or self._source is None:
+            return None
+        kind, parameters = worker
+        spec = part.spec
+        stage = DetectorStage(
+            spec.stage, spec.plugin, kind, parameters, placements=self._placements
+        )
+        events = []
+        with Recording.open(self._source) as recording:
+            if spec.topic not in {stream.topic for stream in recording.streams}:
+                return None
+            span = (start_ns - round(BEFORE_S * NS_PER_S), end_ns + round(AFTER_S * NS_PER_S))
+            for item in Source(recording, topics={spec.topic}, start_ns=span[0], stop_ns=span[1]):
+                events += list(stage.process(item))
+        events += list(stage.flush())
+        found = stage_evidence(events, [spec.stage])
+        return found[0] if found else None
+
+
+def _longest_flat(values: NDArray[Any], least_corner: float) -> int:
+    """Return the most samples in a row that are the largest, or the smallest, with a corner."""
+    longest = 0
+    for end in (values.max(), values.min()):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], values == end, [False]])))
+        for first, after in zip(edges[::2], edges[1::2], strict=True):
+            beside = values[[i for i in (first - 1, after) if 0 <= i < len(values)]]
+            if (np.abs(beside - end) >= least_corner).any():
+                longest = max(longest, int(after - first))
+    return longest
+
+
+def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
+    """Return a detector's class and parameters without its filter; None where it has none."""
+    kind: Any = find(STAGE_GROUPS, stage.use)[1]
+    hook = getattr(kind, "unfiltered", None)
+    if hook is None:
+        return None
+    worker: tuple[type[Any], Any] = hook(build(kind.Parameters, stage.parameters, stage.key))
+    return worker
+
+
+def with_recording(evidence: Evidence, sha256: str, places: Sequence[Path]) -> Evidence:
+    """Return evidence that measures its recording again where that is at hand.
+
+    Parameters
+    ----------
+    evidence
+        Of a result.
+    sha256
+        Of the recording.
+    places
+        Where it may be; the first that holds it counts.
+    """
+    locate = partial(recording_in, places, sha256)
+    return replace(evidence, unfiltered=Unfiltered(evidence.config, locate))
+
+
+def beside(results: Path, recording: str) -> Path:
+    """Return where the recording of results is, if it is beside them."""
+    return results.parent / PureWindowsPath(recording).name

@@ -1,0 +1,37 @@
+"""Causes planted in simulated recordings are named: a part of the bench of docs/why.md."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+from why_confusion import Cell, cells, outcome
+
+#: So many recordings of each scene, every one with another cause.
+RECORDINGS = 6
+
+
+@pytest.mark.parametrize("scene", ["waist, peaks", "wrist", "room", "line"])
+def test_what_is_planted_is_named(scene: str) -> None:
+    """Of the seeds that served to mend reasons; the bench reports on others."""
+    own = [n for n, c in enumerate(cells()) if c.scene == scene and c.asked != "fixes"]
+    told = [outcome((number, 0)) for number in own[:: len(own) // RECORDINGS][:RECORDINGS]]
+    assert len(told) == RECORDINGS
+    assert all(o.named for o in told), "a plant had no effect"
+    assert not [(o.cell.name, o.named, o.text) for o in told if o.named != o.planted]
+
+
+def test_every_cause_of_a_step_is_planted_somewhere() -> None:
+    from groundtrace.explain import CAUSES
+
+    planted = {cell.cause for cell in cells() if cell.asked == "steps"}
+    assert set(CAUSES) - planted == {"undecided"}
+
+
+def test_cells_have_names_of_their_own() -> None:
+    names = [cell.name for cell in cells()]
+    assert len(set(names)) == len(names)
+    assert isinstance(cells()[0], Cell)
