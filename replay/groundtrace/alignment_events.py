@@ -21,6 +21,7 @@ from .pipeline import STAGE_GROUPS, build_pipeline, load_pipeline
 from .plugins import find
 from .results import RUN, file_sha256, read_results
 from .source import Source
+from .suitability import with_placements
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -58,7 +59,7 @@ def steps_by_replay(
     progress
         Told the time reached [ns].
     """
-    config = load_pipeline(pipeline)
+    config, _, _ = with_placements(load_pipeline(pipeline), recording)
     finding = tuple(s for s in config.stage if find(STAGE_GROUPS, s.use)[0] in _FINDING)
     kept = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)

@@ -161,6 +161,7 @@ class ArrayStage(PluginStage["ArrayMethod"]):
         rate_hz = run.recall.stream.rate_hz
         found = run.worker.examine(Window(step_ns, start_ns, rate_hz, values, arrivals))
         if len(found):
+            found = found.not_before(run.recall.first_ns or 0)
             block, run.carry = decided_block(
                 run.spec, found, run.worker, self.parameters, run.carry
             )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec
+from groundtrace_codecs.signals import SignalBlock
 
 from .detector import Associator
 from .gates import Candidates, Carry, decided_block, gate_specs
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.signals import SignalBlock
 
 
 class AssociatorStage(PluginStage[Associator]):
@@ -44,6 +44,7 @@ class AssociatorStage(PluginStage[Associator]):
         super().__init__(name, plugin, kind, parameters, topics)
         self.source = source
         self._runs: dict[str, TopicRun[Associator]] = {}
+        self._fresh: set[str] = set()
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
         """Begin at the stage that picks, then feed its picks; begin anew where the clock steps."""
@@ -68,6 +69,9 @@ class AssociatorStage(PluginStage[Associator]):
             elif isinstance(item, Gap | StageSpec):
                 self._decide(waiting, given)
                 given[place] += self._told(item)
+            elif isinstance(item, SignalBlock) and item.topic in self._fresh:
+                self._fresh.remove(item.topic)
+                given[place] += self._runs[item.topic].never_passed(item.start_ns)
         self._decide(waiting, given)
         return given
 
@@ -88,17 +92,18 @@ class AssociatorStage(PluginStage[Associator]):
 
     def save(self) -> Any:
         """Return a copy of everything that crosses picks."""
-        return copy.deepcopy(self._runs)
+        return copy.deepcopy((self._runs, self._fresh))
 
     def restore(self, saved: Any) -> None:
         """Go on from what :meth:`save` returned."""
-        self._runs = copy.deepcopy(saved)
+        self._runs, self._fresh = copy.deepcopy(saved)
 
     def _told(self, item: Gap | StageSpec) -> Iterator[Event]:
         """Begin at the stage that picks; begin anew where the clock steps."""
         if isinstance(item, StageSpec):
             if item.stage == (self.source or item.stage) and self.allowed(item.topic):
                 self._runs[item.topic] = begun = self._begin(item)
+                self._fresh.add(item.topic)  # its time is that of the block that brought it
                 yield begun.spec
             return
         run = self._runs.get(item.topic)

@@ -81,7 +81,7 @@ class Checkpoint:
     damage
         What of the recording was left out so far.
     source, watches, stages
-        State of the source, of the watches of placements, and of every stage.
+        State of the source, of the watches of placements and of worn sensors, and of every stage.
     """
 
     origin: Origin

@@ -108,6 +108,15 @@ class Detector(Protocol):
     frame, first the decision function. ``gates`` stand in the order of the decision. A detector
     may have a method ``curve`` without arguments that returns, as a :class:`Curve`, its decision
     function over the samples that the last ``measure`` completed; viewers draw it around steps.
+    One that brings signals of unknown units to gravity says so by ``mean_is_gravity = True``.
+    It may have a method ``reach`` without arguments, called after ``start``, that returns by the
+    names of gates the most that their values can be, each a :class:`groundtrace.gates.Reach`: a
+    threshold above it is told.
+
+    It may have a class method ``unfiltered`` that takes parameters and returns the class and the
+    parameters of what measures the same without its filter, or with its band as wide as can be: by
+    measuring again with it, ``why`` tells whether the filter took a step out. Where what it looks
+    for is no local maximum of its decision function, ``sought`` says what it is.
     """
 
     Parameters: type[Any]
@@ -124,7 +133,11 @@ class Detector(Protocol):
         """Begin a contiguous run of ``stream``; return the names of the candidates' channels."""
 
     def measure(self, block: SignalBlock) -> Measured:
-        """Take a block of any length; return what is complete, in the order of (time, channel)."""
+        """Take a block of any length; return what is complete, in the order of (time, channel).
+
+        A time may be before the run's first sample, where a filter's delay is taken off: it is set
+        to that sample's before anything is decided.
+        """
 
     def finish(self) -> Measured:
         """End the run; return what was held back."""
@@ -134,7 +147,7 @@ class Detector(Protocol):
 class Associator(Protocol):
     """Groups picks: like a detector, but what it measures are picks, in the order of time.
 
-    The attributes are those of :class:`Detector`; there is no trace.
+    The attributes are those of :class:`Detector`, and so is ``reach``; there is no trace.
     """
 
     Parameters: type[Any]

@@ -8,16 +8,17 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, NoReturn
 
-from groundtrace_codecs.events import CandidateBlock, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, Note, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .cores import cores, started
+from .warned import WarningCounter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
     from concurrent.futures import Future
 
-    from groundtrace_codecs.events import Event, Gap, Note
+    from groundtrace_codecs.events import Event, Gap
 
     from .clock import Clock
     from .pipeline import Pipeline
@@ -49,6 +50,8 @@ class Tally:
         Recorded time covered and wall time taken [s].
     first_ns, last_ns
         Of all blocks [ns]; None before the first.
+    warnings
+        Notes that warn.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -57,6 +60,7 @@ class Tally:
     wall_s: float = 0.0
     first_ns: int | None = None
     last_ns: int | None = None
+    warnings: WarningCounter = field(default_factory=WarningCounter)
 
     def hear(self, block: SignalBlock) -> None:
         """Count a block."""
@@ -75,6 +79,10 @@ class Tally:
             for event in events:
                 if isinstance(event, (CandidateBlock, TraceBlock)):
                     self.counts[type(event).__name__] += len(event) - 1
+        if Note in kinds:
+            for event in events:
+                if isinstance(event, Note):
+                    self.warnings.add(event)
 
 
 class ReplayLoop:

@@ -17,7 +17,7 @@ from groundtrace_codecs.events import CandidateBlock, GateSpec
 from .later import Later
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -26,6 +26,11 @@ if TYPE_CHECKING:
     from . import gate_kernels
 else:
     gate_kernels = Later("groundtrace.gate_kernels")
+
+
+#: Part by which a threshold must lie over what is reached: values are float32, and what they reach
+#: may have been sought on a grid.
+_REACHED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +71,50 @@ class Candidates:
     def rows(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Candidates:
         """Return some of the rows."""
         return Candidates(self.time_ns[index], self.channel[index], self.value[index])
+
+    def not_before(self, start_ns: int) -> Candidates:
+        """Return the same, those of a time before ``start_ns`` at that time."""
+        if not (self.time_ns < start_ns).any():
+            return self
+        time_ns = np.maximum(self.time_ns, start_ns)
+        order = np.lexsort((self.channel, time_ns))
+        return Candidates(time_ns[order], self.channel[order], self.value[order])
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """The most that a gate's value can be, whatever the signal.
+
+    Attributes
+    ----------
+    most
+        In the gate's unit.
+    why
+        What bounds it, for people.
+    """
+
+    most: float
+    why: str
+
+
+def never_passed(spec: StageSpec, reach: Mapping[str, Reach]) -> list[str]:
+    """Return a line for each gate of a stage whose threshold no candidate can reach.
+
+    Parameters
+    ----------
+    spec
+        The stage, its gates as they stand.
+    reach
+        What the values of gates can reach, by the gate's name.
+    """
+    return [
+        f"{spec.topic}: {spec.stage} accepts nothing: {gate.parameter} is {gate.threshold:.4g}, "
+        f"but {gate.name} reaches {reach[gate.name].most:.4g} at most ({reach[gate.name].why})"
+        for gate in spec.gates
+        if gate.at_least
+        and gate.name in reach
+        and gate.threshold > reach[gate.name].most + _REACHED * abs(reach[gate.name].most)
+    ]
 
 
 @dataclass(slots=True)

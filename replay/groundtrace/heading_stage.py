@@ -117,6 +117,9 @@ class HeadingStage(PluginStage["HeadingMethod"]):
                 self._runs[sensor].aligner.hear(early)
         run = self._runs[sensor]
         run.aligner.hear(block)
+        if run.aligner.remark and run.aligner.remark not in run.told:
+            run.told |= {run.aligner.remark}
+            found.append(Note(block.start_ns, run.aligner.remark, "WARN", self.name))
         return found + self._frames(run, run.method.add(run.aligner.take()))
 
     def _wanted(self, stream: Stream) -> bool:

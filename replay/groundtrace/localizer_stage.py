@@ -13,7 +13,7 @@ from groundtrace_codecs.events import CandidateBlock, Gap, Note, Pick, StageSpec
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
-from .gates import Candidates, Carry, decided_block, gate_specs
+from .gates import Candidates, Carry, Reach, decided_block, gate_specs, never_passed
 from .lengths import in_length_unit
 from .localizers.api import Site
 from .localizers.location import LEAST_PICKS
@@ -210,6 +210,11 @@ class LocalizerStage(PluginStage["Localizer"]):
                 text = f"{run.spec.topic}: no places: expected a geometry with {run.lacking}"
                 yield Note(time_ns, f"{text}, found none", "WARN", self.name)
             return
+        if not run.told:
+            run.told = True
+            reach = {"picks": Reach(len(run.channels), "the picked channels that have a place")}
+            for text in never_passed(run.spec, reach):
+                yield Note(time_ns, text, "WARN", self.name)
         while run.picks and run.picks[0].time_ns < time_ns:
             run.picks.popleft()
         arrivals = first_arrivals(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_type_hint
 
 import msgspec
 
-from .errors import PipelineError
+from .errors import PipelineError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -125,7 +125,7 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
         if key not in known:
             raise PipelineError(
                 f"{place}.{key}: expected one of {', '.join(known) or 'no parameter'}, "
-                f"found an unknown key"
+                f"found an unknown key{did_you_mean(key, known)}"
             )
         try:
             converted[key] = msgspec.convert(value, hints[key])
@@ -135,7 +135,10 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
             ) from None
         if isinstance(value, float) and not math.isfinite(value):
             raise PipelineError(f"{place}.{key}: expected a finite number, found {value!r}")
-    return parameters(**converted)
+    try:
+        return parameters(**converted)
+    except ValueError as error:  # of values that do not go together, in ``__post_init__``
+        raise PipelineError(f"{place}.{error}") from None
 
 
 def parse_value(text: str) -> Any:

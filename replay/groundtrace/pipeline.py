@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundtrace_codecs.geometry_toml import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 
 from .array_stage import ArrayStage
-from .errors import PipelineError
+from .errors import PipelineError, did_you_mean
 from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
 from .plugins import find
+from .track_check import TrackCheck
 from .wiring import Before
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
+#: Written in a recipe where it is not empty.
+PLACEMENTS = "placements"
 #: Groups of plugins a stage may use.
 STAGE_GROUPS = (
     "detectors",
@@ -86,12 +90,16 @@ class PipelineConfig:
         Kind of recording, one of :data:`APPLICATIONS`; chooses the viewer's layout.
     stage
         In order. None at all must be said, as ``stage = []``: it shows the signals alone.
+    placements
+        By topic, where a sensor is worn whose recording does not say so: asked for by detectors
+        that take a placement. Empty text where it was looked for and is not known.
     """
 
     name: str
     description: str = ""
     application: str = "room"
     stage: tuple[StageConfig, ...] = ()
+    placements: dict[str, str] = field(default_factory=dict)
 
 
 def named_pipelines() -> dict[str, Path]:
@@ -113,6 +121,7 @@ def load_pipeline(name_or_path: str) -> PipelineConfig:
     if not path.is_file():
         raise PipelineError(
             f"{name_or_path}: expected a file or one of {', '.join(shipped)}, found neither"
+            f"{did_you_mean(name_or_path, shipped)}"
         )
     return parse_pipeline(path.read_bytes(), path.name)
 
@@ -155,6 +164,7 @@ def _known_keys(table: dict[str, Any], kind: type[Any], place: str) -> None:
         if key not in known:
             raise PipelineError(
                 f"{place}: {key}: expected one of {', '.join(known)}, found an unknown key"
+                f"{did_you_mean(key, known)}"
             )
 
 
@@ -175,19 +185,44 @@ def with_settings(config: PipelineConfig, settings: Iterable[str]) -> PipelineCo
         if stage not in stages:
             raise PipelineError(
                 f"--set: expected a stage of {', '.join(stages)}, found {stage!r} in {setting!r}"
+                f"{did_you_mean(stage, stages)}"
             )
         values = stages[stage].parameters | {parameter: parse_value(value)}
         stages[stage] = replace(stages[stage], parameters=values)
     return replace(config, stage=tuple(stages.values()))
 
 
-class Pipeline:
-    """A chain of stages: each sees the item and what the stages before it made of it."""
+def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> PipelineConfig:
+    """Read a pipeline, apply settings, and check all names and values before any file is opened.
 
-    def __init__(self, config: PipelineConfig, stages: Sequence[Stage], resolved: str) -> None:
+    Raises
+    ------
+    PipelineError, PluginError
+        An unknown pipeline, plugin or parameter, or a value of another type or out of range.
+    """
+    config = with_settings(load_pipeline(name_or_path), settings)
+    for stage in config.stage:
+        build(find(STAGE_GROUPS, stage.use)[1].Parameters, stage.parameters, stage.key)
+    return config
+
+
+class Pipeline:
+    """A chain of stages: each sees the item and what the stages before it made of it.
+
+    At the end of the recording the tracks are checked.
+    """
+
+    def __init__(
+        self,
+        config: PipelineConfig,
+        stages: Sequence[Stage],
+        resolved: str,
+        check: TrackCheck | None = None,
+    ) -> None:
         self.config = config
         self.stages = tuple(stages)
         self._resolved = resolved
+        self._check = check or TrackCheck(config.application, (), metric=False)
 
     def recipe(self) -> str:
         """Return the pipeline as TOML, every parameter with its value and unit."""
@@ -203,8 +238,11 @@ class Pipeline:
 
     def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         """Feed an item, and what the first stage made of it, to the others; return all events."""
-        if len(self.stages) < 2:
-            return begun
+        found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
+        self._check.hear(found)
+        return found
+
+    def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         if isinstance(item, SignalBlock):
             for stage in self.stages:
                 if isinstance(stage, ArrayStage):
@@ -222,16 +260,19 @@ class Pipeline:
             pass_on(held, self.stages[index + 1 :])
             for made in held:
                 found += [made.item, *made.events()]
-        return found
+        self._check.hear(found)
+        return [*found, *self._check.finish()]
 
     def save(self) -> tuple[Any, ...]:
-        """Return a copy of everything that crosses items, stage by stage."""
-        return tuple(stage.save() for stage in self.stages)
+        """Return a copy of everything that crosses items, stage by stage, and of the check."""
+        return (*(stage.save() for stage in self.stages), self._check.save())
 
     def restore(self, saved: Sequence[Any]) -> None:
         """Go on from what :meth:`save` returned."""
-        for stage, state in zip(self.stages, saved, strict=True):
+        *states, check = saved
+        for stage, state in zip(self.stages, states, strict=True):
             stage.restore(state)
+        self._check.restore(check)
 
 
 def build_pipeline(
@@ -255,17 +296,20 @@ def build_pipeline(
         it needs before it, in one line.
     """
     stages: list[Stage] = []
-    before = Before()
+    before = Before(config.placements)
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
+    lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
     lines += [] if config.stage else ["stage = []"]
     for stage in config.stage:
         group, kind = find(STAGE_GROUPS, stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         given = (stage.key, stage.use, kind, parameters, stage.topics)
         stages.append(before.stage(group, given, geometry, labels))
-        before.add(stage.key, kind.emits, parameters)
+        before.add(group, stage.key, kind.emits, parameters)
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
-    return Pipeline(config, stages, "\n".join(lines) + "\n")
+    metric = geometry is None or geometry.unit != UNKNOWN_UNIT
+    check = TrackCheck(config.application, before.tracking, metric=metric)
+    return Pipeline(config, stages, "\n".join(lines) + "\n", check)
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
@@ -283,6 +327,8 @@ def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -
 def _toml(value: Any) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, float):
         return repr(value)
     return msgspec.json.encode(value).decode()

@@ -7,7 +7,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Any
 
-from .errors import PluginError
+from .errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,7 +89,9 @@ def find(groups: Sequence[str], name: str) -> tuple[str, Any]:
         if name in _points(group):
             return group, load(group, name)
     known = sorted(known for group in groups for known in _points(group))
-    raise PluginError(f"use: expected one of {', '.join(known)}, found {name!r}")
+    raise PluginError(
+        f"use: expected one of {', '.join(known)}, found {name!r}{did_you_mean(name, known)}"
+    )
 
 
 def load(group: str, name: str) -> Any:

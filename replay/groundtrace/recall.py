@@ -41,6 +41,8 @@ class Recall:
         How long after its first pick others still belong to a group [ns].
     ahead_s
         How far the clock of each column is ahead of the common one, shape (n_channels,) [s].
+    first_ns
+        The first sample since the clock was set back; None before it.
 
     Notes
     -----
@@ -56,9 +58,11 @@ class Recall:
     _blocks: deque[SignalBlock] = field(default_factory=deque)
     _picks: list[Pick] = field(default_factory=list)
     _kept: Cut | None = None
+    first_ns: int | None = None
 
     def hear(self, block: SignalBlock) -> None:
         """Take the next block; forget what no step can ask for any more."""
+        self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
         self._blocks.append(block)
         if self._picks and self._kept is None:
             first_ns = self._picks[0].time_ns
@@ -80,7 +84,7 @@ class Recall:
     def forget(self) -> None:
         """Forget everything: the clock was set back."""
         self._blocks.clear()
-        self._picks, self._kept = [], None
+        self._picks, self._kept, self.first_ns = [], None, None
 
     def window(self, step_ns: int) -> Cut:
         """Return the signal around a step: its first time [ns], and values in channel units."""

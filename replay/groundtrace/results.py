@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import tomllib
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
@@ -16,6 +17,7 @@ from groundtrace_codecs.signals import SignalBlock
 
 from . import __version__
 from .errors import RecordingError
+from .warned import warnings_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,9 +27,11 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.writer import RecordingWriter
 
     from .sinks import Session
+    from .warned import Warned
 
 RUN = "groundtrace.run"
 FIRST_NS, LAST_NS = -(2**63), 2**63 - 1
@@ -56,6 +60,8 @@ class Provenance:
         Of the packages that took part.
     stopped_ns
         Where the replay was stopped, which is ``to_ns`` then [ns]; None where it came to its end.
+    placements
+        Where on the body the sensor of a topic is worn, of those that state it.
     """
 
     recording: str
@@ -68,6 +74,7 @@ class Provenance:
     from_ns: int | None = None
     to_ns: int | None = None
     stopped_ns: int | None = None
+    placements: dict[str, str] = field(default_factory=dict)
 
 
 def package_versions() -> dict[str, str]:
@@ -197,6 +204,8 @@ class Results:
         In the order of the file.
     annotations
         As they were when the recording was replayed.
+    given
+        Waypoints that stages of the pipeline were given: they are no truth to it.
     """
 
     name: str
@@ -205,6 +214,12 @@ class Results:
     geometry: Geometry | None
     events: tuple[Event, ...]
     annotations: tuple[Annotation, ...] = ()
+    given: tuple[Label, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[Warned, ...]:
+        """What the replay warned of, each once."""
+        return warnings_of(self.events, self.provenance.start_ns)
 
 
 def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> Results:
@@ -233,13 +248,7 @@ def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> 
     if not path.is_file():
         raise RecordingError(f"{path.name}: expected a results file, found no such file")
     with Recording.open(path) as recording:
-        run = recording.metadata.get(RUN)
-        if run is None:
-            raise RecordingError(
-                f"{path.name}: metadata: expected {RUN} as groundtrace replay --out writes it, "
-                f"found {', '.join(recording.metadata) or 'none'}"
-            )
-        provenance = _provenance(run.get("json", ""), path.name)
+        provenance = provenance_in(recording, path.name)
         labels = replayed_labels(recording.labels, provenance.from_ns, provenance.to_ns)
         if evidence:
             from .explain.evidence import KINDS, joined
@@ -247,14 +256,40 @@ def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> 
             events = tuple(joined(events_of(recording.file, only=KINDS)))
         else:
             events = tuple(events_of(recording.file, blocks=blocks))
+        given = given_to(provenance.pipeline, recording.labels)
         return Results(
-            path.name, provenance, labels, recording.geometry, events, recording.annotations
+            path.name, provenance, labels, recording.geometry, events, recording.annotations, given
         )
 
 
-def _provenance(text: str, name: str) -> Provenance:
+def given_to(pipeline: str, labels: Sequence[Label]) -> tuple[Label, ...]:
+    """Return the waypoints that the stages of a resolved pipeline, TOML, are given of labels."""
+    from .reckoning.places import given_waypoints
+
     try:
-        return msgspec.json.decode(text, type=Provenance)
+        stages = tomllib.loads(pipeline).get("stage", [])
+    except tomllib.TOMLDecodeError:
+        return ()  # who asks for the pipeline says it
+    updates = [str(stage.get("parameters", {}).get("updates", "")) for stage in stages]
+    return max((tuple(given_waypoints(labels, each)) for each in updates), key=len, default=())
+
+
+def provenance_in(recording: Recording, name: str) -> Provenance:
+    """Return where the results in an open file come from; ``name`` names it in errors.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is not a groundtrace result.
+    """
+    run = recording.metadata.get(RUN)
+    if run is None:
+        raise RecordingError(
+            f"{name}: metadata: expected {RUN} as groundtrace replay --out writes it, "
+            f"found {', '.join(recording.metadata) or 'none'}"
+        )
+    try:
+        return msgspec.json.decode(run.get("json", ""), type=Provenance)
     except msgspec.DecodeError as error:
         raise RecordingError(
             f"{name}: metadata: {RUN}: expected a provenance, found: {error}"

@@ -105,6 +105,8 @@ class Keeper:
         Whether the user has asked to stop.
     watches
         Of placements, by topic.
+    sensors
+        What was heard of worn sensors, see :func:`groundtrace.health.imu.judged`.
     every_s
         Wall time between checkpoints [s].
     settle
@@ -126,6 +128,7 @@ class Keeper:
     every_s: float = EVERY_S
     settle: Callable[[], None] = _nothing
     watches: dict[str, Any] = field(default_factory=dict)
+    sensors: dict[str, Any] = field(default_factory=dict)
     stopped: bool = False
     resumable: bool = True
     _due_s: float = 0.0
@@ -171,7 +174,7 @@ class Keeper:
             tally=self.tally,
             damage=self.recording.damage,
             source=self.source.save(),
-            watches=self.watches,
+            watches=(self.watches, self.sensors),
             stages=self.chain.save(),
         )
 
@@ -180,7 +183,9 @@ class Keeper:
         self.source.restore(checkpoint.source)
         self.source.reached_ns = checkpoint.reached_ns
         self.chain.restore(checkpoint.stages)
-        self.watches.update(checkpoint.watches)
+        watches, sensors = checkpoint.watches
+        self.watches.update(watches)
+        self.sensors.update(sensors)
         self.keep()
         if before != self.stored.path:
             before.unlink()

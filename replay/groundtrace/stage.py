@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
@@ -18,14 +18,16 @@ from groundtrace_codecs.events import (
     TraceBlock,
 )
 from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.units import QUANTITIES, UNKNOWN_UNITS
 
 from .detector import Associator, Detector, Emits
-from .gates import Candidates, Carry, decided_block, gate_specs
+from .gates import Candidates, Carry, decided_block, gate_specs, never_passed
 from .nonfinite import Holder
+from .parameters import describe
 from .presence_spans import Spans
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
@@ -61,7 +63,7 @@ class Stage(Protocol):
 
 @dataclass(slots=True)
 class TopicRun(Generic[W]):
-    """A detector or associator at work on one topic."""
+    """A detector or associator at work on one topic; ``start_ns`` is a run's first sample."""
 
     worker: W
     spec: StageSpec
@@ -70,6 +72,7 @@ class TopicRun(Generic[W]):
     holder: Holder = field(default_factory=Holder)
     spans: Spans = field(default_factory=Spans)
     open: bool = True
+    start_ns: int | None = None
 
     def decide(self, found: Candidates, parameters: Any) -> list[Event]:
         """Return the decided candidates and the events that the accepted ones stand for."""
@@ -79,6 +82,35 @@ class TopicRun(Generic[W]):
         if self.worker.emits == "presence":
             return [block, *self.spans.take(block)]
         return [block, *accepted_events(block, self.worker.emits)]
+
+    def unknown_units(self, block: SignalBlock, parameters: Any) -> Iterator[Note]:
+        """Say at the run's begin where thresholds have a unit and the signal an unknown one."""
+        spec = self.spec
+        units = {q.unit for q in spec.columns} | {g.unit for g in spec.gates}
+        units |= {info.unit for info in describe(type(parameters))}
+        channels = [block.stream.channels[c] for c in self.columns]
+        for quantity, unit in sorted({(c.quantity, c.unit) for c in channels}):
+            wanted = QUANTITIES.get(quantity)
+            if unit not in UNKNOWN_UNITS or unit == wanted or wanted not in units:
+                continue
+            text = f"{spec.topic}: {quantity} is in {unit}, not {wanted}:"
+            if getattr(self.worker, "mean_is_gravity", False):
+                said = f"{text} its mean length is taken for gravity"
+                yield Note(block.start_ns, said, "INFO", spec.stage)
+            else:
+                said = f"{text} what {spec.stage} asks for in {wanted} does not hold"
+                yield Note(block.start_ns, said, "WARN", spec.stage)
+
+    def never_passed(self, time_ns: int) -> Iterator[Note]:
+        """Say at the run's begin which thresholds no candidate can reach."""
+        reach = getattr(self.worker, "reach", None)
+        for text in [] if reach is None else never_passed(self.spec, reach()):
+            yield Note(time_ns, text, "WARN", self.spec.stage)
+
+
+def allows(patterns: Sequence[str], topic: str) -> bool:
+    """Return whether a topic fits one of some patterns; every topic does where there are none."""
+    return not patterns or any(fnmatch(topic, pattern) for pattern in patterns)
 
 
 class PluginStage(Generic[K]):
@@ -109,7 +141,7 @@ class PluginStage(Generic[K]):
 
     def allowed(self, topic: str) -> bool:
         """Return whether the stage may run on a topic."""
-        return not self.topics or any(fnmatch(topic, pattern) for pattern in self.topics)
+        return allows(self.topics, topic)
 
 
 class DetectorStage(PluginStage[Detector]):
@@ -127,6 +159,8 @@ class DetectorStage(PluginStage[Detector]):
         Its parameters.
     topics
         Patterns of the topics it may run on; empty means all that fit.
+    placements
+        By topic, where a sensor is worn that its stream does not say.
 
     Notes
     -----
@@ -134,6 +168,9 @@ class DetectorStage(PluginStage[Detector]):
     held back comes out) and starts a new one with fresh filters. The refractory time goes on,
     unless the clock was set back: times before and after then have nothing to do with each other.
     Samples that are not finite are held at the channel's last finite value and counted.
+
+    No candidate is earlier than the first sample of its run: one that a filter's delay or a lead
+    put before it, where somebody begins to walk from rest, is set to it before it is decided.
     """
 
     def __init__(
@@ -143,8 +180,10 @@ class DetectorStage(PluginStage[Detector]):
         kind: type[Detector],
         parameters: Any,
         topics: Sequence[str] = (),
+        placements: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(name, plugin, kind, parameters, topics)
+        self.placements = placements or {}
         self._runs: dict[str, TopicRun[Detector] | None] = {}
 
     def process(self, item: SignalBlock | Event) -> Iterator[Event]:
@@ -160,6 +199,8 @@ class DetectorStage(PluginStage[Detector]):
                 self._runs[item.topic] = run = self._begin(item.stream)
                 if run is not None:
                     yield run.spec
+                    yield from run.unknown_units(item, self.parameters)
+                    yield from run.never_passed(item.start_ns)
             run = self._runs[item.topic]
             if run is not None:
                 yield from self._feed(run, item.select(run.columns))
@@ -194,7 +235,7 @@ class DetectorStage(PluginStage[Detector]):
         if not (columns and allowed):
             return None
         detector = self.kind(self.parameters)
-        names = detector.start(stream.select(columns))
+        names = detector.start(self._worn(stream.select(columns)))
         spec = StageSpec(
             stage=self.name,
             plugin=self.plugin,
@@ -207,11 +248,18 @@ class DetectorStage(PluginStage[Detector]):
         )
         return TopicRun(detector, spec, columns)
 
+    def _worn(self, stream: Stream) -> Stream:
+        """Return a stream with the placement that it states, or else the one that is known."""
+        placement = stream.placement or self.placements.get(stream.topic, "")
+        return replace(stream, placement=placement)
+
     def _feed(self, run: TopicRun[Detector], block: SignalBlock) -> list[Event]:
         if not run.open:
             run.worker = self.kind(self.parameters)
-            run.worker.start(block.stream)
-            run.open = True
+            run.worker.start(self._worn(block.stream))
+            run.open, run.start_ns = True, None
+        if run.start_ns is None:
+            run.start_ns = block.start_ns
         return self._measured(run, run.worker.measure(run.holder.held(block)))
 
     def _finish(self, run: TopicRun[Detector]) -> Iterator[Event]:
@@ -226,7 +274,10 @@ class DetectorStage(PluginStage[Detector]):
         run.holder = Holder()
 
     def _measured(self, run: TopicRun[Detector], measured: Measured) -> list[Event]:
-        decided = run.decide(measured.candidates, self.parameters)
+        found = measured.candidates
+        if run.start_ns is not None:
+            found = found.not_before(run.start_ns)
+        decided = run.decide(found, self.parameters)
         if not len(measured.frames.time_ns):
             return decided
         return [TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value), *decided]

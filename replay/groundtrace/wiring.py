@@ -17,12 +17,13 @@ from .localizer_stage import LocalizerStage
 from .reckoning.stage import ReckoningStage
 from .stage import DetectorStage
 from .step_type_stage import StepTypeStage
+from .track_check import Tracking
 from .tracker_stage import TrackerStage
 from .vehicle_ratio_stage import RatioStage
 from .vehicle_stage import VehicleStage
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
@@ -37,23 +38,29 @@ if TYPE_CHECKING:
 class Before:
     """The stages so far that others take from: the last that picks, the last that finds steps.
 
-    And all that locate: of them a tracker takes one.
+    And all that locate: of them a tracker takes one. And all that track.
 
     Attributes
     ----------
+    placements
+        Where sensors are worn that the recording does not say, by topic.
     picking, stepping, pointing, hearing, locating
         Names of the stages.
+    tracking
+        The stages that track, and what they take.
     window_s
         How long after a step's first arrival the stage that finds steps waits [s]; 0 for one that
         announces at once.
     """
 
+    placements: Mapping[str, str] = field(default_factory=dict)
     picking: str = ""
     stepping: str = ""
     pointing: str = ""
     hearing: str = ""
     window_s: float = 0.0
     locating: list[str] = field(default_factory=list)
+    tracking: list[Tracking] = field(default_factory=list)
 
     def stage(
         self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
@@ -93,7 +100,7 @@ class Before:
             start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
             stepping = self.stepped(key)
             return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
-        return DetectorStage(*given)
+        return DetectorStage(*given, placements=self.placements)
 
     def _localizer(self, given: Given, geometry: Geometry | None) -> Stage:
         """Return the stage of a localizer, by what it takes."""
@@ -103,7 +110,7 @@ class Before:
         picking, stepping = self.located(given[0])
         return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
 
-    def add(self, key: str, emits: str, parameters: Any) -> None:
+    def add(self, group: str, key: str, emits: str, parameters: Any) -> None:
         """Count a stage in by what it emits."""
         if emits == "pick":
             self.picking = key
@@ -116,6 +123,17 @@ class Before:
             self.hearing = key
         elif emits == "fix":
             self.locating.append(key)
+        elif emits == "track":
+            self.tracking.append(self._tracks(group, key, parameters))
+
+    def _tracks(self, group: str, key: str, parameters: Any) -> Tracking:
+        """Return what a stage that tracks takes, and from whom."""
+        if group == "trackers":
+            return Tracking(key, "fixes", self.tracked(key, parameters.source))
+        if group == "reckoners":
+            return Tracking(key, "steps", self.stepped(key))
+        taken = "three axes of a foot" if group == "navigators" else "vehicles at stations"
+        return Tracking(key, taken)
 
     def located(self, key: str) -> tuple[str, str]:
         """Return whose picks and steps a stage takes; refuse one with nothing to take."""

@@ -40,7 +40,7 @@ COMMANDS = {
         "Without a recording, the bundled walk through a room is replayed. Without options it "
         "leaves NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present "
         "folder.\n\n"
-        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.height=0.6",
+        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.swing=0.3",
     ),
     "score": (
         f"{HERE}.scoring:score",
@@ -64,8 +64,8 @@ COMMANDS = {
         "Try many settings of the gates, without the signal, and say which are best, how sure that "
         "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
         "again. With several recordings each is left out in turn.\n\n"
-        "Example: groundtrace sweep walk.results.mcap --grid steps.height=0.2:1:17 "
-        "--grid steps.swing=0.4:1.6:13 --write best.toml --figure sweep.svg",
+        "Example: groundtrace sweep walk.results.mcap --grid steps.dominance=0.4:0.8:17 "
+        "--grid steps.swing=0.1:1:19 --write best.toml --figure sweep.svg",
     ),
     "calibrate": (
         f"{HERE}.calibrating:calibrate",
@@ -100,7 +100,7 @@ COMMANDS = {
     "filter": (
         f"{HERE}.copying:filter_",
         "Copy some topics of a recording, message by message as they are.\n\n"
-        "Example: groundtrace filter walk.mcap -o small.mcap --without '/camera/*'",
+        "Example: groundtrace filter walk.mcap -o small.mcap --without '/baro/*'",
     ),
     "convert": (
         f"{HERE}.copying:convert",
@@ -216,28 +216,55 @@ def main(arguments: Sequence[str] | None = None) -> None:
     one_thread()  # before a command imports numpy
     keep_freed_memory()
     try:
-        application()(arguments, exit_on_error=False, result_action="return_value")
-        sys.stdout.flush()
-    except CycloptsError:
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        code = _run(arguments)
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # None where the caller has closed it
+                stream.flush()
     except BrokenPipeError:  # who reads our output, as head does, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(1)
+        _hush()
+        code = 1
+    except OSError as error:
+        from ..appearing import NO_ROOM
+
+        if error.errno not in NO_ROOM:
+            raise
+        _hush()
+        reason = f"expected room to write, found: {error.strerror}"
+        print(f"groundtrace: output: {reason}", file=sys.stderr)
+        code = 1
+    if code:
+        sys.exit(code)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run the command line; say known errors in one line, and return the exit code."""
+    try:
+        application()(arguments, exit_on_error=False, result_action="return_value")
+    except CycloptsError:
+        return 2
+    except KeyboardInterrupt:
+        return 130
     except OSError as error:
         if error.filename is None:
             raise
-        print(
-            f"groundtrace: {error.filename}: expected a file to use, found: {error.strerror}",
-            file=sys.stderr,
-        )
-        sys.exit(1)
+        said = f"{error.filename}: expected a file to use, found: {error.strerror}"
     except Exception as error:
         if not is_known(error):
             raise
-        print(f"groundtrace: {error}", file=sys.stderr)
-        sys.exit(1)
+        said = str(error)
+    else:
+        return 0
+    print(f"groundtrace: {said}", file=sys.stderr)
+    return 1
+
+
+def _hush() -> None:
+    """Drop what a stream still holds where it takes no more: the interpreter's end would say so."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def is_known(error: Exception) -> bool:

@@ -16,6 +16,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..annotate import Annotations, stored
 from ..annotate.checks import AUTHOR, named
 from ..errors import AnnotationError
+from ..pipeline import checked_pipeline
 from .annotation_lines import Done, print_annotations, print_conflicts, print_document
 from .output import existing, say, writable
 
@@ -146,6 +147,8 @@ def annotate(
         raise AnnotationError(f"--commit: expected it together with --out FILE, found {found}")
     if pipeline and results is not None:
         raise AnnotationError("--pipeline: expected it or --results, found both")
+    if pipeline:
+        checked_pipeline(pipeline)
     if out is not None:
         writable(out, force=force, sources=[path])
     words = _Words(label, channel, note)

@@ -12,7 +12,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
 from ..explain import evidence_of
-from ..explain.comparison import matched
+from ..explain.evidence import matched
 from ..results import read_results, replayed_labels
 from .truth import truth_of
 
@@ -84,6 +84,11 @@ class Around:
         part = self._part(item)
         if part is not None:
             self._sink.write(part)
+
+    def abandon(self) -> None:
+        """End the replay without an output."""
+        abandon = getattr(self._sink, "abandon", self._sink.close)
+        abandon()
 
     def close(self) -> None:
         """End the replay."""

@@ -15,6 +15,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..appearing import write_text
 from ..errors import RecordingError
+from ..pipeline import checked_pipeline
 from ..results import RUN
 from .output import existing, print_json, print_table, progress, say, writable
 from .resuming import results_at
@@ -83,7 +84,9 @@ def calibrate(
     ignore_places
         Take no notice of known places of impacts.
     offsets
-        Whether the sensors' clocks may differ; auto: where the arrivals say so.
+        Whether the sensors' clocks are told: no takes them as the geometry has them; auto tells
+        them where places of impacts are known and places held out of the fit show the offsets; yes
+        is an error where they do not.
     exponent
         Of arrivals over distance, where they do not tell it: 4/3 for onsets on a thin plate, 1 for
         arrivals that are corrected for dispersion. Without it that of the pipeline's localizers.
@@ -96,6 +99,7 @@ def calibrate(
     """
     from .. import calibrate as package
 
+    checked_pipeline(pipeline)
     if geometry_out is not None:
         sources = [path for path in (source, geometry, truth) if path is not None]
         writable(geometry_out, force=force, sources=sources)
@@ -181,8 +185,11 @@ def _print(c: Calibration) -> None:
             (o.channel, f"{o.offset_s * 1e3:+.3f}", f"{o.deviation_s * 1e3:.3f}") for o in c.offsets
         ]
         print_table(("clock", "ahead [ms]", "deviation"), clocks)
-    else:
-        print("clocks: no offsets")
+    if c.held_out_gain is not None and c.held_out_error is not None:
+        print(
+            f"held-out places: log likelihood {c.held_out_gain:+.1f} with offsets of the clocks, "
+            f"standard error {c.held_out_error:.1f}"
+        )
     if c.positions is not None:
         p = c.positions
         print(

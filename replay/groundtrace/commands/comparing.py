@@ -11,6 +11,7 @@ from cyclopts import Parameter, validators
 from ..explain import evidence_of
 from ..explain.comparison import Comparison, Decision
 from ..explain.comparison import compare as compared
+from ..explain.unfiltered import beside
 from ..plugins import load
 from .output import print_json, print_table, say
 from .pages import comparison_page
@@ -59,7 +60,8 @@ def compare(
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
     one, other = results_at(a), results_at(b)
     labels = truth_of(one, a, truth) or truth_of(other, b, truth)
-    found = compared(one, other, labels, tolerance)
+    places = [beside(path, one.provenance.recording) for path in (a, b)]
+    found = compared(one, other, labels, tolerance, places)
     if json:
         print_json(found)
     else:
@@ -101,6 +103,12 @@ def _row(decision: Decision) -> tuple[str, ...]:
     lacks = decision.obstacle
     step = "-" if decision.step is None else str(decision.step)
     side, why = ("", "") if lacks is None else (lacks.side, lacks.text)
+    for side_pair in decision.pairs:
+        pair = side_pair.pair
+        if pair.found_s == decision.time_s:
+            why = f"{why}; {side_pair.side}'s step {pair.text}"
+        elif side_pair.side == side:
+            why = f"{why} (the step found at {pair.found_s:.3f} s)"
     return (f"{decision.time_s:.3f}", step, decision.verdict, side, why)
 
 

@@ -167,8 +167,11 @@ def _of_results(
     @cache
     def evidence() -> Evidence:
         from ..explain import evidence_of
+        from ..explain.unfiltered import beside, with_recording
 
-        return evidence_of(result, truth_of(result, source, None))
+        name, sha256 = result.provenance.recording, result.provenance.sha256
+        places = [beside(source, name), *([] if given is None else [given])]
+        return with_recording(evidence_of(result, truth_of(result, source, None)), sha256, places)
 
     return Material(
         result.name,

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import RecordingError
+from ..suitability import SIGNALS
 
 if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.recording import Recording
-
-#: The pipeline without stages.
-SIGNALS = "signals"
 
 
 def fitting_pipeline(recording: Recording) -> str | None:

@@ -44,6 +44,7 @@ class FleetReport:
     rows: int
     steps: int
     errors: int
+    warnings: int
     done: int
     known: int
     failed: int
@@ -106,9 +107,9 @@ def fleet(
     part = shard_of(shard) if shard else None
     if part is not None and join_:
         raise RecordingError("--shard: expected it without --join, found both")
-    _check_target(out, force=force or resume or join_ or part is not None)
-    locations = recordings_of(recordings)
     recipes = recipes_of(pipeline or [], set_ or [], tolerance)
+    locations = recordings_of(recordings)
+    _check_target(out, force=force or resume or join_ or part is not None)
     tasks = tasks_of(locations, recipes, tolerance, truth_beside(truth, locations))
     parts, count = Parts(out.with_suffix(".parts")), Count()
     joined: Joined | None = None
@@ -160,6 +161,7 @@ def _report(
         joined.rows if joined is not None else 0,
         joined.steps if joined is not None else 0,
         joined.errors if joined is not None else 0,
+        joined.warnings if joined is not None else 0,
         count.done,
         count.known,
         count.failed,
@@ -178,5 +180,7 @@ def _print(said: FleetReport) -> None:
     print(f"steps: {said.steps_table}, {said.steps} rows")
     if said.errors:
         print(f"errors: {said.errors} rows have one, in the column error")
+    if said.warnings:
+        print(f"warnings: {said.warnings} rows have some, in the column warnings")
     print(f"decided: {said.digest} (the same wherever it is computed)")
     print(f"look at it with: groundtrace fleet-report {said.table} -o fleet.html")

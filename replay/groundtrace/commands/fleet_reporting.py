@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from ..appearing import write_text
 from ..fleet.measures import changes, pairs_of
 from ..fleet.reading import missed_steps, read_table
 from ..fleet.report import fleet_page
@@ -80,7 +81,7 @@ def fleet_report(
     fleet = read_table(table)
     old = None if against is None else read_table(against)
     page = fleet_page(fleet, missed_steps(table), _pipeline_files(fleet, out), old)
-    out.write_text(page, encoding="utf-8")
+    write_text(out, page)
     found = [] if old is None else changes(old, fleet)
     if json:
         errors = sum(bool(error) for error in fleet.of("error"))
@@ -120,7 +121,7 @@ def _pipeline_files(fleet: FleetTable, out: Path) -> dict[str, str]:
         files[name] = name
         if name not in shipped or build_pipeline(load_pipeline(name)).recipe() != recipe:
             path = out.with_name(f"{out.stem}.{name}.toml")
-            path.write_text(recipe, encoding="utf-8")
+            write_text(path, recipe)
             say(f"pipeline: {path}")
             files[name] = str(path)
     return files

@@ -75,6 +75,9 @@ def import_(
     if out is None:
         say("import: expected --out, found none")
         raise CycloptsError
+    # what computes is not imported before there is something to compute
+    from ..health.imu import ImportedImu
+
     with progress(None, "importing", quiet=quiet) as show:
         report = import_recording(
             sources,
@@ -87,6 +90,7 @@ def import_(
             strict=strict,
             force=force,
             progress=show,
+            listener=ImportedImu,
         )
     for warning in report.warnings:
         say(f"warning: {warning}")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import Stream
 
-    from ..health import HealthWatch
+    from ..health import Finding, HealthWatch
     from ..placement_watch import PlacementWatch
     from .info_faults import FaultInfo
 
@@ -102,6 +102,7 @@ def summary(recording: Recording, size: int, *, labels: bool = True) -> Recordin
         length_unit=recording.geometry.length_unit if recording.geometry is not None else None,
         metadata=sorted(recording.metadata),
         clocks=clock_lines(recording),
+        unit_warnings=list(recording.assumed),
         signals_read=False,
     )
 
@@ -117,6 +118,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     """Read a recording from end to end and say what it holds."""
     # what computes is not imported before there is something to compute
     from ..health import HealthWatch, Listened
+    from ..health.imu import ImuWatch
 
     start_ns = recording.start_ns
     samples: Counter[str] = Counter()
@@ -125,8 +127,10 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     watches = _watches(recording)
     units = {s.topic: UnitWatch(s) for s in recording.streams}
     health = {s.topic: HealthWatch(s) for s in recording.streams}
+    worn = ImuWatch(Source(recording).streams, limits=False)
     for item in Source(Listened(recording, health)):
         health[item.topic].hear(item)
+        worn.hear(item)
         if isinstance(item, Gap):
             gaps.append(item)
             if item.topic in watches and not item.bridged:
@@ -139,6 +143,8 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
         show((item.last_ns - start_ns) / NS_PER_S)
+    worn.finish()
+    remarks = [line for watch in units.values() for line in watch.remarks()]
     streams = [
         _stream(s, samples[s.topic], spans.get(s.topic), start_ns, watches.get(s.topic))
         for s in recording.streams
@@ -147,16 +153,29 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         summary(recording, size),
         streams=streams,
         gaps=[_gap(gap, start_ns, recording.labels) for gap in gaps],
-        unit_warnings=[line for watch in units.values() for line in watch.remarks()],
-        faults=_faults(recording, health, streams),
+        unit_warnings=[*recording.assumed, *remarks],
+        faults=_faults(recording, [*worn.findings(remarks)], health, streams),
+        axes=list(worn.checks()),
         signals_read=True,
     )
 
 
 def _faults(
-    recording: Recording, health: dict[str, HealthWatch], streams: list[StreamInfo]
+    recording: Recording,
+    worn: list[Finding],
+    health: dict[str, HealthWatch],
+    streams: list[StreamInfo],
 ) -> list[FaultInfo]:
-    found = [fault_of(f, recording.start_ns) for watch in health.values() for f in watch.findings()]
+    zero = {(f.topic, f.channel) for f in worn if f.kind == "zero"}
+    found = [fault_of(f, recording.start_ns) for f in worn]
+    for topic, watch in health.items():
+        quantities = {c.name: c.quantity for c in watch.stream.channels}
+        found += (
+            fault_of(f, recording.start_ns)
+            for f in watch.findings()
+            # what is zero in all axes was said once
+            if f.kind != "constant" or (topic, quantities[f.channel]) not in zero
+        )
     length_s = (recording.end_ns - recording.start_ns) / NS_PER_S
     for stream, told in zip(recording.streams, streams, strict=True):
         if told.samples and told.start_s is not None and told.end_s is not None:
@@ -257,6 +276,8 @@ def _print(found: RecordingInfo) -> None:
         print(f"time: {line}")
     for warning in found.unit_warnings:
         print(f"unit: {warning}")
+    for check in found.axes:
+        print(f"axes: {check.topic} against {check.against}: {check.text}")
     print_faults(found.faults)
     for other in found.others:
         print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..health.imu import AxisCheck
     from ..placement import Measures
     from .info_faults import FaultInfo
 
@@ -81,5 +82,6 @@ class RecordingInfo:
     annotations: dict[str, int] = field(default_factory=dict)
     unit_warnings: list[str] = field(default_factory=list)
     faults: list[FaultInfo] = field(default_factory=list)
+    axes: list[AxisCheck] = field(default_factory=list)
     clocks: list[str] = field(default_factory=list)
     signals_read: bool = True

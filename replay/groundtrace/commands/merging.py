@@ -19,11 +19,12 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
+from ..pipeline import checked_pipeline
 from ..results import RUN, file_sha256
 from .merge_clocks import Aligner, Found
 from .merge_options import Keys, settings
 from .merge_report import report
-from .output import existing, say, writable
+from .output import SET_BACK, existing, say, writable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -93,8 +94,10 @@ def merge(
     """
     if not sources:
         raise RecordingError("merge: expected recordings, found none")
-    writable(out, force=force, sources=[existing(path) for path in sources])
     keys = Keys.of(sources)
+    for name in keys.by_file("--pipeline", pipeline or ()).values():
+        checked_pipeline(name)
+    writable(out, force=force, sources=[existing(path) for path in sources])
     with ExitStack() as opened:
         recordings = [opened.enter_context(_recording(path)) for path in sources]
         if undo:
@@ -125,6 +128,8 @@ def _recording(path: Path) -> Recording:
             f"{path.name}: expected a recording, found results; merge their recordings and replay "
             f"the merged one"
         )
+    if opened.set_back:
+        say(f"warning: {path.name}: {SET_BACK}")
     return opened
 
 

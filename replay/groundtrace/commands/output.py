@@ -15,15 +15,33 @@ from groundtrace_codecs.mcap.remote import is_url
 from ..errors import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from ..warned import Warned
 
 #: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
 FIRST_DATE_NS = 315_532_800_000_000_000
 
+#: What a copy does to a recording whose clock was set back.
+SET_BACK = (
+    "a clock was set back while it was recorded, and messages are written in the order of their "
+    "log times: where times come twice, what was recorded before and after is mixed in the new file"
+)
 
-def print_json(document: Any) -> None:
-    """Print one JSON document on stdout; a number that is not finite is null."""
+
+def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
+    """Print one JSON document on stdout; a number that is not finite is null.
+
+    Parameters
+    ----------
+    document
+        An object.
+    warnings
+        What a replay warned of: becomes its property ``warnings``, unless None.
+    """
     plain = _finite(msgspec.to_builtins(document, enc_hook=str))
+    if warnings is not None:
+        plain["warnings"] = [warned.document for warned in warnings]
     print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
 
 
@@ -40,6 +58,12 @@ def _finite(value: Any) -> Any:
 def say(text: str) -> None:
     """Print a line of progress or a remark on stderr."""
     print(text, file=sys.stderr)
+
+
+def print_warnings(warnings: Iterable[Warned]) -> None:
+    """Print what a replay warned of, a line each, on stdout: before what rests on it."""
+    for warned in warnings:
+        print(f"warning: {warned.line}")
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .why_steps import settings_text
+
 if TYPE_CHECKING:
     from ..explain import Counts, Remedy
     from ..explain.account import Account, Moment
@@ -46,11 +48,16 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
         lines.append("A step was accepted.")
     else:
         lines.append(f"**{found.reason.cause}**: {found.reason.text}")
+    if found.pair is not None:
+        lines += ["", f"The step found at {found.pair.found_s:.3f} s {found.pair.text}."]
     if remedy is not None:
-        lines += ["", f"Smallest change: `--set {remedy.setting}`", ""]
+        lines += ["", f"Smallest change: `{settings_text(remedy)}`", ""]
         lines += _counts_table((("now", remedy.before), ("then", remedy.after)))
     elif title and found.reason is not None:
-        lines += ["", "No change of a single parameter finds it."]
+        lines += [
+            "",
+            "No change of one or two parameters finds it without losing more than it mends.",
+        ]
     stages = list(dict.fromkeys(link.stage for link in found.chain))
     for link in sorted(found.chain, key=lambda link: -stages.index(link.stage)):
         lines += ["", *_chain(link)]
@@ -76,6 +83,13 @@ def _chain(link: Chain) -> list[str]:
 def account_page(found: Account) -> str:
     """Return the page about a whole result."""
     lines = [f"# {found.recording}", "", *_counts_table((("", found.counts),)), ""]
+    if found.shift is not None:
+        s = found.shift
+        lines += [
+            f"One shift mends {s.mends} of {s.pairs} steps found at the wrong time: all "
+            f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} are right.",
+            "",
+        ]
     lines += [f"* {n} missed by {cause}" for cause, n in found.causes.items()]
     if found.missed:
         lines += ["", "| missed | time [s] | why |", "|---|---|---|"]

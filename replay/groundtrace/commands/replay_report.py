@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .output import print_json
+from .output import print_json, print_warnings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,6 +65,7 @@ def report(
         As one JSON document.
     """
     counts = {name: tally.counts.get(kind, 0) for name, kind in COUNTED}
+    warnings = tally.warnings.told(session.start_ns)
     if json:
         print_json(
             {
@@ -79,10 +80,13 @@ def report(
                 "results": str(results),
                 "rrd": str(rrd) if rrd is not None else None,
                 "rrd_bytes": rrd.stat().st_size if rrd is not None else None,
-            }
+            },
+            warnings,
         )
         return
-    _print_report(session.streams, chain, tally, counts)
+    quiet_notes = counts["notes"] - sum(warned.count for warned in warnings)
+    _print_report(session.streams, chain, tally, counts | {"notes": quiet_notes})
+    print_warnings(warnings)
     print(f"results: {results}")
     if rrd is not None:
         size = f"{rrd.stat().st_size / 1e6:.1f} MB, {timeline}"

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..clock import Clock
 from ..engine import ReplayLoop
-from ..results import ResultsSink
 from ..resumable import Keeper, stopping
 from .output import progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from groundtrace_codecs.events import Note
+
     from ..engine import Tally
     from ..pipeline import Pipeline
     from ..resumable import Left
     from ..sinks import Session, Sink
     from ..source import Source
+    from ..suitability import Prepared
 
 
 def kept_run(
@@ -28,10 +32,16 @@ def kept_run(
     sinks: Sequence[Sink],
     session: Session,
     rate: float,
+    ready: Prepared,
     *,
     quiet: bool,
 ) -> Tally:
-    """Replay, or go on from what was left, until the end or until the user asks to stop."""
+    """Replay, or go on from what was left, until the end or until the user asks to stop.
+
+    What is to be said of the recording comes first, unless it was said before.
+    """
+    keeper.watches.update(dict.fromkeys(ready.looked_at))
+    first = ready.notes if before is None else ()
     clock = Clock(rate) if rate else None
     if clock is not None:
         keeper.stop.hurry = lambda: setattr(clock, "rate", 0.0)
@@ -48,6 +58,7 @@ def kept_run(
             quiet=quiet,
             keeper=keeper,
             before=before,
+            first=first,
         )
 
 
@@ -61,9 +72,11 @@ def run_into(
     quiet: bool,
     keeper: Keeper | None = None,
     before: Left | None = None,
+    first: Sequence[Note] = (),
 ) -> Tally:
     """Replay into sinks, from opening to closing them."""
     # what filters is not imported before there is something to filter
+    from ..health.imu import judged
     from ..placement_watch import noted
 
     first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
@@ -82,15 +95,19 @@ def run_into(
             )
             if keeper is not None:
                 keeper.settle = run.settle
-            tally = run.through(noted(source, None if keeper is None else keeper.watches))
+            placed = noted(source, None if keeper is None else keeper.watches)
+            kept = None if keeper is None else keeper.sensors
+            tally = run.through(itertools.chain(first, judged(placed, source.streams, kept)))
         if keeper is not None:
             keeper.end()
         return tally
     except BaseException:
         for sink in sinks:
-            if isinstance(sink, ResultsSink):
-                sink.abandon()
+            abandon = getattr(sink, "abandon", None)
+            if abandon is not None:
+                abandon()
         raise
     finally:
-        for sink in sinks:
-            sink.close()
+        with ExitStack() as closing:  # each is closed, whatever comes of the others
+            for sink in reversed(sinks):
+                closing.callback(sink.close)

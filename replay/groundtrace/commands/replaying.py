@@ -15,7 +15,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..pipeline import Pipeline, build_pipeline, load_pipeline, with_settings
+from ..pipeline import Pipeline, build_pipeline, checked_pipeline, load_pipeline, with_settings
 from ..plugins import load
 from ..results import (
     Provenance,
@@ -26,6 +26,7 @@ from ..results import (
 from ..resumable import Keeper
 from ..sinks import Session
 from ..source import Source, block_length_s
+from ..suitability import Prepared, prepared
 from .at_miss import Around, missed_step
 from .fitting import default_pipeline
 from .output import existing, say, writable
@@ -36,6 +37,7 @@ from .showing import where_to_show
 from .truth import annotations_to_show
 
 if TYPE_CHECKING:
+    from ..pipeline import PipelineConfig
     from ..sinks import Sink
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
@@ -63,6 +65,7 @@ def replay(
     force: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
+    resumable: Annotated[bool, Parameter(parse=False)] = True,
 ) -> None:
     """Stream a recording through a pipeline; show and store what was decided.
 
@@ -81,9 +84,10 @@ def replay(
     to
         End this many seconds after the first sample.
     at_miss
-        Replay everything, then show 5 s before and after the missed step of this number.
+        Replay everything, then show 5 s before and after the missed step of this number, N; the
+        outputs are NAME-missN.rrd and NAME-missN.results.mcap.
     rrd
-        Write the viewer's file here.
+        Write the viewer's file here; without it beside the results and named as they are.
     out
         Write the results here.
     spawn
@@ -111,29 +115,49 @@ def replay(
         Show no progress bar.
     json
         Print one JSON document.
+    resumable
+        Say how to go on with a replay that is stopped; not where another command replays into a
+        folder that goes with it.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Where the user stopped the replay.
     """
+    settings = set_ or []
+    asked = checked_pipeline(pipeline, settings) if pipeline else None
     path = existing(recording) if recording is not None else _bundled()
     partly = from_ is not None or to is not None or rate or no_viewer or resume
     if at_miss is not None and partly:
         raise RecordingError(
             "--at-miss: expected no --from, --to, --rate, --no-viewer or --resume with it"
         )
-    spawn, rrd = _where_to_show(
-        path, rrd, spawn=spawn, web=web, no_viewer=no_viewer, force=force, resume=resume
-    )
-    results = _results_path(path, out, force=force or resume)
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with Recording.open(path, strict=strict) as opened:
         opened.geometry = site or opened.geometry
-        chain = _pipeline(opened, pipeline, set_ or [])
+        ready = _ready(opened, asked, settings)
+        chain = ready.chain
+        results = out or Path(f"{_stem(path, at_miss)}.results.mcap")
+        writable(results, force=force or resume, sources=[path])
+        spawn, rrd = _where_to_show(
+            (path, results),
+            rrd,
+            spawn=spawn,
+            web=web,
+            no_viewer=no_viewer,
+            force=force,
+            resume=resume,
+        )
+        if rrd is not None and rrd.resolve() == results.resolve():
+            raise RecordingError(f"{rrd}: expected another file than the results, found the same")
         session = _session(opened, path, chain)
         span = _span(session, from_, to)
         block_s = block_length_s(opened.streams) if rate == 0 else 0.0
         origin = origin_of(_provenance(session, path, chain, span), opened.geometry, block_s)
         before = to_go_on_from(results, origin) if resume else None
         if before is None:
-            _results_path(path, out, force=force)
+            writable(results, force=force, sources=[path])
         first_ns = span[0] if before is None else before.checkpoint.reached_ns
         session = _shown(session, (first_ns, span[1]))
         stored = results_sink(results, origin, before)
@@ -146,7 +170,7 @@ def replay(
             sinks.append(shown)
         source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=block_s)
         keeper = Keeper(origin, opened, source, chain, stored, warn=say)
-        tally = kept_run(keeper, before, sinks, session, rate, quiet=quiet)
+        tally = kept_run(keeper, before, sinks, session, rate, ready, quiet=quiet)
         if keeper.stopped and shown is None:
             rrd = None
         elif at_miss is not None:
@@ -158,8 +182,9 @@ def replay(
     timeline = shown.summary if shown is not None else ""
     at_s = stopped_s(keeper, session)
     report(session, chain, tally, results, rrd, timeline, damage, stopped_s=at_s, json=json)
-    if at_s is not None:
+    if at_s is not None and resumable:
         say_stopped(keeper, session, at_s)
+    if at_s is not None or (keeper.stop.asked and not resumable):
         raise KeyboardInterrupt
     _stay_with_the_page(shown, web=web)
 
@@ -171,8 +196,13 @@ def _bundled() -> Path:
     return path_of("room-walk.mcap")
 
 
+def _stem(path: Path, at_miss: int | None) -> str:
+    """Return what outputs are named after; what shows a miss stands beside the whole replay."""
+    return path.stem if at_miss is None else f"{path.stem}-miss{at_miss}"
+
+
 def _where_to_show(
-    path: Path,
+    files: tuple[Path, Path],
     rrd: Path | None,
     *,
     spawn: bool,
@@ -181,24 +211,22 @@ def _where_to_show(
     force: bool,
     resume: bool,
 ) -> tuple[bool, Path | None]:
-    """Return whether to open the viewer, and which file to write."""
+    """Return whether to open the viewer, and which file to write; ``files``: recording, results."""
+    path, results = files
     if no_viewer:
         return where_to_show(rrd, path, spawn=False, force=force, sources=[path])
+    stem = results.stem.removesuffix(".results")
     # what was shown until the replay was stopped stays as it is
-    name = Path(f"{path.stem}.rest.rrd" if resume else f"{path.stem}.rrd")
+    name = results.with_name(f"{stem}.rest.rrd" if resume else f"{stem}.rrd")
     shown, rrd = where_to_show(rrd, name, spawn=spawn, force=force, sources=[path])
     if rrd is not None or spawn or web:
         return shown, rrd
     return shown, writable(name, force=force or resume, sources=[path])
 
 
-def _results_path(path: Path, out: Path | None, *, force: bool) -> Path:
-    return writable(out or Path(f"{path.stem}.results.mcap"), force=force, sources=[path])
-
-
-def _pipeline(recording: Recording, name: str, settings: list[str]) -> Pipeline:
-    config = load_pipeline(name or default_pipeline(recording))
-    return build_pipeline(with_settings(config, settings), recording.geometry, recording.labels)
+def _ready(recording: Recording, asked: PipelineConfig | None, settings: list[str]) -> Prepared:
+    config = asked or with_settings(load_pipeline(default_pipeline(recording)), settings)
+    return prepared(config, recording)
 
 
 def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
@@ -231,6 +259,7 @@ def _provenance(
         versions=package_versions(),
         from_ns=span_ns[0],
         to_ns=span_ns[1],
+        placements={s.topic: s.placement for s in session.streams if s.placement},
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,11 +12,16 @@ from cyclopts import Parameter, validators
 from ..appearing import write_text
 from ..errors import RecordingError
 from ..score import score_events
-from .output import print_json, print_table, say, writable
+from ..score.picks import RIGHT_S
+from .output import print_json, print_table, print_warnings, say, writable
 from .resuming import results_at
-from .truth import truth_of
+from .truth import scored_truth_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from groundtrace_codecs.labels import Label
+
     from ..score import (
         ConsistencyScore,
         DisturbanceScore,
@@ -31,6 +37,7 @@ if TYPE_CHECKING:
     from ..score.closure import ClosureScore
     from ..score.picks import PickErrors
     from ..score.positions import PositionErrors
+    from ..score.truth import ScoredTruth
     from ..score.waypoints import WaypointScore
 
 
@@ -40,6 +47,7 @@ def score(
     truth: Path | None = None,
     author: str | None = None,
     tolerance: Annotated[float, Parameter(validator=validators.Number(gt=0, lt=math.inf))] = 0.12,
+    stage: Annotated[list[str] | None, Parameter(negative="")] = None,
     html: Path | None = None,
     force: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
@@ -57,6 +65,10 @@ def score(
         Where annotations are the truth: whose; without it everybody's.
     tolerance
         Largest distance between a step and its detection [s].
+    stage
+        Score what this stage gives, in the place of others' of its kind; may be given several
+        times. Without it the last stage of a kind counts, and of a track the smoothed one
+        (TRACK.smoothed) where there is one.
     html
         Write the score with figures as a page that opens in any browser, offline.
     force
@@ -68,24 +80,43 @@ def score(
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
     result = results_at(results, blocks=html is not None)
     origin = result.provenance
-    labels = truth_of(result, results, truth, author)
+    known = scored_truth_of(result, results, truth, author)
+    labels = known.labels
     end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
-    figures = score_events(labels, result.events, origin.start_ns, end_ns, tolerance)
+    stages = tuple(stage or ())
+    figures = score_events(labels, result.events, origin.start_ns, end_ns, tolerance, stages)
     if not _parts(figures):
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
-            f"found none"
+            f"found {_kinds(labels)}"
         )
     if html is not None:
         from ..score.html import score_page
 
-        write_text(html, score_page(result, labels, figures, tolerance))
+        page = score_page(result, known, figures, tolerance, stages)
+        write_text(html, page)
     if json:
-        print_json(_parts(figures))
+        print_json(_parts(figures) | _left_out(known), result.warnings)
     else:
+        print_warnings(result.warnings)
         _print(figures, "m" if result.geometry is None else result.geometry.length_unit)
     if html is not None:
         say(f"page: {html}")
+
+
+def _kinds(labels: Sequence[Label]) -> str:
+    """Return what truth there is, which the result has no answer to."""
+    counts = Counter(label.kind for label in labels)
+    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    return f"{listed}, to which its stages say nothing" if listed else "none"
+
+
+def _left_out(known: ScoredTruth) -> dict[str, object]:
+    """Return what was left out of the truth, where there is something to say of it."""
+    if not known.remarks:
+        return {}
+    said = {"waypoints_given": known.given, "foot": known.foot, "remarks": known.remarks}
+    return {"truth": said}
 
 
 def _parts(figures: Score) -> dict[str, object]:
@@ -140,7 +171,13 @@ def _print_steps(s: StepScore) -> None:
 
 
 def _print_picks(p: PickScore) -> None:
-    print(f"picks: {p.all.answered} of {p.all.truth} answered ({p.all.answered_fraction:.1%})")
+    a = p.all
+    stage = f" of {p.stage}" if p.stage else ""
+    print(
+        f"picks{stage}: {a.answered} of {a.truth} answered ({a.answered_fraction:.1%}): "
+        f"{a.right} right to {RIGHT_S * 1e3:g} ms, {a.late} late, {a.early} early; "
+        f"{a.missed} missed"
+    )
     header = ("impact", "answered", "median |error|", "median", "earliest", "latest [ms]")
     rows = (
         [_pick_row(e) for e in [*p.impacts, p.all]] if len(p.impacts) <= 40 else [_pick_row(p.all)]
@@ -260,10 +297,18 @@ def _print_heading(h: HeadingScore) -> None:
 
 
 def _print_disturbance(d: DisturbanceScore) -> None:
+    if d.f1 is None:
+        alarm = f"{d.false_alarm_s:.2f} s of {d.scored_s:.2f} s false alarm"
+        print(f"disturbance: truth has none; {alarm}")
+        return
     print(
-        f"disturbance: F1 {d.f1:.3f}, precision {d.precision:.3f}, recall {d.recall:.3f} "
-        f"({d.found_s:.2f} s found, {d.truth_s:.2f} s true)"
+        f"disturbance: F1 {d.f1:.3f}, precision {_share(d.precision)}, recall {_share(d.recall)} "
+        f"({d.found_s:.2f} s found, {d.truth_s:.2f} s true, {d.false_alarm_s:.2f} s false alarm)"
     )
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"
 
 
 def _print_consistency(c: ConsistencyScore) -> None:

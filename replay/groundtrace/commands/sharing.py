@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 from ..errors import RecordingError
 from ..plugins import load
-from ..results import file_sha256
-from .output import existing, say
+from ..results import file_sha256, read_results
+from .output import existing, print_warnings, say
 from .resuming import results_at
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def share(
     found = recording_of(results, recording)
     write = load("views", "share")
     write(results, out, form=form, recording=found, rrd=timeline, light=light, force=force)
+    print_warnings(read_results(results, blocks=False).warnings)
     _report(out, form)
 
 

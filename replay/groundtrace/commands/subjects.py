@@ -16,8 +16,9 @@ from ..explain import evidence_of
 from ..explain.counted import counted_kind, noun_of
 from ..explain.measuring import in_processes, measure_evidence, resolved
 from ..explain.sweep import Subject
-from ..pipeline import load_pipeline
-from ..results import RUN
+from ..pipeline import checked_pipeline, parse_pipeline
+from ..results import RUN, provenance_in
+from ..score.truth import own_truth
 from .output import existing, progress, say
 from .resuming import results_at
 from .truth import truth_of, truth_of_recording
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..pipeline import PipelineConfig
+    from ..results import Provenance
 
 
 def all_jobs(jobs: int | None) -> int:
@@ -33,9 +35,33 @@ def all_jobs(jobs: int | None) -> int:
     return jobs if jobs is not None else os.cpu_count() or 1
 
 
+def config_of(inputs: Sequence[Path], pipeline: str | None) -> PipelineConfig:
+    """Return the pipeline that is swept: the one named, or that of the first results.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no input, or a recording and no pipeline to measure it with.
+    PipelineError, PluginError
+        Where the one named is none.
+    """
+    if not inputs:
+        raise RecordingError("sweep: expected results or recordings, found none")
+    if pipeline:
+        return resolved(checked_pipeline(pipeline))
+    origins = {path: _origin(existing(path)) for path in inputs}
+    for path, origin in origins.items():
+        if origin is None:
+            raise RecordingError(
+                f"{path.name}: expected --pipeline NAME to measure the recording with, found none"
+            )
+    first, text = next((p, o.pipeline) for p, o in origins.items() if o is not None)
+    return parse_pipeline(text.encode(), f"{first.name}: pipeline")
+
+
 def subjects_of(
     inputs: Sequence[Path],
-    pipeline: str | None,
+    config: PipelineConfig,
     truth: Path | None,
     recordings: Sequence[Path],
     jobs: int,
@@ -46,8 +72,8 @@ def subjects_of(
     ----------
     inputs
         Results or recordings.
-    pipeline
-        What recordings are measured with.
+    config
+        The pipeline that recordings are measured with, and results were.
     truth
         Truth instead of that of the one input.
     recordings
@@ -58,20 +84,13 @@ def subjects_of(
     Raises
     ------
     RecordingError
-        Where there is no input, no truth, no pipeline, or not the same one for all.
+        Where there is no truth, or not the same pipeline for all.
     """
-    if not inputs:
-        raise RecordingError("sweep: expected results or recordings, found none")
     if truth is not None and len(inputs) > 1:
         raise RecordingError(f"--truth: expected one recording, found {len(inputs)}")
-    replayed = {path: _is_result(existing(path)) for path in inputs}
-    config = resolved(load_pipeline(pipeline)) if pipeline else None
+    replayed = {path: _origin(existing(path)) is not None for path in inputs}
     fresh = [path for path in inputs if not replayed[path]]
-    if fresh and config is None:
-        raise RecordingError(
-            f"{fresh[0].name}: expected --pipeline NAME to measure the recording with, found none"
-        )
-    measured = _measured(fresh, config, truth, jobs) if config is not None else {}
+    measured = _measured(fresh, config, truth, jobs) if fresh else {}
     read = {p: _read(p, truth, recordings) for p in inputs if replayed[p]}
     subjects = [measured[path] if path in measured else read[path] for path in inputs]
     for subject in subjects:
@@ -86,19 +105,21 @@ def subjects_of(
     return subjects
 
 
-def _is_result(path: Path) -> bool:
-    with Recording.open(path) as recording:
-        return RUN in recording.metadata
+def _origin(path: Path) -> Provenance | None:
+    """Return where results come from; None for a recording."""
+    with Recording.open(path) as opened:
+        return provenance_in(opened, path.name) if RUN in opened.metadata else None
 
 
 def _measured(
     paths: Sequence[Path], config: PipelineConfig, truth: Path | None, jobs: int
 ) -> dict[Path, Subject]:
     total_s = 0.0
-    labels = {}
+    labels, placements = {}, {}
     for path in paths:
         with Recording.open(path) as recording:
             labels[path] = truth_of_recording(recording, path, truth)
+            placements[path] = {s.topic: s.placement for s in recording.streams}
             total_s += (recording.end_ns - recording.start_ns) / NS_PER_S
     if paths:
         say(f"measuring {len(paths)} recordings ({total_s:.0f} s)")
@@ -110,10 +131,14 @@ def _measured(
             jobs,
             lambda: show(next(count) * total_s / len(paths)),
         )
-    return {
-        path: Subject(replace(evidence, labels=labels[path]), (path,))
-        for path, evidence in zip(paths, found, strict=True)
-    }
+    subjects = {}
+    for path, evidence in zip(paths, found, strict=True):
+        specs = [stage.spec for stage in evidence.stages]
+        own = own_truth(labels[path], specs, placements[path])
+        for remark in own.remarks:
+            say(f"truth: {remark}")
+        subjects[path] = Subject(replace(evidence, labels=own.labels), (path,))
+    return subjects
 
 
 def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject:
@@ -126,12 +151,11 @@ def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject
     return Subject(evidence, places, origin.sha256)
 
 
-def _one_pipeline(subjects: Sequence[Subject], config: PipelineConfig | None) -> None:
+def _one_pipeline(subjects: Sequence[Subject], config: PipelineConfig) -> None:
     """Refuse to sweep over different pipelines."""
-    expected = (config or subjects[0].evidence.config).stage
     for subject in subjects:
-        if subject.evidence.config.stage != expected:
-            first = "--pipeline" if config is not None else subjects[0].evidence.name
+        if subject.evidence.config.stage != config.stage:
+            first = "--pipeline" if subject is subjects[0] else subjects[0].evidence.name
             raise RecordingError(
                 f"{subject.evidence.name}: pipeline: expected that of {first}, found other stages "
                 f"or parameters"

@@ -18,7 +18,7 @@ from ..explain.refused import without_refused
 from ..explain.sweep import count, located, measurements
 from ..pipeline import build_pipeline
 from .output import print_json, print_table, progress, say, writable
-from .subjects import all_jobs, subjects_of
+from .subjects import all_jobs, config_of, subjects_of
 
 if TYPE_CHECKING:
     from ..explain.ranking import LeaveOneOut, Ranked, Ranking
@@ -80,20 +80,22 @@ def sweep(
     json
         Print one JSON document.
     """
+    config = config_of(inputs, pipeline)
+    asked = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
     for path in (write, figure):
         if path is not None:
             writable(path, force=force, sources=[*inputs, *(recording or [])])
-    subjects = subjects_of(inputs, pipeline, truth, recording or [], all_jobs(jobs))
-    config = subjects[0].evidence.config
+    subjects = subjects_of(inputs, config, truth, recording or [], all_jobs(jobs))
     if tolerance is None:
         tolerance = TOLERANCE_S[counted_kind(config)]
-    asked = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
     settings, refused = without_refused(asked, config)
     counted, ranking = _swept(located(subjects, settings), settings, tolerance, top, all_jobs(jobs))
-    if refused:
-        ranking = replace(ranking, notes=(*ranking.notes, refused))
+    told = [f"{s.evidence.name}: {w.line}" for s in subjects for w in s.evidence.warnings]
+    told += [refused] if refused else []
+    ranking = replace(ranking, notes=(*ranking.notes, *told))
     if write is not None:
         best = with_values(config, settings.axes, list(ranking.best.settings.values()))
+        best = replace(best, placements={})  # those are of one recording
         write_text(write, build_pipeline(best).recipe())
     if figure is not None:
         from ..explain.sweep_figure import sweep_figure

@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING
 
 from ..errors import AnnotationError, RecordingError
 from ..results import file_sha256, replayed_labels
+from ..score.truth import scored_truth
 from .output import say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from groundtrace_codecs.annotations import Annotation, RecordingKey
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.recording import Recording
 
     from ..results import Results
+    from ..score.truth import ScoredTruth
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +38,17 @@ class _Source:
 def truth_of(
     result: Results, path: Path, truth: Path | None, author: str | None = None
 ) -> tuple[Label, ...]:
-    """Return the truth of a result, of the span that was replayed.
+    """Return the labels of :func:`scored_truth_of`."""
+    return scored_truth_of(result, path, truth, author).labels
+
+
+def scored_truth_of(
+    result: Results, path: Path, truth: Path | None, author: str | None = None
+) -> ScoredTruth:
+    """Return the truth of a result, of the span that was replayed, and say what is left out of it.
+
+    What the pipeline was given is left out, and of a sensor on one foot the other foot's steps, see
+    :mod:`groundtrace.score.truth`.
 
     Parameters
     ----------
@@ -51,6 +63,8 @@ def truth_of(
     ------
     RecordingError, AnnotationError
         Where the file is not there, annotations are of another recording or none by ``author``.
+    SchemaError
+        Where the channels or stations that a file names are none of the recording's.
     """
     from groundtrace_codecs.annotations import RecordingKey
 
@@ -58,7 +72,12 @@ def truth_of(
     recording = path.parent / Path(origin.recording).name
     key = RecordingKey(origin.recording, origin.sha256, origin.start_ns)
     labels = _chosen(_source(result, recording, key.start_ns, lambda: key, truth), author)
-    return replayed_labels(labels, origin.from_ns, origin.to_ns)
+    if truth is not None:
+        _say_unmatched(labels, _names_in(result), truth)
+    found = scored_truth(replayed_labels(labels, origin.from_ns, origin.to_ns), result)
+    for remark in found.remarks:
+        say(f"truth: {remark}")
+    return found
 
 
 def truth_of_recording(
@@ -70,7 +89,32 @@ def truth_of_recording(
     def key() -> RecordingKey:
         return RecordingKey(path.name, file_sha256(path), recording.start_ns)
 
-    return _chosen(_source(recording, path, recording.start_ns, key, truth), author)
+    labels = _chosen(_source(recording, path, recording.start_ns, key, truth), author)
+    if truth is not None:
+        from groundtrace_codecs.truth import names_of
+
+        _say_unmatched(labels, names_of(recording.streams, recording.geometry), truth)
+    return labels
+
+
+def _names_in(result: Results) -> dict[str, tuple[str, ...] | None]:
+    """Return what truth may name of a result: channels are known where some were picked."""
+    from groundtrace_codecs.events import StageSpec
+    from groundtrace_codecs.truth import names_of
+
+    specs = [e for e in result.events if isinstance(e, StageSpec) and e.emits == "pick"]
+    picked = dict.fromkeys(name for spec in specs for name in spec.channels)
+    return names_of((), result.geometry) | {"pick": tuple(picked) if specs else None}
+
+
+def _say_unmatched(
+    labels: Sequence[Label], known: Mapping[str, Sequence[str] | None], truth: Path
+) -> None:
+    """Say what truth names that is not there; refuse one that names nothing that is."""
+    from groundtrace_codecs.truth import unmatched_names
+
+    for text in unmatched_names(labels, known, truth.name):
+        say(f"warning: {text}")
 
 
 def _source(

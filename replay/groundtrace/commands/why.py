@@ -11,10 +11,12 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..explain import Healer, Redecider, evidence_of
-from ..explain.account import account, moment
-from ..explain.comparison import matched
+from ..explain.account import account, moment, remedy_of
+from ..explain.evidence import matched
+from ..explain.reasons import StepReasons
+from ..explain.unfiltered import beside, with_recording
 from ..plugins import load
-from .output import print_json, say
+from .output import print_json, print_warnings, say
 from .pages import account_page, moment_page
 from .resuming import results_at
 from .showing import where_to_show
@@ -25,6 +27,8 @@ from .why_steps import print_account, print_moment, remedy_text
 from .why_vehicles import explain_vehicles
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..explain import Evidence
 
 Kind = Literal["steps", "picks", "fixes", "vehicles"]
@@ -41,6 +45,7 @@ def why(
     pick: Count = None,
     at: float | None = None,
     truth: Path | None = None,
+    recording: Annotated[list[Path] | None, Parameter(negative="")] = None,
     tolerance: Positive = 0.12,
     tolerance_m: Positive = 1.0,
     tolerance_ms: Positive = 2.0,
@@ -69,6 +74,9 @@ def why(
         Show everything about this moment [s since the first sample]; needs no truth.
     truth
         Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
+    recording
+        The recording, where it is not beside its results: by measuring again without a filter it
+        tells whether the filter took a step out.
     tolerance
         Largest distance between a step and its detection [s].
     tolerance_m
@@ -90,7 +98,9 @@ def why(
     chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
-    evidence = _evidence(results, truth)
+    evidence = _evidence(results, truth, recording or [])
+    if not json:
+        print_warnings(evidence.warnings)
     at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
     if chosen == "steps" and kind is None and step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
@@ -109,10 +119,13 @@ def why(
         say(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
-def _evidence(results: Path, truth: Path | None) -> Evidence:
+def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
     """Read what decisions are explained by; it lives on without what it was read from."""
     result = results_at(results, evidence=True)
-    return evidence_of(result, truth_of(result, results, truth))
+    evidence = evidence_of(result, truth_of(result, results, truth))
+    origin = result.provenance
+    places = (beside(results, origin.recording), *recordings)
+    return with_recording(evidence, origin.sha256, places)
 
 
 def _kind(kind: Kind | None, numbers: dict[Kind, int | None]) -> Kind:
@@ -161,7 +174,7 @@ def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool)
         say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
     found = account(evidence, tolerance)
     if json:
-        print_json(found)
+        print_json(found, evidence.warnings)
     else:
         print_account(found)
     return account_page(found)
@@ -174,9 +187,10 @@ def _explain_moment(
     found = moment(evidence, time_ns, tolerance)
     remedy, sought = None, step is not None and found.reason is not None
     if sought:
-        remedy = Healer(Redecider(evidence), tolerance).recover(time_ns)
+        reasons = StepReasons(evidence, tolerance)
+        remedy = remedy_of(Healer(Redecider(evidence), tolerance), reasons, time_ns)
     if json:
-        print_json(found)
+        print_json(found, evidence.warnings)
     else:
         print_moment(found)
         if sought:

@@ -42,11 +42,11 @@ def explain_picks(
     """
     if at_ns is not None:
         one = pick_moment(evidence, at_ns, None, stage)
-        return at_ns, _explain_one(one, json=json)
+        return at_ns, _explain_one(evidence, one, json=json)
     found = pick_account(evidence, tolerance_s, stage)
     if pick is None:
         if json:
-            print_json(found)
+            print_json(found, evidence.warnings)
         else:
             print_picks(found)
         return None, picks_page(found)
@@ -55,12 +55,12 @@ def explain_picks(
         raise RecordingError(f"{evidence.name}: --pick: expected {expected}, found {pick}")
     bad = found.bad[pick - 1]
     time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
-    return time_ns, _explain_one(pick_moment(evidence, time_ns, bad, stage), json=json)
+    return time_ns, _explain_one(evidence, pick_moment(evidence, time_ns, bad, stage), json=json)
 
 
-def _explain_one(found: PickMoment, *, json: bool) -> str:
+def _explain_one(evidence: Evidence, found: PickMoment, *, json: bool) -> str:
     if json:
-        print_json(found)
+        print_json(found, evidence.warnings)
     else:
         if found.bad is not None:
             print_table(HEADER, _rows([found.bad]))
@@ -101,7 +101,8 @@ def _counts(found: ChannelPicks) -> tuple[int, ...]:
 
 
 def _channel_row(found: ChannelPicks) -> tuple[str, ...]:
-    note = "by nearly the same time in all: its clock" if found.clock else ""
+    whose = "its clock" if found.clock else "the picker's latency"
+    note = f"by nearly the same time: {whose}" if found.clock or found.latency else ""
     return (found.channel, *map(str, _counts(found)), _number(found.median_ms), note)
 
 

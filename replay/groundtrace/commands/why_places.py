@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..explain import Evidence
+    from ..explain.place_causes import PlaceCause
     from ..explain.place_remedies import Figures, PlaceRemedy
     from ..explain.places import FixAccount, FixMoment, PlaceAccount
     from ..explain.sensor_accounts import SensorFault
@@ -45,7 +46,7 @@ def explain_places(
     if fix is None and at_ns is None:
         found = explainer.account()
         if json:
-            print_json(found)
+            print_json(found, evidence.warnings)
         else:
             print_places(found)
         return None, places_page(found)
@@ -54,7 +55,7 @@ def explain_places(
     row = fix - 1 if fix is not None else int(np.abs(steps_ns - (at_ns or 0)).argmin())
     one = explainer.moment(row)
     if json:
-        print_json(one)
+        print_json(one, evidence.warnings)
     else:
         print_place(one, explainer.reference.kind)
     return evidence.start_ns + round(one.fix.time_s * NS_PER_S), place_page(one)
@@ -74,7 +75,8 @@ def print_places(found: PlaceAccount) -> None:
         print_table(("sensor", "cause", "why", "change", "what it does"), rows)
     if found.bad:
         print("\nplaces")
-        header = ("fix", "time [s]", "off [m]", "cause", "why", "smallest change")
+        print("misfit: what a cause leaves unexplained of the arrivals; the next best beside it")
+        header = ("fix", "time [s]", "off [m]", "cause", "misfit", "why", "smallest change")
         print_table(header, _fix_rows(found.bad, found.reference))
 
 
@@ -93,7 +95,9 @@ def _sensor_row(s: SensorFault, reference: str) -> tuple[str, ...]:
     if s.before is None or s.after is None:
         return (s.channel, s.cause, s.text, "-", "-")
     off = f"its arrivals {s.before_ms:.2f} -> {s.after_ms:.2f} ms off the curve"
-    return (s.channel, s.cause, s.text, s.change, f"{off}, {_effect(s.before, s.after, reference)}")
+    gain = f"explains them better by {s.gain:.0f}, {s.rival} by {s.rival_gain:.0f} (BIC)"
+    does = f"{off}, {_effect(s.before, s.after, reference)}"
+    return (s.channel, s.cause, f"{s.text}; {gain}", s.change or "none without harm", does)
 
 
 def _effect(before: Figures, after: Figures, reference: str) -> str:
@@ -122,6 +126,7 @@ def _fix_rows(bad: Sequence[FixAccount], reference: str) -> list[tuple[str, ...]
                 first_to_last([f.time_s for f in same]),
                 _off(same),
                 cause,
+                _closest([f.cause for f in same if f.cause is not None]),
                 text,
                 mends,
             )
@@ -137,6 +142,16 @@ def _same(fix: FixAccount) -> tuple[str, str, str]:
     return cause.cause, cause.text, change
 
 
+def _closest(causes: Sequence[PlaceCause]) -> str:
+    """Return the misfit of a cause and of its rival, where they are closest."""
+    known = [c for c in causes if np.isfinite(c.misfit)]
+    if not known:
+        return "-"
+    c = min(known, key=lambda c: np.nan_to_num(c.rival_misfit - c.misfit, nan=np.inf))
+    beside = f", {c.rival} {c.rival_misfit:.1f}" if c.rival else ""
+    return f"{c.misfit:.1f}{beside}"
+
+
 def _off(fixes: Sequence[FixAccount]) -> str:
     errors = [f.error_m for f in fixes if np.isfinite(f.error_m)]
     states = {f.state for f in fixes} - {"far"}
@@ -149,7 +164,7 @@ def _off(fixes: Sequence[FixAccount]) -> str:
 
 def _remedy(remedy: PlaceRemedy | None, change: str, reference: str, *, alone: bool) -> str:
     if remedy is None:
-        return "no single change does it"
+        return "no change of one parameter or sensor does it without harm"
     to = f" ({remedy.error_m:.2f} m off)" if alone and np.isfinite(remedy.error_m) else ""
     return f"{change}{to}: {_effect(remedy.before, remedy.after, reference)}"
 
@@ -160,6 +175,8 @@ def print_place(found: FixMoment, reference: str) -> None:
     cause = found.fix.cause
     if cause is not None:
         print(f"{cause.cause}: {cause.text}")
+        if np.isfinite(cause.misfit):
+            print(f"misfit: {_closest([cause])}")
         change = cause.remedy.change if cause.remedy is not None else ""
         print(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
     for r in found.fix.readings:
@@ -200,9 +217,10 @@ def places_page(found: PlaceAccount) -> str:
     lines = [f"# {found.recording}", "", _headline(found), ""]
     lines += [f"* {s.channel}, {s.cause}: {s.text}" for s in found.sensors]
     if found.bad:
-        lines += ["", "| fix | time [s] | off [m] | cause | why |", "|---|---|---|---|---|"]
+        lines += ["", "| fix | time [s] | off [m] | cause | misfit | why |"]
+        lines += ["|---|---|---|---|---|---|"]
         rows = _fix_rows(found.bad, found.reference)
-        lines += ["| " + " | ".join(row[:5]) + " |" for row in rows]
+        lines += ["| " + " | ".join(row[:6]) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 

@@ -28,7 +28,7 @@ def explain_vehicles(
     if at_ns is not None:
         one = vehicle_moment(evidence, at_ns)
         if json:
-            print_json(one)
+            print_json(one, evidence.warnings)
         else:
             print(f"{one.time_s:.3f} s: {len(one.chain)} candidates")
             for link in one.chain:
@@ -36,7 +36,7 @@ def explain_vehicles(
         return at_ns, f"# vehicles at {one.time_s:.3f} s\n"
     found = vehicle_account(evidence)
     if json:
-        print_json(found)
+        print_json(found, evidence.warnings)
     else:
         print(_headline(found))
         if found.reasons:

@@ -97,14 +97,16 @@ def misses(material: Material) -> list[Miss]:
     """Return missed and false steps by time; none where there is no truth of steps."""
     if material.evidence is None or not has_step_truth(material):
         return []
-    from ..explain.comparison import matched
-    from ..explain.reasons import reason_at
+    from ..explain.reasons import StepReasons
 
-    evidence = material.evidence()
-    matching = matched(evidence, TOLERANCE_S)
-    found = [Miss(int(t), "false", "", "") for t in matching.found_ns[matching.false]]
+    reasons = StepReasons(material.evidence(), TOLERANCE_S)
+    matching = reasons.matching
+    found = []
+    for time_ns in matching.found_ns[matching.false].tolist():
+        pair = reasons.wrong_time(time_ns)
+        found.append(Miss(time_ns, "false", "", "" if pair is None else pair.text))
     for time_ns in matching.truth_ns[matching.missed].tolist():
-        reason = reason_at(evidence, time_ns, TOLERANCE_S)
+        reason = reasons.at(time_ns)
         found.append(Miss(time_ns, "missed", reason.cause, reason.text))
     return sorted(found, key=time_of)
 

@@ -6,6 +6,7 @@ Imported where the work is done, and only there: with all it needs it takes a se
 from __future__ import annotations
 
 import io
+import itertools
 import time
 from contextlib import redirect_stderr
 from dataclasses import replace
@@ -24,24 +25,30 @@ from ..commands.truth import truth_of_recording
 from ..engine import replay
 from ..errors import GroundtraceError, RecordingError
 from ..explain import evidence_of
-from ..explain.comparison import matched
 from ..explain.measuring import EventList
-from ..explain.reasons import reason_at
+from ..explain.reasons import StepReasons
+from ..explain.unfiltered import Unfiltered
 from ..pipeline import build_pipeline, load_pipeline, parse_pipeline
-from ..results import RUN, Provenance, Results
+from ..placement_watch import noted
+from ..results import RUN, Provenance, Results, given_to
 from ..score import score_events
 from ..score.report import answers_of
+from ..score.truth import scored_truth
 from ..source import Source
+from ..suitability import Prepared, prepared
 from .figures import FIGURES
 from .rows import Part, Row, StepRow, failed
 from .task import Done, Identity, Task, owners_of, recipe_sha256, told_by
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.mcap.bytesource import ByteSource
 
     from ..pipeline import Pipeline
     from ..score import Score
+    from ..warned import Warned
 
 
 def evaluated(task: Task, identity: Identity, row: Row) -> Done:
@@ -93,15 +100,17 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
         if RUN in opened.metadata:
             raise RecordingError(f"{opened.name}: expected a recording, found results of one")
         labels, row = _with_truth(task, row, opened)
-        chain = _chain(task, opened)
-        tally = replay(Source(opened), chain, [sink])
+        ready = _ready(task, opened)
+        items = noted(Source(opened), dict.fromkeys(ready.looked_at))
+        tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
         if not tally.samples:
             raise RecordingError(f"{opened.name}: expected signals to replay, found none")
+        asked = build_pipeline(ready.asked, opened.geometry, opened.labels)
         row = replace(
             row,
-            pipeline=chain.config.name,
-            pipeline_sha256=task.recipe.sha256 if task.recipe.toml else _sha256(chain, row),
-            parameters=chain.recipe(),
+            pipeline=asked.config.name,
+            pipeline_sha256=task.recipe.sha256 if task.recipe.toml else _sha256(asked, row),
+            parameters=asked.recipe(),
             start_ns=opened.start_ns,
             duration_s=(opened.end_ns - opened.start_ns) / NS_PER_S,
             topics=", ".join(s.topic for s in opened.streams),
@@ -111,9 +120,14 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
             lost_messages=sum(d.messages or 0 for d in opened.damage),
         )
         origin = Provenance(row.recording, row.sha256, opened.start_ns, opened.end_ns, "")
-        origin = replace(origin, pipeline=row.parameters)
-        result = Results(row.recording, origin, labels, opened.geometry, tuple(sink.events))
-    return _judged(row, result)
+        placements = {s.topic: s.placement for s in opened.streams if s.placement}
+        origin = replace(origin, pipeline=ready.chain.recipe(), placements=placements)
+        given = given_to(origin.pipeline, opened.labels)
+        result = Results(
+            row.recording, origin, labels, opened.geometry, tuple(sink.events), given=given
+        )
+        result = replace(result, labels=scored_truth(labels, result).labels)
+    return _judged(row, result, remote or task.location)
 
 
 def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:
@@ -125,14 +139,14 @@ def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, .
     return labels, replace(row, truth=source, labels=len(labels))
 
 
-def _chain(task: Task, opened: Recording) -> Pipeline:
+def _ready(task: Task, opened: Recording) -> Prepared:
     toml = task.recipe.toml
     config = (
         parse_pipeline(toml.encode(), task.recipe.name)
         if toml
         else load_pipeline(default_pipeline(opened))
     )
-    return build_pipeline(config, opened.geometry, opened.labels)
+    return prepared(config, opened)
 
 
 def _sha256(chain: Pipeline, row: Row) -> str:
@@ -140,7 +154,7 @@ def _sha256(chain: Pipeline, row: Row) -> str:
     return recipe_sha256(chain.recipe(), owners_of(chain.config), row.tolerance_s)
 
 
-def _judged(row: Row, result: Results) -> Part:
+def _judged(row: Row, result: Results, source: ByteSource | str) -> Part:
     """Score and explain a result."""
     said = answers_of(result.events)
     gaps = [e for e in result.events if isinstance(e, Gap)]
@@ -148,7 +162,7 @@ def _judged(row: Row, result: Results) -> Part:
     score = score_events(
         result.labels, result.events, origin.start_ns, origin.end_ns, row.tolerance_s
     )
-    steps = _steps(result, row.tolerance_s) if score.steps is not None else ()
+    steps = _steps(result, row.tolerance_s, source) if score.steps is not None else ()
     causes: dict[str, int] = {}
     for step in steps:
         if step.cause:
@@ -161,33 +175,41 @@ def _judged(row: Row, result: Results) -> Part:
         found_picks=len(said.picks),
         found_fixes=len(said.fixes),
         found_passes=len(said.passes),
+        warnings=" | ".join(warned.line for warned in result.warnings),
         figures={figure.name: _plain(figure.of(score)) for figure in FIGURES},
         causes=dict(sorted(causes.items())),
-        score_json=_json(score),
+        score_json=_json(score, result.warnings),
     )
     return Part(row, steps)
 
 
-def _steps(result: Results, tolerance_s: float) -> tuple[StepRow, ...]:
+def _steps(result: Results, tolerance_s: float, source: ByteSource | str) -> tuple[StepRow, ...]:
     """Return every scored step and what became of it, by time."""
     evidence = evidence_of(result)
-    matching = matched(evidence, tolerance_s)
+    signal = Unfiltered(evidence.config, lambda: source)
+    reasons = StepReasons(replace(evidence, unfiltered=signal), tolerance_s)
+    matching = reasons.matching
     truth, found = matching.truth_ns.tolist(), matching.found_ns.tolist()
     rows = [
         StepRow("matched", int(t) + 1, None, truth[t], found[f]) for t, f in matching.pairs.tolist()
     ]
-    rows += [StepRow("false", found_ns=found[f]) for f in matching.false.tolist()]
+    for found_ns in matching.found_ns[matching.false].tolist():
+        pair = reasons.wrong_time(found_ns)
+        rows.append(StepRow("false", found_ns=found_ns, text="" if pair is None else pair.text))
     for number, index in enumerate(matching.missed.tolist(), 1):
-        why = reason_at(evidence, truth[index], tolerance_s)
-        missed = StepRow("missed", index + 1, number, truth[index])
+        why, late = reasons.at(truth[index]), reasons.pair_of(truth[index])
+        found_ns = None if late is None else late.found_ns
+        missed = StepRow("missed", index + 1, number, truth[index], found_ns)
         rows.append(replace(missed, cause=why.cause, gate=why.gate, text=why.text))
     return tuple(sorted(rows, key=lambda row: (row.time_ns, row.verdict)))
 
 
-def _json(score: Score) -> str:
+def _json(score: Score, warnings: Sequence[Warned]) -> str:
     """Return a score as ``groundtrace score --json`` gives it, without parts that are None."""
     parts = msgspec.to_builtins(score, enc_hook=str)
-    return msgspec.json.encode({k: v for k, v in parts.items() if v is not None}).decode()
+    kept = {k: v for k, v in parts.items() if v is not None}
+    kept["warnings"] = [warned.document for warned in warnings]
+    return msgspec.json.encode(kept).decode()
 
 
 def _plain(value: Any) -> Any:

@@ -23,8 +23,10 @@ _PARTS = {
     "steps.kinds": _CONFUSION,
     "positions": "stage:text truth:int found:int n:int rmse_m:float cep50_m:float cep95_m:float "
     "bias_x_m:float bias_y_m:float",
-    "picks.all": "truth:int answered:int answered_fraction:float median_abs_ms:float "
-    "median_ms:float iqr_ms:float earliest_ms:float latest_ms:float",
+    "picks": "stage:text",
+    "picks.all": "truth:int right:int late:int early:int missed:int answered:int "
+    "answered_fraction:float median_abs_ms:float median_ms:float iqr_ms:float earliest_ms:float "
+    "latest_ms:float",
     "track": "stage:text times:int tracks:int ospa_m:float gospa_m:float localisation_rmse_m:float "
     "missed:int false:int completeness:float ambiguity:float spuriousness:float accuracy_m:float "
     "cutoff_m:float order:float",
@@ -37,7 +39,7 @@ _PARTS = {
     "speed_median_mps:float",
     "heading": "stage:text truth:int n:int rmse_deg:float bias_deg:float p95_deg:float",
     "disturbance": "stage:text precision:float recall:float f1:float truth_s:float found_s:float "
-    "both_s:float",
+    "both_s:float false_alarm_s:float scored_s:float",
     "consistency.nees_fixes": _CONSISTENCY,
     "consistency.nees_tracks": _CONSISTENCY,
     "consistency.nis": _CONSISTENCY,

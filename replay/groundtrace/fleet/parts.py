@@ -6,6 +6,7 @@ import os
 import secrets
 from typing import TYPE_CHECKING
 
+from ..appearing import room_for
 from ..errors import RecordingError
 from .rows import Part, decoded
 
@@ -34,20 +35,21 @@ class Parts:
 
         Raises
         ------
-        OSError
+        OutputError
             Where it cannot be written.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
         fresh = self.folder / f".{key}.{secrets.token_hex(4)}"
-        try:
-            with fresh.open("wb") as stream:
-                stream.write(data)
-                stream.flush()
-                os.fsync(stream.fileno())
-            fresh.replace(self.folder / f"{key}{_FAILED if failed else _DONE}")
-        finally:
-            fresh.unlink(missing_ok=True)
-        (self.folder / f"{key}{_DONE if failed else _FAILED}").unlink(missing_ok=True)
+        with room_for(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
+                with fresh.open("wb") as stream:
+                    stream.write(data)
+                    stream.flush()
+                    os.fsync(stream.fileno())
+                fresh.replace(self.folder / f"{key}{_FAILED if failed else _DONE}")
+            finally:
+                fresh.unlink(missing_ok=True)
+            (self.folder / f"{key}{_DONE if failed else _FAILED}").unlink(missing_ok=True)
 
     def done(self) -> Iterator[str]:
         """Yield the keys of parts that need not be made again: those without an error."""

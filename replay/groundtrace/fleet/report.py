@@ -22,6 +22,7 @@ from .report_rows import (
     miss_rows,
     pipeline_rows,
     ranked,
+    warning_rows,
     worst_rows,
 )
 
@@ -81,6 +82,7 @@ def fleet_page(
         _worst(fleet, misses, files),
         _causes(fleet),
         _errors(fleet),
+        _warnings(fleet),
         _origin(fleet),
     ]
     return (
@@ -111,6 +113,7 @@ def _overview(fleet: FleetTable) -> str:
         ("Recorded", length(recorded_s), speed),
         ("Failed", str(len(failed)), "rows with an error"),
         ("Damaged", str(len(hurt)), "rows of which part was read"),
+        ("Warned", str(sum(map(bool, fleet.of("warnings")))), "rows with a warning"),
     ]
     if len(f1):
         low, middle = np.percentile(f1, [10, 50])
@@ -178,6 +181,14 @@ def _errors(fleet: FleetTable) -> str:
         header = ("recording", "pipeline", "places", "messages lost", "gaps", "samples lost")
         parts += table("Damaged: the rest was replayed", header, hurt)
     return section("Errors and damage", parts or "<p>None.</p>")
+
+
+def _warnings(fleet: FleetTable) -> str:
+    rows = warning_rows(fleet)
+    if not rows:
+        return ""
+    header = ("warning", "pipeline", "recordings", "the first of them")
+    return section("Warnings", table("", header, rows))
 
 
 def _origin(fleet: FleetTable) -> str:

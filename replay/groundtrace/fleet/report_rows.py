@@ -191,6 +191,19 @@ def error_rows(table: FleetTable) -> list[list[str]]:
     return [[str(cell) for cell in row] for row in zip(*columns, strict=True) if row[2]]
 
 
+def warning_rows(table: FleetTable) -> list[list[str]]:
+    """Return what was warned of, and of how many recordings; the most frequent first."""
+    counts: dict[tuple[str, str], list[str]] = {}
+    columns = (table.of("location"), table.of("pipeline"), table.of("warnings"))
+    for location, pipeline, told in zip(*columns, strict=True):
+        for text in (told or "").split(" | ") if told else ():
+            counts.setdefault((pipeline, text), []).append(location)
+    found = sorted(counts.items(), key=lambda item: (-len(item[1]), item[0]))
+    return [
+        [text, pipeline, str(len(names)), names[0]] for (pipeline, text), names in found[:LISTED]
+    ]
+
+
 def damage_rows(table: FleetTable) -> list[list[str]]:
     """Return the recordings of which part could not be read."""
     names = ("location", "pipeline", "damaged_places", "lost_messages", "gaps", "lost_samples")

@@ -11,7 +11,7 @@ import zstandard
 #: What may differ between two runs that decide the same.
 OF_THE_RUN = ("wall_s", "host")
 #: Raised when a part means something else: older ones are then made again.
-FORMAT = 1
+FORMAT = 2
 _MOST_BYTES = 1 << 31
 
 
@@ -49,6 +49,8 @@ class Row:
         Interruptions that ended a run, and samples missing in all, bridged ones too.
     found_steps, found_picks, found_fixes, found_passes
         What the pipeline says, truth or not.
+    warnings
+        What the replay warned of, each once, with `` | `` between.
     figures
         By the names of :data:`~groundtrace.fleet.figures.FIGURES`; None where undefined.
     causes
@@ -84,6 +86,7 @@ class Row:
     found_picks: int = 0
     found_fixes: int = 0
     found_passes: int = 0
+    warnings: str = ""
     figures: dict[str, Any] = field(default_factory=dict)
     causes: dict[str, int] = field(default_factory=dict)
     score_json: str = ""
@@ -105,9 +108,11 @@ class StepRow:
     miss
         Number of the missed step, from 1, as ``replay --at-miss`` takes it.
     truth_ns, found_ns
-        Time of the true step and of its detection [ns].
+        Time of the true step and of its detection [ns]; of a missed one, of the false step that
+        it was found as, at the wrong time.
     cause, gate, text
-        Why it was missed: in one word, the first gate that failed, and for people.
+        Why it was missed: in one word, the first gate that failed, and for people. Of a false
+        step, which missed one it is at the wrong time, if any.
     """
 
     verdict: str

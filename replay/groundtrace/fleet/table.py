@@ -6,6 +6,7 @@ import hashlib
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
+from ..appearing import appearing
 from ..explain.reasons import CAUSES
 from ..exports.parquet import write_parquet
 from ..exports.tables import Column, Table
@@ -57,8 +58,8 @@ class Joined:
     ----------
     rows, steps
         Of the tables.
-    errors
-        Rows with an error.
+    errors, warnings
+        Rows with an error, and with a warning.
     digest
         SHA-256 of all that was decided, wherever the recordings lie: the same for the same
         recordings, pipelines and versions, whatever computed it, and however fast.
@@ -67,6 +68,7 @@ class Joined:
     rows: int
     steps: int
     errors: int
+    warnings: int
     digest: str
 
 
@@ -97,17 +99,13 @@ def join(parts: Parts, listed: Sequence[Listed], table: Path) -> Joined:
     count = _written(Table("steps", _STEP_COLUMNS, steps()), steps_path(table))
     _written(_rows_table(rows), table)
     errors = sum(bool(row.error) for _, row in rows)
-    return Joined(len(rows), count, errors, digest.hexdigest())
+    warnings = sum(bool(row.warnings) for _, row in rows)
+    return Joined(len(rows), count, errors, warnings, digest.hexdigest())
 
 
 def _written(table: Table, path: Path) -> int:
-    fresh = path.with_name(f".{path.name}.partial")
-    try:
-        count = write_parquet(table, fresh)
-        fresh.replace(path)
-    finally:
-        fresh.unlink(missing_ok=True)
-    return count
+    with appearing(path) as fresh:
+        return write_parquet(table, fresh)
 
 
 def _columns() -> list[tuple[Column, Callable[[str, Row], Any]]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from groundtrace_codecs.mcap.remote import RemoteBytes, is_url, public_url
 from ..annotate.reading import journal_of
 from ..errors import PipelineError
 from ..exports.tables import file_part
-from ..pipeline import STAGE_GROUPS, build_pipeline, load_pipeline, with_settings
+from ..pipeline import STAGE_GROUPS, build_pipeline, load_pipeline, named_pipelines, with_settings
 from ..plugins import plugins
 from ..results import file_sha256, package_versions
 from .places import name_of
@@ -110,6 +110,11 @@ def recipes_of(
     configs = [with_settings(load_pipeline(name), settings) for name in names]
     if not configs and settings:
         raise PipelineError("--set: expected --pipeline NAME to set it in, found none")
+    found = [config.name for config in configs]
+    shipped = named_pipelines()
+    for index, name in enumerate(names):  # a printed pipeline, changed, is known by its file
+        if found.count(configs[index].name) > 1 and name not in shipped:
+            configs[index] = replace(configs[index], name=Path(name).stem)
     found = [config.name for config in configs]
     twice = next((name for name in found if found.count(name) > 1), None)
     if twice is not None:

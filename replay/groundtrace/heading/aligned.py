@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.units import UNKNOWN_UNITS
 
 from ..nonfinite import Holder
 from .inertial_frames import Samples
@@ -29,6 +30,9 @@ QUANTITIES = ("angular_velocity", "acceleration", "magnetic_field")
 PATIENCE_NS = 2 * NS_PER_S
 #: A field is not interpolated over more than this, nor held for longer [ns].
 HOLD_NS = NS_PER_S // 5
+#: Of a field in unknown units, the median length over its first second is taken for this [ns, T]:
+#: the earth's is 22 to 67 uT (IGRF-13), 50 at middle latitudes.
+UNIT_NS, EARTH_T = NS_PER_S, 50e-6
 
 
 @dataclass(slots=True)
@@ -76,17 +80,40 @@ class _Series:
 
 
 def columns_of_axes(stream: Stream, quantity: str) -> list[int]:
-    """Return the columns of a quantity's axes x, y, z; none where one of them lacks."""
-    columns = {stream.channels[c].axis: c for c in stream.columns_of({quantity})}
+    """Return the columns of a quantity's axes x, y, z; none where one of them lacks.
+
+    Of turning and force in unknown units nothing can be integrated: these are none. A field tells
+    its direction in any unit.
+    """
+    columns = {
+        stream.channels[c].axis: c
+        for c in stream.columns_of({quantity})
+        if quantity == "magnetic_field" or stream.channels[c].unit not in UNKNOWN_UNITS
+    }
     return [columns[axis] for axis in "xyz"] if columns.keys() >= set("xyz") else []
 
 
+def _earth_scale(first: Array) -> float:
+    """Return what takes the median length of the first samples, shape (n, 3), to the earth's."""
+    length = float(np.median(np.linalg.norm(first, axis=1)))
+    return EARTH_T / length if length > 0 else 0.0
+
+
 class Aligner:
-    """Brings the parts of a sensor together; what is complete can be taken, in any portions."""
+    """Brings the parts of a sensor together; what is complete can be taken, in any portions.
+
+    Attributes
+    ----------
+    remark
+        What was assumed of the field's unit; empty where it is known.
+    """
 
     def __init__(self) -> None:
+        self.remark = ""
         self._rate, self._force, self._field = _Series(), _Series(), _Series()
         self._offered_ns = -(2**62)
+        self._unscaled = _Series()
+        self._field_scale: float | None = None
         self._holders: dict[str, Holder] = {}
 
     def hear(self, block: SignalBlock) -> None:
@@ -95,7 +122,25 @@ class Aligner:
         values, times = held.values, held.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):
-                self.add(quantity, times, values[:, columns])
+                unit = block.stream.channels[columns[0]].unit
+                if unit in UNKNOWN_UNITS:
+                    self.remark = (
+                        f"{block.topic}: the magnetic field is in {unit}: its length over the "
+                        f"first second is taken for {EARTH_T * 1e6:g} uT"
+                    )
+                    self._hear_unscaled(times, values[:, columns])
+                else:
+                    self.add(quantity, times, values[:, columns])
+
+    def _hear_unscaled(self, time_ns: NDArray[np.int64], field: Array) -> None:
+        """Take a field in unknown units; it waits until its scale is known."""
+        if self._field_scale is None:
+            self._unscaled.add(time_ns, field)
+            time_ns, field = self._unscaled.time_ns, self._unscaled.values
+            if time_ns[-1] - time_ns[0] >= UNIT_NS:
+                self._field_scale = _earth_scale(field[time_ns - time_ns[0] < UNIT_NS])
+        if self._field_scale is not None:
+            self.add("magnetic_field", time_ns, field * self._field_scale)
 
     @property
     def held(self) -> int:
@@ -123,6 +168,10 @@ class Aligner:
 
     def finish(self) -> Samples:
         """Return what still waits."""
+        if self._field_scale is None and self._unscaled.began:
+            waiting = self._unscaled
+            scale = self._field_scale = _earth_scale(waiting.values)
+            self.add("magnetic_field", waiting.time_ns, waiting.values * scale)
         return self._taken(len(self._rate.time_ns) if self._force.began else 0)
 
     def _taken(self, count: int) -> Samples:

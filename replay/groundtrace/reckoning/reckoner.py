@@ -40,10 +40,10 @@ ANYHOW = 0.9
 
 
 class _Measured(NamedTuple):
-    """A step as measured: where it goes, and how long it took."""
+    """A step as measured: where it goes, and when it began, not before there was a sample [ns]."""
 
     stride: Stride
-    interval_s: float
+    begin_ns: int
 
 
 class DeadReckoner:
@@ -109,7 +109,8 @@ class DeadReckoner:
         sight, off = self._north.sight(motion, *span, length_m)
         sight = None if p.azimuth == "gyroscope" else sight
         stride = Stride(step.time_ns, length_m, heading, sight, motion.rested_by(*span))
-        self._measured = _Measured(stride, interval_s)
+        # a walk may be under way when a recording begins
+        self._measured = _Measured(stride, max(span[0], min(int(motion.time_ns[0]), step.time_ns)))
         turn = self._facing.turn_rad
         azimuth = math.degrees(wrapped(self._azimuth(stride, turn)))
         row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
@@ -128,7 +129,7 @@ class DeadReckoner:
         stride = step.stride
         said: list[TrackPoint | Heading | Note] = []
         if self._track is None:
-            said += self._begin(stride.time_ns - round(step.interval_s * NS_PER_S))
+            said += self._begin(step.begin_ns)
         track = self._track
         assert track is not None  # begun by now
         said += self._take_places(track, stride.time_ns)

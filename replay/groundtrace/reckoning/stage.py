@@ -201,14 +201,15 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             run.heard_ns = block.last_ns
         if block.stream.placement != run.placement:
             return
-        if block.stream.columns_of({"pressure"}):
+        if any(c.quantity == "pressure" and c.unit == "Pa" for c in block.stream.channels):
             run.barometer.hear(block)
         if any(columns_of_axes(block.stream, quantity) for quantity in QUANTITIES):
             run.sensors[-1].hear(block)
 
     def _begin(self, block: SignalBlock) -> _Run:
         placement = block.stream.placement
-        axis: Ahead = self.parameters.axis or AXES.get(placement, "walk")
+        worn = next((axis for word, axis in AXES.items() if word in placement), None)  # left foot
+        axis: Ahead = self.parameters.axis or worn or "walk"
         worker = self.kind(replace(self.parameters, axis=axis))
         gates = gate_specs(worker.gates, self.parameters)
         spec = StageSpec(
@@ -269,6 +270,8 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             expected = "expected a gyroscope and an accelerometer of three axes"
             text = f"{run.spec.topic}: {len(run.steps)} steps lead nowhere: {expected}, found none"
             yield Note(run.steps[0].time_ns, text, "WARN", self.name)
+        for remark in dict.fromkeys(sensor.remark for sensor in run.sensors if sensor.remark):
+            yield Note(run.sensors[-1].end_ns, remark, "WARN", self.name)
         if held := sum(sensor.held for sensor in run.sensors):
             text = f"{run.spec.topic}: {held} samples not finite, last value held"
             yield Note(run.sensors[-1].end_ns, text, "WARN", self.name)

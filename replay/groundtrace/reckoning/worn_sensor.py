@@ -41,6 +41,11 @@ class WornSensor:
         """How many samples were not finite."""
         return self._aligner.held
 
+    @property
+    def remark(self) -> str:
+        """What was assumed of the field's unit; empty where it is known."""
+        return self._aligner.remark
+
     def hear(self, block: SignalBlock) -> None:
         """Take a block of one of the sensor's streams."""
         if self.motion is None and not columns_of_axes(block.stream, TURNING):

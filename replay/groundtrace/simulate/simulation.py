@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
+from groundtrace_codecs.labels import SIMULATOR
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
 START_NS = 1_767_603_600_000_000_000
 
 #: Author of every label of a simulator.
-AUTHOR = "simulator"
+AUTHOR = SIMULATOR
 
 
 @dataclass(slots=True)
