@@ -12,8 +12,8 @@ from conftest import skip_or_fail
 from viewer_sessions import read_back
 
 from groundtrace.explain import Evidence, evidence_of
-from groundtrace.explain.comparison import compare, matched
-from groundtrace.explain.evidence import stage_evidence
+from groundtrace.explain.comparison import compare
+from groundtrace.explain.evidence import matched, stage_evidence
 from groundtrace.explain.measuring import EventList
 from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
 from groundtrace.results import Provenance, Results

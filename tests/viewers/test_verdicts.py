@@ -9,7 +9,7 @@ from viewer_sessions import STEPS_S, at, read_back, room_session, write_room, wr
 
 from groundtrace.score import score_steps
 from groundtrace_codecs.labels import Label
-from groundtrace_viewers.verdict import verdicts
+from groundtrace_viewers.verdict import Verdict, verdicts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,19 +17,23 @@ if TYPE_CHECKING:
 WHOLE = (at(0.0), at(6.0))
 
 
-def names(found: list[tuple[int, str]]) -> list[str]:
-    return [verdict for _, verdict in found]
+def names(found: list[Verdict]) -> list[str]:
+    return [one.verdict for one in found]
+
+
+def bare(found: list[Verdict]) -> list[tuple[int, str]]:
+    return [(one.time_ns, one.verdict) for one in found]
 
 
 def test_a_step_within_the_tolerance_is_a_hit_and_lies_at_the_truth() -> None:
     session = room_session()
     found = verdicts(session, [at(s + 0.1) for s in STEPS_S], WHOLE)
-    assert found == [(at(s), "hit") for s in STEPS_S]
+    assert found == [(at(s), "hit", "") for s in STEPS_S]
 
 
 def test_what_is_not_found_is_missed_and_what_is_not_there_is_false() -> None:
     found = verdicts(room_session(), [at(STEPS_S[0]), at(1.1)], WHOLE)
-    assert found[:2] == [(at(STEPS_S[0]), "hit"), (at(1.1), "false")]
+    assert bare(found[:2]) == [(at(STEPS_S[0]), "hit"), (at(1.1), "false")]
     assert names(found[2:]) == ["missed"] * (len(STEPS_S) - 1)
 
 
@@ -38,7 +42,19 @@ def test_nothing_is_said_of_what_is_ignored_or_was_not_replayed() -> None:
     ignore = Label(at(1.9), "ignore", end_ns=at(2.1))
     ignoring = replace(session, labels=(*session.labels, ignore))
     assert len(verdicts(ignoring, [], WHOLE)) == len(STEPS_S) - 1
-    assert verdicts(session, [], (at(1.9), at(2.7))) == [(at(2.0), "missed"), (at(2.6), "missed")]
+    replayed = verdicts(session, [], (at(1.9), at(2.7)))
+    assert bare(replayed) == [(at(2.0), "missed"), (at(2.6), "missed")]
+
+
+def test_a_step_found_late_is_one_with_the_false_one_in_the_log() -> None:
+    session = room_session()
+    steps = [at(s) for s in STEPS_S]
+    steps[2] += 140_000_000
+    wrong = [one for one in verdicts(session, steps, WHOLE) if one.verdict != "hit"]
+    assert wrong == [
+        (at(STEPS_S[2]), "missed", "found 140 ms late, tolerance 120 ms"),
+        (steps[2], "false", "answers step 3, 140 ms late"),
+    ]
 
 
 def test_verdicts_count_as_the_score_does() -> None:

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
-from groundtrace.commands.fitting import SIGNALS, fitting_pipeline
+from groundtrace.commands.fitting import fitting_pipeline
 from groundtrace.commands.output import say
 from groundtrace.commands.replaying import replay
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import Results, file_sha256, read_results
+from groundtrace.suitability import SIGNALS
+from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.recording import Recording
 
 from .errors import ViewerError
@@ -71,9 +73,13 @@ def serve(
         Annotations.open(recording, author) as store,
     ):
         drawn = store.items
-        rrd, shown = replayed(recording, results, pipeline, Path(folder))
-        with Recording.open(recording) as opened:
-            moments = moments_of_results(shown, opened.streams)
+        try:
+            rrd, shown = replayed(recording, results, pipeline, Path(folder))
+            with Recording.open(recording) as opened:
+                moments = moments_of_results(shown, opened.streams)
+        except KeyboardInterrupt:
+            say(f"stopped before the page was ready; {_kept(store, recording)}")
+            return
         token, listening = secrets.token_urlsafe(24), listen(port)
         desk = Desk(store, _application(shown), drawn)
         port = listening.getsockname()[1]
@@ -86,6 +92,15 @@ def serve(
                 listening,
                 lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser),
             )
+        say(f"stopped; {_kept(store, recording)}")
+
+
+def _kept(store: Annotations, recording: Path) -> str:
+    """Return in words what is on the disk when the server ends."""
+    count, kept = len(store.items), sidecar_path(recording).name
+    if count == 0:
+        return f"{recording.name} has no annotations"
+    return f"{count} annotation{' is' if count == 1 else 's are'} kept in {kept}"
 
 
 def replayed(
@@ -116,6 +131,7 @@ def replayed(
             to=recipe.to,
             rrd=rrd,
             out=fresh,
+            resumable=False,
         )
     return rrd, read_results(fresh)
 

@@ -108,7 +108,7 @@ class Moments:
         labels = (*self._session.labels, *self._true[first:last])
         near = [t for t in self._steps if reach[0] <= t < reach[1]]
         found = verdicts(replace(self._session, labels=labels), near, reach)
-        judged = [t for t, what in found if self._chosen(what)]
+        judged = [one.time_ns for one in found if self._chosen(one.verdict)]
         steps = near if self._chosen("step") else []
         return [t for t in (*judged, *steps) if start_ns <= t < end_ns]
 

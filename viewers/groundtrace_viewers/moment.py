@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .errors import ViewerError
 from .serve import connect, data_url, free_port, open_viewer
-from .sink import RerunSink
+from .sink import RerunSink, ended
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
@@ -64,13 +64,12 @@ def recording_at(
         recording.set_sinks(*file, *([rr.GrpcSink(data_url(port))] if spawn else []))
         try:
             yield recording
-            recording.flush()
+            ended(recording, fresh, path)
         except BaseException:
+            recording.disconnect()
             if viewer is not None:
                 viewer.terminate()
             raise
-        finally:
-            recording.disconnect()
     if viewer is not None and at_s is not None:
         put_cursor(viewer, port, at_s)
 

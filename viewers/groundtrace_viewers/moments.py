@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from groundtrace.explain import evidence_of, reason_at
+from groundtrace.explain import StepReasons, evidence_of
 from groundtrace.explain.account import narrowest
 from groundtrace.explain.arrivals import pick_account
+from groundtrace.explain.unfiltered import with_recording
 from groundtrace.results import Provenance, Results, replayed_labels
 from groundtrace.score import match_steps
 from groundtrace_codecs.events import (
@@ -33,6 +34,7 @@ from .verdict import TOLERANCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from groundtrace.explain import Evidence, GateReading
     from groundtrace.sinks import Session
@@ -123,7 +125,10 @@ class Moments:
 
 
 def moments_of_results(
-    results: Results, streams: Sequence[Stream] = (), labels: tuple[Label, ...] | None = None
+    results: Results,
+    streams: Sequence[Stream] = (),
+    labels: tuple[Label, ...] | None = None,
+    recording: Path | None = None,
 ) -> Moments:
     """Return the moments of a result.
 
@@ -135,8 +140,13 @@ def moments_of_results(
         Of the recording, for the sample period; the results do not know them.
     labels
         Truth instead of the results' own.
+    recording
+        Where the recording is, to tell whether a filter took a step out; None where it is not
+        at hand.
     """
     evidence = evidence_of(results, labels)
+    if recording is not None:
+        evidence = with_recording(evidence, results.provenance.sha256, (recording,))
     steps = _last_stage(evidence)
     fastest = max(streams, key=lambda stream: stream.rate_hz, default=None)
     frame_of, frame_s = _frames(evidence)
@@ -256,13 +266,17 @@ def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> lis
     times = [e.time_ns for e in events if isinstance(e, StepEvent) and e.stage == steps]
     found_ns, start_ns = np.array(times, np.int64), evidence.start_ns
     matching = match_steps(evidence.labels, found_ns, start_ns, evidence.end_ns, TOLERANCE_S)
+    reasons = StepReasons(evidence, TOLERANCE_S, matching)
     wrong = []
     for time_ns in matching.truth_ns[matching.missed].tolist():
-        reason = reason_at(evidence, time_ns, TOLERANCE_S)
-        text = f"{reason.cause}: {reason.text}"
+        reason, pair = reasons.at(time_ns), reasons.wrong_time(time_ns)
+        found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
+        text = f"{reason.cause}: {reason.text}{found}"
         wrong.append(_moment(time_ns, start_ns, "missed", reason.stage, text))
     for time_ns in matching.found_ns[matching.false].tolist():
-        text = _let_pass(narrowest(evidence, time_ns))
+        pair = reasons.wrong_time(time_ns)
+        answers = "" if pair is None else f"{pair.text}; "
+        text = answers + _let_pass(narrowest(evidence, time_ns))
         wrong.append(_moment(time_ns, start_ns, "false", steps, text))
     return wrong
 

@@ -146,7 +146,7 @@ def sources_of(path: Path, recording: Path | None) -> Sources:
         labels,
         score_events(labels, results.events, origin.start_ns, origin.end_ns, TOLERANCE_S),
         answers_of(results.events),
-        moments_of_results(results, streams, labels),
+        moments_of_results(results, streams, labels, recording),
         recording,
         streams,
         annotations,

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from groundtrace.errors import OutputError
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
 
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
+
+
+#: What a viewer's file ends in (rerun 0.41), within so many bytes.
+FOOTER, FOOTER_BYTES = b"RRF2FOOT", 64
 
 
 class RerunSink:
@@ -150,16 +155,23 @@ class RerunSink:
         if self._spawn and isinstance(item, StageSpec):
             self._send_layout(follow=True)
 
+    def abandon(self) -> None:
+        """End without giving the file its name: what was written stays in NAME.partial."""
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.disconnect()
+
     def close(self) -> None:
         """End the replay: write what is pending and the layout."""
         if self._recording is None or self._replay is None:
             return
         self._replay.close()
         self._send_layout(follow=False)
-        self._recording.flush()
-        self._recording.disconnect()
-        self._recording = None
-        if self._path is not None:
+        recording, self._recording = self._recording, None
+        if self._path is None:
+            ended(recording, None)
+        else:
+            ended(recording, _growing(self._path), self._path)
             _growing(self._path).replace(self._path)
         if self._spawn:
             self._go_to_first_event()
@@ -183,6 +195,56 @@ class RerunSink:
         client = connect(self.viewer, self._port)
         since_s = (first_ns - self._session.start_ns) / NS_PER_S
         client.set_time(TIMELINE, duration=since_s, play_state="paused")
+
+
+def ended(recording: rr.RecordingStream, file: Path | None, path: Path | None = None) -> None:
+    """End a stream, and see that its file is whole: a writer that fails does not always say so.
+
+    Parameters
+    ----------
+    recording
+        The stream.
+    file
+        What it writes; None where it only goes to a viewer.
+    path
+        How the user knows the file.
+
+    Raises
+    ------
+    OutputError
+        Where the file ends early, as on a full disk; it is removed.
+    """
+    trouble = None
+    try:
+        recording.flush()
+    except RuntimeError as error:  # the thread that writes the file has died
+        trouble = error
+    recording.disconnect()
+    if file is not None and not _is_whole(file):
+        reason = _refusal(file)
+        file.unlink(missing_ok=True)
+        raise OutputError(path or file, reason) from trouble
+    if trouble is not None:
+        raise trouble
+
+
+def _is_whole(file: Path) -> bool:
+    """Tell whether a viewer's file has its footer, which is written last."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
+        return FOOTER in stream.read()
+
+
+def _refusal(file: Path) -> str:
+    """Return why a file could not grow, as the system says when it is tried again."""
+    try:
+        with file.open("ab") as stream:
+            stream.write(bytes(1 << 16))
+    except OSError as error:
+        return error.strerror or str(error)
+    return "a file that ends early"
 
 
 def _growing(path: Path) -> Path:

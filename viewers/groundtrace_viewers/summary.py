@@ -6,7 +6,16 @@ from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from groundtrace.score.html_parts import STYLE, figure, folded, section, shown, table, tiles
+from groundtrace.score.html_parts import (
+    STYLE,
+    figure,
+    folded,
+    section,
+    shown,
+    table,
+    tiles,
+    warned,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
 from .summary_figures import interval_plot, pick_plot, place_map, steps_plot, tolerance_plot
@@ -71,7 +80,8 @@ def summary_page(sources: Sources, shown_signals: str, links: Sequence[Link] = (
         f"<title>{escape(sources.name)}: summary</title>"
         f"<style>{STYLE}{MORE_STYLE}</style></head>\n<body><main>"
         f'<header><p class="brand">groundtrace summary</p><h1>{escape(sources.name)}</h1>'
-        f'<p class="sub">{said}</p>{nav}</header>\n{"".join(parts)}</main></body></html>\n'
+        f'<p class="sub">{said}</p>{warned(sources.results.warnings)}{nav}</header>\n'
+        f"{''.join(parts)}</main></body></html>\n"
     )
 
 
@@ -112,7 +122,11 @@ def _figures_of_merit(sources: Sources) -> str:
         items.append(("Heading, RMSE", shown(h.rmse_deg, "deg", 1), remark))
     if score.disturbance is not None:
         d = score.disturbance
-        items.append(("F1 of disturbances", f"{d.f1:.3f}", f"{d.truth_s:.1f} s are disturbed"))
+        if d.f1 is None:
+            alarm = f"{d.false_alarm_s:.1f} s"
+            items.append(("False alarm of disturbances", alarm, "truth has no disturbed span"))
+        else:
+            items.append(("F1 of disturbances", f"{d.f1:.3f}", f"{d.truth_s:.1f} s are disturbed"))
     remark = "" if sources.scored else "<p>No truth in the recording: nothing is scored.</p>"
     return section("Result", tiles(items) + remark)
 

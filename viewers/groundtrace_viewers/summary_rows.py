@@ -9,7 +9,9 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from groundtrace.commands.output import FIRST_DATE_NS
+from groundtrace.score import timing_pairs
 from groundtrace.score.report import last_word
+from groundtrace.score.step_timing import answers_text
 from groundtrace_codecs.signals import NS_PER_S
 
 from .verdict import TOLERANCE_S
@@ -74,6 +76,9 @@ def _verdicts(matching: StepMatch | None) -> dict[int, str]:
         return {}
     found = matching.found_ns.tolist()
     said = {found[j]: "false" for j in matching.false.tolist()}
+    for pair in timing_pairs(matching):
+        if pair.found_ns in said:
+            said[pair.found_ns] = f"false: {answers_text(pair, matching.tolerance_s)}"
     for i, j in matching.pairs.tolist():
         said[found[j]] = f"{(found[j] - int(matching.truth_ns[i])) / 1e6:+.0f} ms"
     return said

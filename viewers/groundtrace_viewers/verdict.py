@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from groundtrace.score import match_steps
+from groundtrace.score import match_steps, timing_pairs
+from groundtrace.score.step_timing import answers_text, found_text
 
 from .lanes import SCORE, Lane
 from .palette import ACCEPTED, FALSE, MISSED
@@ -24,9 +25,21 @@ TOLERANCE_S = 0.12
 COLOURS = {"hit": ACCEPTED, "missed": MISSED, "false": FALSE}
 
 
+class Verdict(NamedTuple):
+    """What became of a step: when it was [ns], and in a word; of a wrong time, what it is.
+
+    ``text`` is ``found 126 ms late, tolerance 120 ms`` of a missed step that has a false one near
+    it, and ``answers step 12, 126 ms late`` of that one; else empty.
+    """
+
+    time_ns: int
+    verdict: str
+    text: str = ""
+
+
 def verdicts(
     session: Session, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
-) -> list[tuple[int, str]]:
+) -> list[Verdict]:
     """Return what became of every true step, and which detections answer none.
 
     Parameters
@@ -41,8 +54,8 @@ def verdicts(
     Returns
     -------
     list
-        Times [ns] with ``hit``, ``missed`` (times of true steps) or ``false`` (of detections), in
-        the spans that the score looks at.
+        ``hit``, ``missed`` (at times of true steps) or ``false`` (of detections), in the spans
+        that the score looks at.
     """
     first, last = replayed_ns
     labels = [x for x in session.labels if x.kind != "step" or first <= x.time_ns <= last]
@@ -53,15 +66,22 @@ def verdicts(
         ("missed", found.truth_ns[found.missed]),
         ("false", found.found_ns[found.false]),
     )
-    return sorted((int(t), verdict) for verdict, times in named for t in times)
+    pairs = timing_pairs(found)
+    texts = {p.truth_ns: found_text(p, TOLERANCE_S) for p in pairs}
+    texts |= {p.found_ns: answers_text(p, TOLERANCE_S) for p in pairs}
+    return sorted(
+        Verdict(int(t), verdict, "" if verdict == "hit" else texts.get(int(t), ""))
+        for verdict, times in named
+        for t in times
+    )
 
 
-def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[tuple[int, str]]) -> None:
+def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[Verdict]) -> None:
     """Log the lane, and a line for every step that was missed or is false."""
     lane = Lane(timeline, SCORE, COLOURS)
-    for time_ns, verdict in found:
+    for time_ns, verdict, why in found:
         lane.add(time_ns, verdict)
         if verdict != "hit":
-            text = f"{verdict} step at {timeline.seconds(time_ns)}"
+            text = f"{verdict} step at {timeline.seconds(time_ns)}{f': {why}' if why else ''}"
             lines.add("score", time_ns, text, "ERROR" if verdict == "missed" else "WARN")
     lane.flush()
