@@ -45,15 +45,16 @@ SURFACE = {
     "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
     "groundtrace.exports": "Exporter KINDS Material Origin Written choose export exporters",
     "groundtrace.gates": """
-        Candidates Carry Decisions Gate Level Refractory decide decided_block gate_specs""",
+        Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
+        never_passed""",
     "groundtrace.parameters": """
         ParameterInfo Part build describe gate measured parse_value""",
     "groundtrace.score": """
         Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PassScore
-        PickScore PositionScore Score StepMatch StepScore TrackScore WayScore assign consistency
-        gospa match match_steps normalised_squares ospa score_disturbances score_events
-        score_headings score_passes score_picks score_positions score_steps score_tracks score_ways
-        scored_spans""",
+        PickScore PositionScore Score StepMatch StepScore TimeShift TimingPair TrackScore WayScore
+        assign consistency gospa match match_steps normalised_squares ospa score_disturbances
+        score_events score_headings score_passes score_picks score_positions score_steps
+        score_tracks score_ways scored_spans timing_pairs""",
     "groundtrace.simulate": """
         RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
         simulate_walk write""",

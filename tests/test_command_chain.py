@@ -171,7 +171,9 @@ def test_score_says_the_same_to_people(room: Path, capsys: Capture) -> None:
     text = done(capsys, "score", "r.mcap", "--tolerance", 0.05).out
     assert f"steps: {score['steps']['matched']} of {score['steps']['truth']} found" in text
     assert f"F1 {score['steps']['f1']:.3f} at 50 ms" in text
-    assert f"picks: {score['picks']['all']['answered']} of {score['picks']['all']['truth']}" in text
+    picks = score["picks"]
+    answered = f"{picks['all']['answered']} of {picks['all']['truth']} answered"
+    assert f"picks of {picks['stage']}: {answered}" in text
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,30 @@ def table(quantity: str, unit: str, axes: str, size: float) -> tuple[object, ...
     return ("import", "t.csv", "--map", "m.toml", "-o", "out.mcap")
 
 
+def test_a_damaged_matlab_file_is_one_line_that_says_where(capsys: Capture) -> None:
+    from scipy.io import savemat
+
+    columns = '{column = "acc", quantity = "acceleration", unit = "m/s2", axis = "x"}'
+    text = f'format = "mat"\nrate_hz = 100.0\n[[stream]]\ntopic = "/s"\ncolumns = [{columns}]\n'
+    Path("m.toml").write_text(text, "utf-8")
+    savemat("a.mat", {"acc": np.arange(50.0)}, do_compression=True)
+    data = bytearray(Path("a.mat").read_bytes())
+    data[150] ^= 0xFF
+    Path("a.mat").write_bytes(data)
+    error = run(capsys, "import", "a.mat", "--map", "m.toml", "-o", "out.mcap").error
+    assert error.startswith("a.mat: byte ")
+    assert "expected compressed data, found " in error
+    assert not Path("out.mcap").exists()
+
+
+def test_a_format_that_a_map_spells_wrong_is_told_in_the_map(capsys: Capture) -> None:
+    arguments = table("acceleration", "m/s2", "xyz", 9.8)
+    Path("m.toml").write_text(Path("m.toml").read_text("utf-8").replace('"csv"', '"cvs"'), "utf-8")
+    error = run(capsys, *arguments).error
+    assert error.startswith("m.toml: format: expected one of audio, csv")
+    assert error.endswith("found 'cvs': did you mean csv?")
+
+
 UNITS = [
     ("angular_velocity", "rad/s", "xyz", 250.0, "was deg/s called rad/s?"),
     ("acceleration", "m/s2", "xyz", 1.0, "was g called m/s2?"),

@@ -185,7 +185,7 @@ def test_a_known_error_is_one_line(line: str, said: str, capsys: Capture) -> Non
 
 def test_a_score_without_truth_is_one_line(capsys: Capture) -> None:
     pressure(Path("baro.mcap"))
-    done(capsys, "replay", "baro.mcap", "--pipeline", "waist-steps", "--no-viewer")
+    done(capsys, "replay", "baro.mcap", "--pipeline", "signals", "--no-viewer")
     said = run(capsys, "score", "baro.results.mcap").error
     assert said.startswith("baro.results.mcap: expected truth to score against")
     missing = run(capsys, "score", "baro.results.mcap", "--truth", "none.csv").error
@@ -223,7 +223,11 @@ def test_an_existing_output_is_refused_without_force(
 def test_force_never_overwrites_the_recording_itself(option: str, capsys: Capture) -> None:
     recording = pressure(Path("baro.mcap"))
     before = recording.read_bytes()
-    said = run(capsys, "replay", recording, option, recording.resolve(), "--force").error
+    said = run(
+        capsys,
+        *("replay", recording, "--pipeline", "signals"),
+        *(option, recording.resolve(), "--force"),
+    ).error
     assert said.endswith("baro.mcap: expected a new file, found the one that is read")
     assert recording.read_bytes() == before
 

@@ -236,6 +236,9 @@ def test_a_replay_can_show_what_lies_around_a_miss(missing: Path, capsys: Captur
     assert times.min() >= 33.741 - 5.0 - 1e-6
     assert times.max() <= 33.741 + 5.0
     assert times.max() - times.min() > 9.9
+    done(capsys, *replay, "--at-miss", 3)  # beside the outputs of the whole replay and of a miss
+    assert Path("walk-miss3.rrd").exists()
+    assert Path("walk-miss3.results.mcap").exists()
     assert run(capsys, *replay, "--at-miss", 22, "--force").error == (
         "walk.mcap: --at-miss: expected one of the 21 missed steps, found 22"
     )

@@ -1,0 +1,180 @@
+"""A disk that takes no more: one line with the output's name, what was there stays, no traceback.
+
+The limit of a file's length stands for the disk: the system refuses the same writes, in this
+process, in its threads and in those it starts.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from command_runs import done, run
+
+from groundtrace.commands import main
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Capture = pytest.CaptureFixture[str]
+WALK, RESULTS = "in/walk.mcap", "in/walk.results.mcap"
+#: Each kind of output, and what writes it.
+OUTPUTS = {
+    "page.html": ("score", RESULTS, "--html"),
+    "shared.html": ("share", RESULTS, "--single-file", "-o"),
+    "shared.zip": ("share", RESULTS, "--zip", "-o"),
+    "replay.rrd": ("replay", WALK, "--out", "new.mcap", "--rrd"),
+    "replay.mcap": ("replay", WALK, "--no-viewer", "--out"),
+    "sweep.svg": ("sweep", RESULTS, "--grid", "steps.swing=0.4:0.6:3", "--figure"),
+    "best.toml": ("sweep", RESULTS, "--grid", "steps.swing=0.4:0.6:3", "--write"),
+    "steps.csv": ("export", RESULTS, "--kind", "candidates", "-o"),
+    "steps.parquet": ("export", RESULTS, "--kind", "steps", "-o"),
+    "labels.txt": ("export", RESULTS, "--format", "audacity", "-o"),
+    "bag": ("export", WALK, "--format", "ros2", "-o"),
+    "fleet.parquet": ("fleet", WALK, "--pipeline", "waist-steps", "--resume", "-o"),
+    "fleet.html": ("fleet-report", "in/fleet.parquet", "-o"),
+    "table.mcap": ("import", "in/table.csv", "--map", "in/map.toml", "-o"),
+    "cut.mcap": ("cut", WALK, "--to", "4", "-o"),
+    "walk.mcap": ("simulate", "walk", "--duration-s", "3", "-o"),
+    "room.png": ("analyze", "room", "in/room.toml", "--lattice", "3", "--draws", "2", "--png"),
+}
+MAP = """format = "csv"
+time = {column = "t"}
+[[stream]]
+topic = "/imu"
+columns = [{column = "a", quantity = "acceleration", axis = "z", unit = "g"}]
+"""
+ROOM = "".join(
+    f'[[sensor]]\nname = "G{i}"\nchannel = "G{i}"\nx = {x}\ny = {y}\n'
+    for i, (x, y) in enumerate([(0, 0), (5, 0), (5, 5), (0, 5)])
+)
+FULL = "expected room to write, found: File too large"
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a short walk, its results and a fleet's table, once; all that is compiled, is."""
+    folder = tmp_path_factory.mktemp("inputs")
+    walk, results = folder / "walk.mcap", folder / "walk.results.mcap"
+    main(["cut", str(path_of("waist-walk.mcap")), "--to", "6", "-o", str(walk)])
+    main(["replay", str(walk), "--out", str(results), "--rrd", str(folder / "walk.rrd")])
+    table = ("-o", str(folder / "fleet.parquet"))
+    main(["fleet", str(walk), "--pipeline", "waist-steps", *table, "--workers", "1"])
+    (folder / "table.csv").write_text("t,a\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(900)))
+    (folder / "map.toml").write_text(MAP)
+    (folder / "room.toml").write_text(ROOM)
+    return folder
+
+
+@pytest.fixture
+def _in_place(inputs: Path) -> None:
+    shutil.copytree(inputs, "in")
+
+
+@contextmanager
+def no_more_than(size: int) -> Iterator[None]:
+    """Let no file grow beyond a length, as a disk that is full does not."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("out", OUTPUTS)
+@pytest.mark.usefixtures("_in_place")
+def test_a_full_disk_is_one_line_and_what_was_there_stays(out: str, capsys: Capture) -> None:
+    Path(out).write_text("mine", "utf-8")
+    if out == "fleet.parquet":  # its parts are there: the table alone is to be written
+        shutil.copytree("in/fleet.parts", "fleet.parts")
+    before = {p.name for p in Path().iterdir()}
+    with no_more_than(100):
+        ran = run(capsys, *OUTPUTS[out], out, "--force")
+    assert ran.code == 1, (ran.out, ran.err)
+    *said, last = ran.err.splitlines()
+    assert last.startswith("groundtrace: ")
+    assert FULL in last
+    assert out.partition(".")[0] in last
+    assert all(line.startswith(("timeline: ", "pipeline: ", "remark: ")) for line in said), said
+    assert Path(out).read_text("utf-8") == "mine"
+    left = {p.name for p in Path().iterdir()} - before
+    assert left <= {f"{out}.partial", "new.mcap.partial"}, (
+        "recordings keep what was written, and say so"
+    )
+
+
+@pytest.mark.parametrize("command", [("export",), ("share",)])
+@pytest.mark.usefixtures("_in_place")
+def test_a_folder_that_a_full_disk_ends_does_not_appear(
+    command: tuple[str, ...], capsys: Capture
+) -> None:
+    with no_more_than(100):
+        said = run(capsys, *command, RESULTS, "-o", "out").err.splitlines()
+    assert said[-1] == f"groundtrace: out: {FULL}"
+    assert {p.name for p in Path().iterdir()} == {"in"}
+
+
+@pytest.mark.usefixtures("_in_place")
+def test_a_mark_that_finds_no_room_is_one_line_and_the_others_stay(capsys: Capture) -> None:
+    done(capsys, "annotate", WALK, "--add", "missed@1.5")
+    listed = done(capsys, "annotate", WALK, "--list").out
+    with no_more_than(10):
+        assert "found: File too large" in run(capsys, "annotate", WALK, "--add", "missed@2.5").error
+    assert done(capsys, "annotate", WALK, "--list").out == listed
+
+
+def piped(*arguments: str, out: int | str, buffered: bool, before: str = "") -> tuple[int, str]:
+    """Run a command in a process of its own; return its exit code and what it says on stderr."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    environment |= {} if buffered else {"PYTHONUNBUFFERED": "1"}
+    code = f"{before}from groundtrace.commands import main; main()"
+    with Path(os.devnull).open("wb") if isinstance(out, int) else Path(out).open("wb") as file:
+        ran = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            stdout=out if isinstance(out, int) else file,
+            stderr=subprocess.PIPE,
+            env=environment,
+            text=True,
+            check=False,
+        )
+    return ran.returncode, ran.stderr
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.parametrize("command", ["pipelines waist-steps", "--help", "info in/walk.mcap --json"])
+@pytest.mark.usefixtures("_in_place")
+def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(
+    command: str, buffered: bool
+) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        assert piped(*command.split(), out=writing, buffered=buffered) == (1, "")
+    finally:
+        os.close(writing)
+
+
+@pytest.mark.parametrize("buffered", [True, False])
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+def test_output_into_a_full_disk_is_one_line(buffered: bool) -> None:
+    said = "groundtrace: output: expected room to write, found: No space left on device\n"
+    assert piped("pipelines", "waist-steps", out="/dev/full", buffered=buffered) == (1, said)
+
+
+def test_an_error_after_output_that_nobody_reads_is_one_line() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        ran = piped("info", "none", out=writing, buffered=True, before="print('held back'); ")
+    finally:
+        os.close(writing)
+    assert ran == (1, "groundtrace: none: expected a recording, found no such file\n")
