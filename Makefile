@@ -87,6 +87,7 @@ accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random roo
 	$(BIN)/python bench/heading_accuracy.py
 	$(BIN)/python bench/pedestrian_accuracy.py
 	$(BIN)/python bench/vehicle_accuracy.py
+	$(BIN)/python bench/why_confusion.py
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \
