@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .errors import ViewerError
 from .serve import connect, data_url, free_port, open_viewer
-from .sink import RerunSink, ended
+from .sink import Outlet, RerunSink
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
@@ -59,14 +59,14 @@ def recording_at(
     recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
+    shown = [rr.GrpcSink(data_url(port))] if spawn else []
     with nullcontext() if path is None else appearing(path) as fresh:
-        file = [] if fresh is None else [rr.FileSink(fresh)]
-        recording.set_sinks(*file, *([rr.GrpcSink(data_url(port))] if spawn else []))
+        outlet = Outlet(recording, fresh, *shown, name=path)
         try:
             yield recording
-            ended(recording, fresh, path)
+            outlet.finish()
         except BaseException:
-            recording.disconnect()
+            outlet.end()
             if viewer is not None:
                 viewer.terminate()
             raise

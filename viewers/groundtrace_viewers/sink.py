@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from groundtrace.appearing import room_for
 from groundtrace.errors import OutputError
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -22,6 +25,7 @@ from .timeline import TIMELINE
 if TYPE_CHECKING:
     import subprocess
     from collections.abc import Sequence
+    from io import FileIO
 
     import rerun as rr
 
@@ -29,8 +33,8 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
 
 
-#: What a viewer's file ends in (rerun 0.41), within so many bytes.
-FOOTER, FOOTER_BYTES = b"RRF2FOOT", 64
+#: What is taken from the viewer's pipe at once, at most.
+PIECE_BYTES = 1 << 20
 
 
 class RerunSink:
@@ -93,6 +97,7 @@ class RerunSink:
         self._map_tiles = map_tiles
         self._session: Session | None = None
         self._recording: rr.RecordingStream | None = None
+        self._outlet: Outlet | None = None
         self._replay: Replay | None = None
         self._events: list[Event] = []
 
@@ -113,8 +118,15 @@ class RerunSink:
         ViewerError
             Where the viewer does not start.
         """
+        import rerun as rr
+
         recording = stream_of(session.name, session.application)
-        recording.set_sinks(*self._sinks())
+        viewers = []
+        if self._spawn:
+            self.viewer = open_viewer(["--expect-data-soon"], self._port)
+            viewers.append(rr.GrpcSink(data_url(self._port)))
+        growing = _growing(self._path) if self._path is not None else None
+        self._outlet = Outlet(recording, growing, *viewers, name=self._path)
         self._session, self._recording = session, recording
         plan = planned(self._full_rate, session)
         self._replay = Replay(
@@ -127,17 +139,6 @@ class RerunSink:
         )
         if self._spawn:
             self._send_layout(follow=True)
-
-    def _sinks(self) -> list[rr.FileSink | rr.GrpcSink]:
-        import rerun as rr
-
-        sinks: list[rr.FileSink | rr.GrpcSink] = []
-        if self._path is not None:
-            sinks.append(rr.FileSink(_growing(self._path)))
-        if self._spawn:
-            self.viewer = open_viewer(["--expect-data-soon"], self._port)
-            sinks.append(rr.GrpcSink(data_url(self._port)))
-        return sinks
 
     def _send_layout(self, *, follow: bool) -> None:
         if self._recording is not None and self._session is not None and self._replay is not None:
@@ -157,21 +158,19 @@ class RerunSink:
 
     def abandon(self) -> None:
         """End without giving the file its name: what was written stays in NAME.partial."""
-        recording, self._recording = self._recording, None
-        if recording is not None:
-            recording.disconnect()
+        outlet, self._outlet = self._outlet, None
+        if outlet is not None:
+            outlet.end()
 
     def close(self) -> None:
         """End the replay: write what is pending and the layout."""
-        if self._recording is None or self._replay is None:
+        outlet, self._outlet = self._outlet, None
+        if outlet is None or self._replay is None:
             return
         self._replay.close()
         self._send_layout(follow=False)
-        recording, self._recording = self._recording, None
-        if self._path is None:
-            ended(recording, None)
-        else:
-            ended(recording, _growing(self._path), self._path)
+        outlet.finish()
+        if self._path is not None:
             _growing(self._path).replace(self._path)
         if self._spawn:
             self._go_to_first_event()
@@ -197,54 +196,87 @@ class RerunSink:
         client.set_time(TIMELINE, duration=since_s, play_state="paused")
 
 
-def ended(recording: rr.RecordingStream, file: Path | None, path: Path | None = None) -> None:
-    """End a stream, and see that its file is whole: a writer that fails does not always say so.
+class Outlet:
+    """Where a stream of the viewer goes: into a file, to a viewer, or both.
+
+    Where the disk is full, the thread by which the viewer writes files ends, and what waits for it
+    waits for ever (rerun 0.41). So the viewer writes into a pipe that takes all there is, and a
+    thread of ours writes the file.
 
     Parameters
     ----------
     recording
         The stream.
-    file
-        What it writes; None where it only goes to a viewer.
     path
-        How the user knows the file.
+        The file; None where there is none.
+    viewers
+        Where else it goes.
+    name
+        How the user knows the file; None is ``path``.
 
     Raises
     ------
     OutputError
-        Where the file ends early, as on a full disk; it is removed.
+        Where the file cannot be begun.
     """
-    trouble = None
-    try:
-        recording.flush()
-    except RuntimeError as error:  # the thread that writes the file has died
-        trouble = error
-    recording.disconnect()
-    if file is not None and not _is_whole(file):
-        reason = _refusal(file)
-        file.unlink(missing_ok=True)
-        raise OutputError(path or file, reason) from trouble
-    if trouble is not None:
-        raise trouble
 
+    def __init__(
+        self,
+        recording: rr.RecordingStream,
+        path: Path | None,
+        *viewers: rr.GrpcSink,
+        name: Path | None = None,
+    ) -> None:
+        import rerun as rr
 
-def _is_whole(file: Path) -> bool:
-    """Tell whether a viewer's file has its footer, which is written last."""
-    if not file.is_file():
-        return False
-    with file.open("rb") as stream:
-        stream.seek(max(0, file.stat().st_size - FOOTER_BYTES))
-        return FOOTER in stream.read()
+        self._recording = recording
+        self._path, self._name = path, name or path
+        self._refused: OSError | None = None
+        self._writer: threading.Thread | None = None
+        if path is None:
+            recording.set_sinks(*viewers)
+            return
+        with room_for(name or path, path):
+            file = path.open("wb", buffering=0)
+        with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+            pipe = Path(folder) / "recording.rrd"
+            os.mkfifo(pipe)
+            end = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # before anybody writes
+            recording.set_sinks(rr.FileSink(pipe), *viewers)
+        os.set_blocking(end, True)
+        copied = (os.fdopen(end, "rb", buffering=0), file)
+        self._writer = threading.Thread(target=self._copy, args=copied, daemon=True)
+        self._writer.start()
 
+    def _copy(self, pipe: FileIO, file: FileIO) -> None:
+        with pipe, file:
+            while piece := pipe.read(PIECE_BYTES):
+                rest = memoryview(piece if self._refused is None else b"")
+                try:
+                    while rest:
+                        rest = rest[file.write(rest) :]
+                except OSError as error:
+                    self._refused = error
 
-def _refusal(file: Path) -> str:
-    """Return why a file could not grow, as the system says when it is tried again."""
-    try:
-        with file.open("ab") as stream:
-            stream.write(bytes(1 << 16))
-    except OSError as error:
-        return error.strerror or str(error)
-    return "a file that ends early"
+    def end(self) -> None:
+        """End the stream; a file stays as far as it came."""
+        self._recording.disconnect()
+        if self._writer is not None:
+            self._writer.join()
+
+    def finish(self) -> None:
+        """End the stream when all of it has arrived.
+
+        Raises
+        ------
+        OutputError
+            Where a file could not be written whole, as on a full disk; it is removed.
+        """
+        self._recording.flush()
+        self.end()
+        if self._refused is not None and self._path is not None and self._name is not None:
+            self._path.unlink(missing_ok=True)
+            raise OutputError(self._name, self._refused.strerror) from self._refused
 
 
 def _growing(path: Path) -> Path:
