@@ -1,6 +1,8 @@
 """How often clocks are found by steps, refused, or wrong: drawn walks seen by two devices.
 
 Usage: python bench/alignment_accuracy.py [PAIRS]
+
+These walks were seen while the alignment was made (docs/accuracy.md).
 """
 
 from __future__ import annotations

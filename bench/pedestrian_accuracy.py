@@ -3,6 +3,8 @@
     python bench/pedestrian_accuracy.py --data FOLDER
 
 The folder holds ``indoor-location-20`` as published. Nothing is set but the name of the pipeline.
+
+These traces were seen while the tracker was made (docs/accuracy.md).
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@
 Each room is simulated to a recording, replayed and scored, with the array stage as shipped and
 with onsets alone; a few of them again in a floor where waves do not disperse. Ends with the
 targets and says which are reached; exit status 1 where one is not.
+
+No setting was chosen on these seeds (docs/accuracy.md).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@
 
 The folder holds ``mobgap``, ``oxford-step`` and ``rieck-stepcounter`` as published; what is absent
 is left out. Nothing is set but what the recordings say themselves.
+
+Settings were chosen on these recordings (docs/accuracy.md).
 """
 
 from __future__ import annotations
