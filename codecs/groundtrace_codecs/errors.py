@@ -1,8 +1,9 @@
-"""Errors of the codecs.
+"""Errors of the codecs, under the root of everything that groundtrace raises on purpose.
 
 ::
 
-    CodecError
+    Error                     also that of the engine's and the viewers' errors
+    CodecError(Error)
     ├── FormatError           the bytes are not what the format prescribes
     ├── SchemaError           a message or map does not match its schema
     ├── NoRoomError           the disk does not take what is written
@@ -20,7 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-class CodecError(Exception):
+class Error(Exception):
+    """Root of everything that groundtrace raises on purpose; its text is one line."""
+
+
+class CodecError(Error):
     """Root of everything the codecs raise on purpose.
 
     Parameters

@@ -7,6 +7,7 @@
     ├── BeliefError       masses are not what they must be, or a quantity is not defined for them
     │   └── TotalConflictError  the sources contradict each other wholly
     ├── CheckpointError   a replay cannot go on from where it was stopped
+    ├── MissingPackageError  something needs a package that is no dependency
     ├── OutputError       an output cannot be written: no room on the disk, or not allowed
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
     ├── PluginError       a plugin is unknown or does not load
@@ -19,6 +20,8 @@ The command line prints each as one line and exits with 1.
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from groundtrace_codecs.errors import Error
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -41,7 +44,7 @@ def did_you_mean(found: str, known: Iterable[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-class GroundtraceError(Exception):
+class GroundtraceError(Error):
     """Root of everything the engine raises on purpose."""
 
 
@@ -59,6 +62,24 @@ class TotalConflictError(BeliefError):
 
 class CheckpointError(GroundtraceError):
     """A replay cannot go on from where it was stopped."""
+
+
+class MissingPackageError(GroundtraceError):
+    """Something needs a package that is no dependency, and it is not installed.
+
+    Parameters
+    ----------
+    what
+        What needs it.
+    package
+        Which.
+    """
+
+    def __init__(self, what: str, package: str) -> None:
+        super().__init__(
+            f"{what}: expected the package {package}, found none; "
+            f"install it with: pip install {package}"
+        )
 
 
 class OutputError(GroundtraceError):

@@ -6,7 +6,7 @@ import hashlib
 import platform
 import tomllib
 from dataclasses import dataclass, field, replace
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,6 @@ import msgspec
 from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
-from . import __version__
 from .errors import RecordingError
 from .warned import warnings_of
 
@@ -77,10 +76,18 @@ class Provenance:
     placements: dict[str, str] = field(default_factory=dict)
 
 
+def own_version() -> str:
+    """Return the version of groundtrace; of a source tree that is not installed ``0+unknown``."""
+    try:
+        return version("groundtrace")
+    except PackageNotFoundError:
+        return "0+unknown"
+
+
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
     found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
-    return {"python": platform.python_version(), "groundtrace": __version__} | found
+    return {"python": platform.python_version(), "groundtrace": own_version()} | found
 
 
 def file_sha256(path: Path) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
-from groundtrace.commands.fitting import fitting_pipeline
+from groundtrace.api.fitting import fitting_pipeline
 from groundtrace.commands.output import say
 from groundtrace.commands.replaying import replay
 from groundtrace.pipeline import parse_pipeline

@@ -7,6 +7,8 @@
 
 from __future__ import annotations
 
+from groundtrace_codecs.errors import Error
 
-class ViewerError(Exception):
+
+class ViewerError(Error):
     """The viewer does not start, does not answer or cannot show a recording."""

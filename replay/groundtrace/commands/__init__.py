@@ -14,13 +14,6 @@ from ..heap import keep_freed_memory
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-#: Roots of the errors that are said in one line; anything else is a bug and keeps its traceback.
-KNOWN_ERRORS = (
-    ("groundtrace.errors", "GroundtraceError"),
-    ("groundtrace_codecs.errors", "CodecError"),
-    ("groundtrace_viewers.errors", "ViewerError"),
-)
-
 HERE = "groundtrace.commands"
 #: Name, function and help of each command; here, so that listing them imports none.
 COMMANDS = {
@@ -206,9 +199,9 @@ def application() -> App:
 
 
 def _version() -> str:
-    from .. import __version__
+    from ..results import own_version
 
-    return __version__
+    return own_version()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -269,5 +262,5 @@ def _hush() -> None:
 
 def is_known(error: Exception) -> bool:
     """Tell whether an error is one that is said in one line."""
-    loaded = ((sys.modules.get(module), name) for module, name in KNOWN_ERRORS)
-    return any(m is not None and isinstance(error, getattr(m, name)) for m, name in loaded)
+    errors = sys.modules.get("groundtrace_codecs.errors")  # not loaded, none was raised
+    return errors is not None and isinstance(error, errors.Error)

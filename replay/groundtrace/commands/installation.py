@@ -60,13 +60,13 @@ class Installation:
 
 def look_at_installation() -> Installation:
     """Find out what is installed."""
-    from .. import __version__
+    from ..results import own_version
 
     needed, extras = _requirements()
     viewer, broken = _viewer(), _broken_plugins()
     missing = any(package.version is None for package in needed)
     return Installation(
-        groundtrace=__version__,
+        groundtrace=own_version(),
         python=platform.python_version(),
         platform=platform.platform(terse=True),
         packages=needed,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_codecs.truth import read_truth
 
+from ..api.fitting import fitting_pipeline
 from ..errors import RecordingError
-from .fitting import fitting_pipeline
 from .output import existing, progress, say
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..api.fitting import default_pipeline
 from ..errors import RecordingError
 from ..pipeline import Pipeline, build_pipeline, checked_pipeline, load_pipeline, with_settings
 from ..plugins import load
@@ -28,7 +29,6 @@ from ..sinks import Session
 from ..source import Source, block_length_s
 from ..suitability import Prepared, prepared
 from .at_miss import Around, missed_step
-from .fitting import default_pipeline
 from .output import existing, say, writable
 from .replay_report import report
 from .replay_run import kept_run, run_into

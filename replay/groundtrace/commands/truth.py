@@ -1,38 +1,20 @@
-"""The truth that score, why, sweep and compare use, and the annotations that replay shows.
-
-In this order: the file of ``--truth``, the recording's own truth, the annotations beside it, those
-inside it. What a person annotated is never added to a recording's own truth.
-"""
+"""The truth that commands use, see :mod:`groundtrace.api.known_truth`; its remarks are printed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import AnnotationError, RecordingError
-from ..results import file_sha256, replayed_labels
-from ..score.truth import scored_truth
+from ..api import known_truth
 from .output import say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from groundtrace_codecs.annotations import Annotation, RecordingKey
+    from groundtrace_codecs.annotations import Annotation
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.recording import Recording
 
     from ..results import Results
     from ..score.truth import ScoredTruth
-
-
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """Where truth comes from: labels, or where there are none annotations."""
-
-    name: str
-    labels: tuple[Label, ...] = ()
-    annotations: tuple[Annotation, ...] = ()
 
 
 def truth_of(
@@ -45,158 +27,18 @@ def truth_of(
 def scored_truth_of(
     result: Results, path: Path, truth: Path | None, author: str | None = None
 ) -> ScoredTruth:
-    """Return the truth of a result, of the span that was replayed, and say what is left out of it.
-
-    What the pipeline was given is left out, and of a sensor on one foot the other foot's steps, see
-    :mod:`groundtrace.score.truth`.
-
-    Parameters
-    ----------
-    result, path
-        The result and its file, beside which the recording's annotations are looked for.
-    truth
-        A file instead.
-    author
-        Of annotations: whose are truth; None for everybody's.
-
-    Raises
-    ------
-    RecordingError, AnnotationError
-        Where the file is not there, annotations are of another recording or none by ``author``.
-    SchemaError
-        Where the channels or stations that a file names are none of the recording's.
-    """
-    from groundtrace_codecs.annotations import RecordingKey
-
-    origin = result.provenance
-    recording = path.parent / Path(origin.recording).name
-    key = RecordingKey(origin.recording, origin.sha256, origin.start_ns)
-    labels = _chosen(_source(result, recording, key.start_ns, lambda: key, truth), author)
-    if truth is not None:
-        _say_unmatched(labels, _names_in(result), truth)
-    found = scored_truth(replayed_labels(labels, origin.from_ns, origin.to_ns), result)
-    for remark in found.remarks:
-        say(f"truth: {remark}")
-    return found
+    """Return the truth of a result; annotations are looked for beside its file, ``path``."""
+    recording = path.parent / Path(result.provenance.recording).name
+    return known_truth.scored_truth_of(result, recording, truth, author, say)
 
 
 def truth_of_recording(
     recording: Recording, path: Path, truth: Path | None, author: str | None = None
 ) -> tuple[Label, ...]:
-    """Return the same for a recording that was not replayed."""
-    from groundtrace_codecs.annotations import RecordingKey
-
-    def key() -> RecordingKey:
-        return RecordingKey(path.name, file_sha256(path), recording.start_ns)
-
-    labels = _chosen(_source(recording, path, recording.start_ns, key, truth), author)
-    if truth is not None:
-        from groundtrace_codecs.truth import names_of
-
-        _say_unmatched(labels, names_of(recording.streams, recording.geometry), truth)
-    return labels
-
-
-def _names_in(result: Results) -> dict[str, tuple[str, ...] | None]:
-    """Return what truth may name of a result: channels are known where some were picked."""
-    from groundtrace_codecs.events import StageSpec
-    from groundtrace_codecs.truth import names_of
-
-    specs = [e for e in result.events if isinstance(e, StageSpec) and e.emits == "pick"]
-    picked = dict.fromkeys(name for spec in specs for name in spec.channels)
-    return names_of((), result.geometry) | {"pick": tuple(picked) if specs else None}
-
-
-def _say_unmatched(
-    labels: Sequence[Label], known: Mapping[str, Sequence[str] | None], truth: Path
-) -> None:
-    """Say what truth names that is not there; refuse one that names nothing that is."""
-    from groundtrace_codecs.truth import unmatched_names
-
-    for text in unmatched_names(labels, known, truth.name):
-        say(f"warning: {text}")
-
-
-def _source(
-    subject: Results | Recording,
-    recording: Path,
-    start_ns: int,
-    key: Callable[[], RecordingKey],
-    truth: Path | None,
-) -> _Source:
-    """Return where truth comes from; ``key`` is asked only where annotations lie beside."""
-    from groundtrace_codecs.annotations import sidecar_path
-
-    from ..annotate import annotated, kept_in
-
-    if truth is not None:
-        return _given(subject, start_ns, key, truth)
-    if subject.labels:
-        return _Source(recording.name, subject.labels)
-    if annotated(recording):
-        beside = sidecar_path(recording)
-        return _Source(beside.name, (), kept_in(beside, key()).annotations)
-    return _Source(recording.name, (), subject.annotations)
-
-
-def _given(
-    subject: Results | Recording, start_ns: int, key: Callable[[], RecordingKey], truth: Path
-) -> _Source:
-    """Return what a file says."""
-    from groundtrace_codecs.annotations import is_sidecar
-    from groundtrace_codecs.recording import Recording
-    from groundtrace_codecs.truth import read_truth
-
-    from ..annotate import kept_in
-
-    if not truth.is_file():
-        raise RecordingError(f"{truth}: expected a truth file, found no such file")
-    if truth.suffix.lower() == ".mcap":
-        with Recording.open(truth) as opened:
-            if not is_sidecar(opened.file):
-                return _Source(truth.name, opened.labels, opened.annotations)
-        return _Source(truth.name, (), kept_in(truth, key()).annotations)
-    labels = read_truth(truth, start_ns=start_ns, geometry=subject.geometry, labels=subject.labels)
-    return _Source(truth.name, labels)
-
-
-def _chosen(source: _Source, author: str | None) -> tuple[Label, ...]:
-    """Return the labels of a source; of annotations, say what was made of them."""
-    from ..annotate import truth_of_annotations
-
-    if source.labels or not source.annotations:
-        if author is not None:
-            raise RecordingError(
-                f"{source.name}: --author: expected annotations as truth, found "
-                f"{'truth of its own' if source.labels else 'none'}"
-            )
-        return source.labels
-    truth = truth_of_annotations(source.annotations, author or "", source.name)
-    said = f"truth: {len(truth.labels)} annotations of {source.name}"
-    if truth.merged:
-        said += f"; {truth.merged} more that another author gives within 50 ms count once"
-    if truth.conflicts:
-        said += f"; {truth.conflicts} conflicts (groundtrace annotate --conflicts lists them)"
-    say(said)
-    steps = {a.label.kind for a in source.annotations} & {"step", "missed"}
-    if steps == {"missed"}:
-        say("truth: every step in it is marked as missed: steps that were found need marking too")
-    return truth.labels
+    """Return the truth of a recording that was not replayed."""
+    return known_truth.truth_of_recording(recording, path, truth, author, say)
 
 
 def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
     """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
-    from groundtrace_codecs.errors import CodecError
-
-    from ..annotate import annotated, stored
-
-    if not annotated(path):
-        return recording.annotations
-    try:
-        found = stored(path).kept
-    except (AnnotationError, CodecError) as error:
-        say(f"annotations are left out: {error}")
-        return ()
-    for remark in found.remarks:
-        say(remark)
-    return found.annotations
+    return known_truth.annotations_to_show(recording, path, say)

@@ -5,10 +5,8 @@ Imported where the work is done, and only there: with all it needs it takes a se
 
 from __future__ import annotations
 
-import io
 import itertools
 import time
-from contextlib import redirect_stderr
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,8 +18,8 @@ from groundtrace_codecs.events import Gap
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..commands.fitting import default_pipeline
-from ..commands.truth import truth_of_recording
+from ..api.fitting import default_pipeline
+from ..api.known_truth import truth_of_recording
 from ..engine import replay
 from ..errors import GroundtraceError, RecordingError
 from ..explain import evidence_of
@@ -132,8 +130,8 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
 
 def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:
     truth = None if task.truth is None else Path(task.truth)
-    with redirect_stderr(io.StringIO()):  # remarks of one recording say nothing in a fleet
-        labels = truth_of_recording(opened, Path(task.location), truth)
+    # remarks on one recording say nothing in a fleet
+    labels = truth_of_recording(opened, Path(task.location), truth)
     source = "recording" if opened.labels else "annotations" if labels else ""
     source = truth.name if truth is not None else source
     return labels, replace(row, truth=source, labels=len(labels))

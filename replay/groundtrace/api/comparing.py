@@ -1,0 +1,227 @@
+"""Results beside others: two of one recording, and many settings of one pipeline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from ..errors import RecordingError
+from ..explain.comparison import compare as compared
+from ..explain.counted import TOLERANCE_S, counted_kind, noun_of
+from ..explain.grid import make_grid, parse_axis
+from ..explain.ranking import rank
+from ..explain.refused import without_refused
+from ..explain.sweep import Subject, count, located, measurements
+from .analysis import Comparison, Sweep
+from .pipelines import setting_text
+from .results import Results
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from ..explain.grid import Grid
+    from ..explain.ranking import Ranking
+    from ..explain.sweep import Counted
+    from ..pipeline import PipelineConfig
+
+
+def compare(
+    a: Results, b: Results, *, tolerance_s: float = 0.12, truth: str | Path | None = None
+) -> Comparison:
+    """Compare two results of one recording, decision by decision.
+
+    Parameters
+    ----------
+    a, b
+        The results.
+    tolerance_s
+        Largest distance between a step and its detection [s].
+    truth
+        A file of truth instead of the recording's own.
+
+    Raises
+    ------
+    Error
+        Where they are of different recordings, or of different parts of one.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> a = gt.replay("waist-walk", "waist-steps")
+    >>> gt.compare(a, gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5}))
+    Comparison(waist-walk.mcap, 66 both right, 8 only A right, p = 0.0078)
+    """
+    labels = a.scored_truth(truth).labels or b.scored_truth(truth).labels
+    places = (a.recording_path, b.recording_path)
+    return Comparison(compared(a.decided, b.decided, labels, tolerance_s, places))
+
+
+def sweep(
+    results: Results | Sequence[Results],
+    grid: Mapping[str, Sequence[Any] | str],
+    *,
+    random: int | None = None,
+    seed: int = 0,
+    tolerance_s: float | None = None,
+    truth: str | Path | None = None,
+    top: int = 10,
+    jobs: int = 1,
+) -> Sweep:
+    """Try many settings and say which are best, and how sure that is.
+
+    Parameters
+    ----------
+    results
+        Results, or several through one pipeline: each is then also left out in turn.
+    grid
+        By ``stage.parameter`` the values to try, or ``FROM:TO:COUNT``; all combinations are tried.
+    random
+        Try so many random settings of those ranges instead.
+    seed
+        Of the random settings.
+    tolerance_s
+        Largest distance between a step, or a pass, and its detection [s]; None is 0.12 for steps
+        and 1 for passes.
+    truth
+        A file of truth instead of the recording's own; of one recording alone.
+    top
+        How many of the highest F1 to keep.
+    jobs
+        Processes for measuring again where a parameter of the signal path is swept.
+
+    Raises
+    ------
+    Error
+        Where there is no truth, not one pipeline for all, or no such parameter or value.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> results = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    >>> gt.sweep(results, {"steps.swing": [0.2, 0.8, 1.5]}).best
+    {'steps.swing': 0.2}
+    """
+    several = [results] if isinstance(results, Results) else list(results)
+    if not several:
+        raise RecordingError("sweep: expected results or recordings, found none")
+    if truth is not None and len(several) > 1:
+        raise RecordingError(f"--truth: expected one recording, found {len(several)}")
+    config = several[0].pipeline.config
+    texts = [f"{name}={_values_text(values)}" for name, values in grid.items()]
+    asked = make_grid([parse_axis(text, config) for text in texts], random, seed)
+    subjects = [_subject(each, truth) for each in several]
+    check_subjects(subjects, config)
+    return Sweep(SweepPlan.of(subjects, config, asked, tolerance_s).run(top, jobs)[1])
+
+
+def _values_text(values: Sequence[Any] | str) -> str:
+    return values if isinstance(values, str) else ",".join(map(setting_text, values))
+
+
+def _subject(results: Results, truth: str | Path | None) -> Subject:
+    origin = results.decided.provenance
+    part = origin.from_ns is not None or origin.to_ns is not None
+    # what was replayed in part is not to be measured as a whole
+    places = () if part else (results.recording_path,)
+    return Subject(results.evidence(truth), places, origin.sha256)
+
+
+def check_subjects(subjects: Sequence[Subject], config: PipelineConfig) -> None:
+    """Refuse to sweep what has no truth, or different pipelines.
+
+    Raises
+    ------
+    RecordingError
+        Where one has no truth, or another pipeline.
+    """
+    for subject in subjects:
+        counted = counted_kind(subject.evidence.config)
+        needed = "step" if counted == "step" else "pass"
+        if not any(label.kind == needed for label in subject.evidence.labels):
+            raise RecordingError(
+                f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
+                f"--truth FILE), found none"
+            )
+    for subject in subjects:
+        if subject.evidence.config.stage != config.stage:
+            named = "--pipeline" if subject is subjects[0] else subjects[0].evidence.name
+            raise RecordingError(
+                f"{subject.evidence.name}: pipeline: expected that of {named}, found other stages "
+                f"or parameters"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SweepPlan:
+    """A sweep that is checked and can begin.
+
+    Attributes
+    ----------
+    subjects
+        What is swept over, recordings found where they are needed.
+    settings
+        The settings that stored candidates can decide on, or that are measured again.
+    tolerance_s
+        Largest distance of a match [s].
+    refused
+        Which settings are left out, and why; empty for none.
+    """
+
+    subjects: tuple[Subject, ...]
+    settings: Grid
+    tolerance_s: float
+    refused: str
+
+    @classmethod
+    def of(
+        cls,
+        subjects: Sequence[Subject],
+        config: PipelineConfig,
+        asked: Grid,
+        tolerance_s: float | None = None,
+    ) -> SweepPlan:
+        """Check a sweep.
+
+        Parameters
+        ----------
+        subjects, config
+            What is swept over, and its pipeline.
+        asked
+            The settings.
+        tolerance_s
+            None is 0.12 s for steps and 1 s for passes.
+
+        Raises
+        ------
+        PipelineError, RecordingError
+            Where no setting is left, or a recording is needed and not to be found.
+        """
+        if tolerance_s is None:
+            tolerance_s = TOLERANCE_S[counted_kind(config)]
+        settings, refused = without_refused(asked, config)
+        return cls(tuple(located(subjects, settings)), settings, tolerance_s, refused or "")
+
+    def measured(self) -> list[Subject]:
+        """Return the subject of each measurement of a signal that is needed."""
+        return measurements(self.subjects, self.settings)
+
+    def run(
+        self, top: int = 10, jobs: int = 1, done: Callable[[], None] = lambda: None
+    ) -> tuple[Counted, Ranking]:
+        """Return every setting's counts, and which settings are best.
+
+        Parameters
+        ----------
+        top
+            How many of the highest F1 to keep.
+        jobs
+            Processes for measuring.
+        done
+            Called after each measurement.
+        """
+        counted = count(self.subjects, self.settings, self.tolerance_s, jobs, done)
+        ranking = rank(counted, top, jobs)
+        told = [f"{s.evidence.name}: {w.line}" for s in self.subjects for w in s.evidence.warnings]
+        told += [self.refused] if self.refused else []
+        return counted, replace(ranking, notes=(*ranking.notes, *told))

@@ -1,0 +1,117 @@
+"""Results shown: the viewer in a notebook, or a drawing where there is none."""
+
+from __future__ import annotations
+
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..plugins import load
+from ..results import ResultsSink
+from ..sinks import Session
+from .plots import FAILED, PASSED, draw_signal, recording_at
+from .tables import needed
+
+if TYPE_CHECKING:
+    from .results import Results
+
+#: What is drawn on each side of the moment [s].
+AROUND_S = 5.0
+
+
+def show(results: Results, *, at: float | None = None, height: int = 720) -> Any:
+    """Show results: the viewer in a notebook, a drawing where ``rerun-notebook`` is not installed.
+
+    Parameters
+    ----------
+    results
+        What was decided.
+    at
+        The moment that is drawn [s since the first sample]; None is the first missed step, else
+        the first step. The viewer holds the whole recording.
+    height
+        Of the viewer [px].
+
+    Returns
+    -------
+    The widget, or a ``matplotlib.figure.Figure``: shown where it is the last line of a cell.
+
+    Raises
+    ------
+    Error
+        Where the recording is not at hand.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> figure = gt.show(gt.replay("waist-walk", "waist-steps", to_s=12), at=8.0)
+    """
+    if find_spec("rerun_notebook") is None:
+        return draw(results, at)
+    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+        path = results.path or save(results, Path(folder, "shown.results.mcap"))
+        return load("views", "notebook")(path, recording=results.recording_path, height=height)
+
+
+def draw(results: Results, at: float | None = None) -> Any:
+    """Draw the signal about a moment, with detected, missed and false steps.
+
+    Parameters
+    ----------
+    results, at
+        As of :func:`show`.
+
+    Returns
+    -------
+    A ``matplotlib.figure.Figure``.
+    """
+    recording = recording_at(results.name, (results.recording_path,))
+    start_ns = results.decided.provenance.start_ns
+    matching = results.matching
+    steps = results.steps
+    missed = [] if matching is None else matching.truth_ns[matching.missed].tolist()
+    missed_s = [(time_ns - start_ns) / 1e9 for time_ns in missed]
+    if at is None:
+        at = next(iter([*missed_s, *steps.time_s.tolist()]), 0.0)
+    pyplot = needed("matplotlib.pyplot", "show")
+    figure, axes = pyplot.subplots(figsize=(10, 4), layout="constrained")
+    topics = {stream.topic for stream in recording.streams}
+    topic = next((t for t in steps.topic.tolist() if t in topics), None)
+    draw_signal(axes, recording, topic, at, AROUND_S)
+    for times, colour, name in (
+        (steps.time_s.tolist(), PASSED, "step"),
+        (missed_s, FAILED, "missed step"),
+    ):
+        for number, time_s in enumerate(t for t in times if abs(t - at) <= AROUND_S):
+            axes.axvline(time_s, color=colour, lw=1, label=name if number == 0 else None)
+    axes.legend(loc="upper right", fontsize="small")
+    axes.set_title(repr(results), loc="left", fontsize="medium")
+    return figure
+
+
+def save(results: Results, path: Path) -> Path:
+    """Write results that are in memory alone; return where."""
+    decided = results.decided
+    origin = decided.provenance
+    session = Session(
+        name=origin.recording,
+        application=results.pipeline.config.application,
+        start_ns=origin.start_ns,
+        end_ns=origin.end_ns,
+        streams=(),
+        geometry=decided.geometry,
+        labels=decided.labels,
+        pipeline=origin.pipeline,
+        annotations=decided.annotations,
+    )
+    sink = ResultsSink(path, origin)
+    sink.open(session)
+    try:
+        for event in decided.events:
+            sink.write(event)
+    except BaseException:
+        sink.abandon()
+        raise
+    sink.close()
+    return path

@@ -1,0 +1,166 @@
+"""Pipelines as values: the shipped ones by name, with other parameters, as TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from ..parameters import build, describe
+from ..pipeline import (
+    STAGE_GROUPS,
+    PipelineConfig,
+    build_pipeline,
+    load_pipeline,
+    named_pipelines,
+    with_settings,
+)
+from ..plugins import find
+from .markup import html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+
+@dataclass(frozen=True, repr=False)
+class Pipeline:
+    """Stages that find events in a recording, with their parameters.
+
+    Made by :data:`pipelines`, and changed by :meth:`with_`, which returns another one.
+
+    Attributes
+    ----------
+    config
+        The pipeline as written.
+
+    Examples
+    --------
+    >>> from groundtrace import pipelines
+    >>> changed = pipelines["waist-steps"].with_(steps__share=0.1)
+    >>> changed.parameters["steps.share"]
+    0.1
+    >>> pipelines["waist-steps"].parameters["steps.share"]
+    0.15
+    """
+
+    config: PipelineConfig
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.config.name
+
+    @property
+    def description(self) -> str:
+        """What it is for, in a line."""
+        return self.config.description
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages, in their order."""
+        return tuple(stage.key for stage in self.config.stage)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Every parameter with its value, by ``stage.parameter``; units are in :meth:`to_toml`."""
+        return {name: value for name, value, _, _ in self._rows()}
+
+    def with_(self, settings: Mapping[str, Any] | None = None, /, **named: Any) -> Pipeline:
+        """Return the pipeline with other values of some parameters.
+
+        Parameters
+        ----------
+        settings
+            Values by ``stage.parameter``, as a remedy or the best of a sweep gives them.
+        **named
+            The same by ``stage__parameter``.
+
+        Raises
+        ------
+        Error
+            Where there is no such stage or parameter, or the value is of another type or out of
+            range.
+        """
+        stages = {stage.key.replace("-", "_"): stage.key for stage in self.config.stage}
+        changed = dict(settings or {})
+        for name, value in named.items():
+            stage, _, parameter = name.rpartition("__")
+            changed[f"{stages.get(stage, stage)}.{parameter}"] = value
+        return Pipeline(with_parameters(self.config, changed))
+
+    def to_toml(self) -> str:
+        """Return the pipeline as TOML, every parameter with its value and unit."""
+        return build_pipeline(self.config).recipe()
+
+    def _rows(self) -> Iterator[tuple[str, Any, str, str]]:
+        """Yield name, value, unit and meaning of every parameter."""
+        for stage in self.config.stage:
+            kind = find(STAGE_GROUPS, stage.use)[1]
+            values = build(kind.Parameters, stage.parameters, stage.key)
+            for info in describe(kind.Parameters):
+                yield f"{stage.key}.{info.name}", getattr(values, info.name), info.unit, info.doc
+
+    def __repr__(self) -> str:
+        return f"Pipeline({self.name}, {' > '.join(self.stages) or 'signals alone'})"
+
+    def _repr_html_(self) -> str:
+        header = ("parameter", "value", "unit", "")
+        return html_table(f"{self.name}: {self.description}", header, list(self._rows()))
+
+
+def with_parameters(config: PipelineConfig, settings: Mapping[str, Any]) -> PipelineConfig:
+    """Return a pipeline with other values, checked, by ``stage.parameter``.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        As :func:`~groundtrace.pipeline.checked_pipeline` does, in the same words.
+    """
+    changed = with_settings(config, (f"{name}={setting_text(v)}" for name, v in settings.items()))
+    for stage in changed.stage:
+        build(find(STAGE_GROUPS, stage.use)[1].Parameters, stage.parameters, stage.key)
+    return changed
+
+
+def setting_text(value: Any) -> str:
+    """Return a value so that a setting reads the same."""
+    value = value.item() if hasattr(value, "item") else value
+    return repr(value) if isinstance(value, float) else msgspec.json.encode(value).decode()
+
+
+class Pipelines(Mapping[str, Pipeline]):
+    """The shipped pipelines by their names; a file of another one is found by its path.
+
+    Examples
+    --------
+    >>> from groundtrace import pipelines
+    >>> "waist-steps" in pipelines
+    True
+    >>> pipelines["waist-steps"]
+    Pipeline(waist-steps, steps)
+    """
+
+    def __getitem__(self, name: str | Path) -> Pipeline:
+        return Pipeline(load_pipeline(str(name)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in named_pipelines()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(named_pipelines())
+
+    def __len__(self) -> int:
+        return len(named_pipelines())
+
+    def __repr__(self) -> str:
+        return f"Pipelines({', '.join(self)})"
+
+    def _repr_html_(self) -> str:
+        rows = ((p.name, " > ".join(p.stages), p.description) for p in self.values())
+        return html_table("pipelines", ("pipeline", "stages", "for"), rows, len(self))
+
+
+pipelines = Pipelines()

@@ -1,0 +1,339 @@
+"""Results: what a replay decided, in memory or read from a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..errors import RecordingError
+from ..explain.unfiltered import beside
+from ..exports.api import Material
+from ..exports.kinds import EVENTS
+from ..exports.tables import tables_of
+from ..pipeline import parse_pipeline
+from ..results import read_results
+from ..score import match_steps
+from ..score.report import answers_of
+from .analysis import (
+    Explanation,
+    Kind,
+    Miss,
+    Question,
+    Score,
+    evidence_with,
+    explained,
+    misses_of,
+    scored,
+)
+from .files import existing
+from .known_truth import scored_truth_of
+from .markup import html_table
+from .pipelines import Pipeline
+from .tables import EventTable, table_of
+
+if TYPE_CHECKING:
+    from ..explain import Evidence
+    from ..results import Results as Decided
+    from ..score import StepMatch
+    from ..score.truth import ScoredTruth
+
+TOLERANCE_S = 0.12
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Results:
+    """What a replay decided; made by :func:`groundtrace.replay` and :func:`groundtrace.load`.
+
+    Events of a kind are a table: ``steps``, ``picks``, ``fixes``, ``tracks``, ``bearings``,
+    ``headings``, ``disturbances``, ``disagreements``, ``presence``, ``passes``, ``crossings``,
+    ``gaps`` and ``notes``; one without rows where the pipeline found none.
+
+    Attributes
+    ----------
+    decided
+        All events in their order, with where they come from.
+    recording_path
+        Where the recording is, or would be.
+    path
+        Their file; None where they are in memory alone.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> results = gt.replay("waist-walk", "waist-steps")
+    >>> len(results.steps)
+    105
+    """
+
+    decided: Decided
+    recording_path: Path
+    path: Path | None = None
+    _tables: dict[str, EventTable] = field(default_factory=dict, init=False)
+
+    @property
+    def name(self) -> str:
+        """File name of the recording."""
+        return self.decided.provenance.recording
+
+    @cached_property
+    def pipeline(self) -> Pipeline:
+        """The pipeline, every parameter as it stood."""
+        recipe = self.decided.provenance.pipeline.encode()
+        return Pipeline(parse_pipeline(recipe, f"{self.decided.name}: pipeline"))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the replay warned of, a line each."""
+        return tuple(warned.line for warned in self.decided.warnings)
+
+    @property
+    def steps(self) -> EventTable:
+        """Steps: time, foot, type, stage, peak of the decision function."""
+        return self["steps"]
+
+    @property
+    def picks(self) -> EventTable:
+        """Arrivals of waves: time, channel, uncertainty [s], stage."""
+        return self["picks"]
+
+    @property
+    def fixes(self) -> EventTable:
+        """Places of single steps: time, x and y [m], covariance [m2], stage."""
+        return self["fixes"]
+
+    @property
+    def tracks(self) -> EventTable:
+        """Points of tracks: time, track, x and y [m], velocity [m/s], stage."""
+        return self["tracks"]
+
+    @property
+    def bearings(self) -> EventTable:
+        """Directions that waves came from: time, station, azimuth [rad]."""
+        return self["bearings"]
+
+    @property
+    def headings(self) -> EventTable:
+        """Directions that a sensor heads: time, heading and its deviation [rad]."""
+        return self["headings"]
+
+    @property
+    def disturbances(self) -> EventTable:
+        """Spans in which a sensor is disturbed: begin, end, by how much."""
+        return self["disturbances"]
+
+    @property
+    def disagreements(self) -> EventTable:
+        """Steps that localizers place apart: time, distance [m]."""
+        return self["disagreements"]
+
+    @property
+    def presence(self) -> EventTable:
+        """Spans in which a station hears a vehicle."""
+        return self["presence"]
+
+    @property
+    def passes(self) -> EventTable:
+        """Vehicles that pass stations."""
+        return self["passes"]
+
+    @property
+    def crossings(self) -> EventTable:
+        """Vehicles that cross lines."""
+        return self["crossings"]
+
+    @property
+    def gaps(self) -> EventTable:
+        """Interruptions of streams: begin, end, reason, samples lost."""
+        return self["gaps"]
+
+    @property
+    def notes(self) -> EventTable:
+        """What stages want a person to read."""
+        return self["notes"]
+
+    def __getitem__(self, kind: str) -> EventTable:
+        if kind not in EVENTS:
+            raise RecordingError(
+                f"{self.name}: expected one of {', '.join(EVENTS)}, found {kind!r}"
+            )
+        if kind not in self._tables:
+            self._tables[kind] = table_of(next(tables_of(self._material, kind)))
+        return self._tables[kind]
+
+    @cached_property
+    def candidates(self) -> tuple[EventTable, ...]:
+        """Candidates of each stage and topic: values, every gate with its margin, the verdict."""
+        return tuple(map(table_of, tables_of(self._material, "candidates")))
+
+    @cached_property
+    def _material(self) -> Material:
+        origin = self.decided.provenance
+        return Material(self.decided.name, origin.start_ns, self.decided.events)
+
+    def score(
+        self,
+        tolerance_s: float = TOLERANCE_S,
+        *,
+        stages: tuple[str, ...] = (),
+        truth: str | Path | None = None,
+        author: str | None = None,
+    ) -> Score:
+        """Score the results against the truth, with the level of chance beside it.
+
+        Parameters
+        ----------
+        tolerance_s
+            Largest distance between a step and its detection [s].
+        stages
+            Score what these give, in the place of others' of their kind.
+        truth
+            A file of truth instead of the recording's own.
+        author
+            Where annotations are the truth: whose; without it everybody's.
+
+        Raises
+        ------
+        Error
+            Where there is no truth that the results answer, or no such stage.
+        """
+        known, remarks = self._told_truth(truth, author)
+        figures = scored(self.decided, known, tolerance_s, stages)
+        return Score(self.name, figures, tolerance_s, known, remarks, self.decided.warnings)
+
+    def why(
+        self,
+        step: int | None = None,
+        *,
+        at: float | None = None,
+        kind: Kind | None = None,
+        fix: int | None = None,
+        pick: int | None = None,
+        tolerance_s: float = TOLERANCE_S,
+        tolerance_m: float = 1.0,
+        pick_tolerance_s: float = 2e-3,
+        stage: str = "",
+        truth: str | Path | None = None,
+    ) -> Explanation:
+        """Explain a missed step and say what finds it; without one, all wrong decisions.
+
+        Parameters
+        ----------
+        step
+            Number of the true step, from 1.
+        at
+            Explain a moment instead [s since the first sample]; needs no truth.
+        kind
+            Explain picks, fixes or vehicles instead of steps.
+        fix, pick
+            Number of a place or of a bad pick, from 1.
+        tolerance_s
+            Largest distance between a step and its detection [s].
+        tolerance_m, pick_tolerance_s
+            Largest error of a right place [m] and of a right pick [s].
+        stage
+            Whose places or picks; empty for the last stage that gives them.
+        truth
+            A file of truth instead of the recording's own.
+
+        Raises
+        ------
+        Error
+            Where there is nothing to explain, no truth that it takes, or no such number.
+        """
+        asked = Question(
+            kind, step, fix, pick, at, tolerance_s, tolerance_m, pick_tolerance_s, stage
+        )
+        evidence = self.evidence(truth)
+        found = explained(evidence, self.decided.name, asked)
+        origin, places = self.decided.provenance, (self.recording_path,)
+        return Explanation(self.name, found, self.decided.warnings, origin.start_ns, places)
+
+    @cached_property
+    def misses(self) -> tuple[Miss, ...]:
+        """The true steps that no detection answers, with the reason of each, by time."""
+        return misses_of(self.evidence())
+
+    def evidence(self, truth: str | Path | None = None) -> Evidence:
+        """Return what decisions are explained by."""
+        known = self.scored_truth(truth)
+        return evidence_with(self.decided, known.labels, (self.recording_path,))
+
+    def scored_truth(self, given: str | Path | None = None) -> ScoredTruth:
+        """Return the truth of the span that was replayed; ``given`` is a file instead."""
+        return self._told_truth(given)[0]
+
+    def _told_truth(
+        self, truth: str | Path | None = None, author: str | None = None
+    ) -> tuple[ScoredTruth, tuple[str, ...]]:
+        """Return the truth, and what a person should know of it."""
+        remarks: list[str] = []
+        given = None if truth is None else Path(truth)
+        known = scored_truth_of(self.decided, self.recording_path, given, author, remarks.append)
+        return known, tuple(remarks)
+
+    @cached_property
+    def matching(self) -> StepMatch | None:
+        """Which steps answer which true ones, at 0.12 s; None without true steps or steps."""
+        said = answers_of(self.decided.events)
+        labels = self.scored_truth().labels
+        if not said.finds_steps or not any(label.kind == "step" for label in labels):
+            return None
+        origin = self.decided.provenance
+        end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
+        found_ns = np.array([step.time_ns for step in said.steps], np.int64)
+        return match_steps(labels, found_ns, origin.start_ns, end_ns, TOLERANCE_S)
+
+    def _counts(self) -> str:
+        """Return what was found, in words."""
+        matching = self.matching
+        if matching is not None:
+            found = f"{len(matching.pairs)}/{len(matching.truth_ns)} steps"
+            return f"{found}, {len(matching.false)} false"
+        kinds = [kind for kind in EVENTS if kind not in ("gaps", "notes") and len(self[kind])]
+        return ", ".join(f"{len(self[kind])} {kind}" for kind in kinds) or "no events"
+
+    def __repr__(self) -> str:
+        return f"Results({self.name}, {self.pipeline.name}, {self._counts()})"
+
+    def _repr_html_(self) -> str:
+        origin = self.decided.provenance
+        rows: list[tuple[str, Any]] = [
+            ("pipeline", self.pipeline.name),
+            ("recorded", f"{(origin.end_ns - origin.start_ns) / NS_PER_S:.1f} s"),
+            ("found", self._counts()),
+        ]
+        rows += [("warning", line) for line in self.warnings]
+        return html_table(self.name, ("", ""), rows)
+
+
+def load_results(path: str | Path) -> Results:
+    """Read results that ``groundtrace replay`` wrote, or :func:`groundtrace.replay` with ``out=``.
+
+    Their recording is looked for beside them.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Raises
+    ------
+    Error
+        Where there is no such file, or it holds no results.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> written = gt.replay("waist-walk", "waist-steps", out="walk.results.mcap")
+    >>> gt.load("walk.results.mcap").score().f1 == written.score().f1
+    True
+    """
+    file = existing(Path(path), "results")
+    decided = read_results(file)
+    return Results(decided, beside(file, decided.provenance.recording), file)

@@ -1,0 +1,238 @@
+"""Tables of events: columns of numpy, and on demand of whatever library works with tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..errors import MissingPackageError
+from .markup import ROWS, html_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from ..exports.tables import ColumnType, Table
+
+#: Types of the columns of numpy, by those of exported tables; text has the width it needs.
+_TYPES: dict[ColumnType, Any] = {
+    "seconds": np.float64,
+    "int": np.int64,
+    "float": np.float64,
+    "text": np.str_,
+    "bool": np.bool_,
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EventTable:
+    """Events of one kind, as columns.
+
+    A column is an attribute and an item: ``table.time_s``, ``table["time_s"]``. Times are
+    ``time_s`` [s since the first sample of the recording] and ``time_ns`` [ns since 1970]; other
+    columns end in their unit where they have one. What takes the Arrow stream interface (pandas,
+    polars, DuckDB, pyarrow) takes a table as it is.
+
+    Attributes
+    ----------
+    name
+        What its rows are: ``steps``, ``picks``, ...
+    columns
+        Arrays of shape (n,) by their names, in the order of the columns; not to be written to.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> table = EventTable("steps", {"time_s": np.array([0.5, 1.25]), "foot": np.array(["", ""])})
+    >>> len(table), table.time_s.max()
+    (2, np.float64(1.25))
+    >>> table
+    EventTable(steps, 2 rows: time_s, foot)
+    """
+
+    name: str
+    columns: Mapping[str, NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), ()))
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.columns[name]
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        columns = self.__dict__.get("columns", {})
+        if name not in columns:
+            raise AttributeError(f"{type(self).__name__!r} has no column or attribute {name!r}")
+        found: NDArray[Any] = columns[name]
+        return found
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.columns})
+
+    def __repr__(self) -> str:
+        return f"EventTable({self.name}, {len(self)} rows: {', '.join(self.columns)})"
+
+    def _repr_html_(self) -> str:
+        return html_table(
+            f"{self.name}: {len(self)} rows",
+            list(self.columns),
+            zip(*(column[: ROWS + 1] for column in self.columns.values()), strict=True),
+            len(self),
+        )
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """Yield the rows as dicts of Python's own types."""
+        names = list(self.columns)
+        for cells in zip(*(column.tolist() for column in self.columns.values()), strict=True):
+            yield dict(zip(names, cells, strict=True))
+
+    def where(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> EventTable:
+        """Return some of the rows, by a mask or by numbers, shape (n,) or (m,)."""
+        columns = {name: column[chosen] for name, column in self.columns.items()}
+        return EventTable(self.name, columns)
+
+    def to_numpy(self) -> NDArray[Any]:
+        """Return one structured array, shape (n,), with a field for each column."""
+        fields = [(name, column.dtype) for name, column in self.columns.items()]
+        rows = np.empty(len(self), fields)
+        for name, column in self.columns.items():
+            rows[name] = column
+        return rows
+
+    def to_arrow(self) -> Any:
+        """Return a ``pyarrow.Table``.
+
+        Raises
+        ------
+        Error
+            Where pyarrow is not installed.
+        """
+        pyarrow = needed("pyarrow", "to_arrow")
+        return pyarrow.table(
+            {
+                name: pyarrow.array(column.tolist(), pyarrow.string())
+                if column.dtype.kind == "U"
+                else pyarrow.array(column)
+                for name, column in self.columns.items()
+            }
+        )
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame``.
+
+        Raises
+        ------
+        Error
+            Where pandas is not installed.
+        """
+        frame = needed("pandas", "to_pandas").DataFrame
+        return frame({name: _objects(column) for name, column in self.columns.items()})
+
+    def to_polars(self) -> Any:
+        """Return a ``polars.DataFrame``.
+
+        Raises
+        ------
+        Error
+            Where polars is not installed.
+        """
+        polars = needed("polars", "to_polars")
+        return polars.DataFrame(
+            {name: _objects(column) for name, column in self.columns.items()},
+            schema_overrides={
+                name: polars.String for name, c in self.columns.items() if c.dtype.kind == "U"
+            },
+        )
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
+        """Return an Arrow stream, for libraries that take one; pyarrow makes it."""
+        return self.to_arrow().__arrow_c_stream__(requested_schema)
+
+
+def _objects(column: NDArray[Any]) -> Any:
+    """Return a column as it is; text as a list of Python's."""
+    return column.tolist() if column.dtype.kind == "U" else column
+
+
+def needed(package: str, for_what: str) -> Any:
+    """Import a package that is no dependency.
+
+    Parameters
+    ----------
+    package
+        Which.
+    for_what
+        What needs it, for the error.
+
+    Raises
+    ------
+    MissingPackageError
+        Where it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != package.partition(".")[0]:
+            raise
+        raise MissingPackageError(for_what, package) from None
+
+
+def table_of(exported: Table) -> EventTable:
+    """Return an exported table as columns of numpy; the times as dates are left out."""
+    cells: list[list[Any]] = [[] for _ in exported.columns]
+    for batch in exported.batches:
+        for column, more in zip(cells, batch, strict=True):
+            column.append(more)
+    return EventTable(
+        exported.name,
+        {
+            column.name: _column(column.type, parts)
+            for column, parts in zip(exported.columns, cells, strict=True)
+            if column.type != "utc"
+        },
+    )
+
+
+def _column(kind: ColumnType, parts: Sequence[Any]) -> NDArray[Any]:
+    arrays = [_array(kind, part) for part in parts]
+    if not arrays:
+        return np.empty(0, _TYPES[kind])
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def _array(kind: ColumnType, cells: Any) -> NDArray[Any]:
+    if kind in ("seconds", "float") and not isinstance(cells, np.ndarray):
+        cells = [np.nan if cell is None else cell for cell in cells]
+    if kind == "text":
+        cells = ["" if cell is None else cell for cell in cells]
+    if kind == "seconds":
+        return np.asarray(cells, np.float64) / NS_PER_S
+    return np.asarray(cells, _TYPES[kind])
+
+
+def rows_table(
+    name: str, header: Mapping[str, ColumnType], rows: Iterable[Sequence[Any]]
+) -> EventTable:
+    """Return rows as a table.
+
+    Parameters
+    ----------
+    name
+        What the rows are.
+    header
+        Names of the columns, and their types.
+    rows
+        Cells, one for each column; None is NaN or empty text.
+    """
+    cells = list(zip(*rows, strict=True)) or [()] * len(header)
+    columns = {
+        column: _array(kind, list(part)) if part else np.empty(0, _TYPES[kind])
+        for (column, kind), part in zip(header.items(), cells, strict=True)
+    }
+    return EventTable(name, columns)
