@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import secrets
 import signal
 import tempfile
 import threading
 import webbrowser
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
 from groundtrace.api.fitting import fitting_pipeline
-from groundtrace.commands.output import say
-from groundtrace.commands.replaying import replay
+from groundtrace.api.known_truth import unheard
+from groundtrace.api.session import replay_to_files
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import Results, file_sha256, read_results
 from groundtrace.suitability import SIGNALS
@@ -30,7 +29,19 @@ from .serve import LOOPBACK
 from .web import listen, page_app, run
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+
+    from groundtrace.api.known_truth import Report
+
+    #: Shows how much of a total, in a unit, is done of what is named.
+    Progress = Callable[[float, str, str], AbstractContextManager[Callable[[float], None]]]
+
+
+def unseen(
+    _total: float, _what: str, _unit: str
+) -> AbstractContextManager[Callable[[float], None]]:
+    """Show nothing of how much is done."""
+    return nullcontext(lambda _done: None)
 
 
 def serve(
@@ -40,6 +51,8 @@ def serve(
     author: str,
     port: int,
     open_browser: bool,
+    report: Report = unheard,
+    progress: Progress = unseen,
 ) -> None:
     """Serve the page that annotates a recording, until Ctrl-C.
 
@@ -61,6 +74,10 @@ def serve(
         Of the page; 0 takes a free one.
     open_browser
         Show the page in the browser.
+    report
+        Told where the page is, and what a person should know.
+    progress
+        Shows how much of the recording is replayed.
 
     Raises
     ------
@@ -74,25 +91,27 @@ def serve(
     ):
         drawn = store.items
         try:
-            rrd, shown = replayed(recording, results, pipeline, Path(folder))
+            with _terminable():
+                made = replayed(recording, results, pipeline, Path(folder), report, progress)
+            rrd, shown = made
             with Recording.open(recording) as opened:
                 moments = moments_of_results(shown, opened.streams)
         except KeyboardInterrupt:
-            say(f"stopped before the page was ready; {_kept(store, recording)}")
+            report(f"stopped before the page was ready; {_kept(store, recording)}")
             return
         token, listening = secrets.token_urlsafe(24), listen(port)
         desk = Desk(store, _application(shown), drawn)
         port = listening.getsockname()[1]
         app = page_app(rrd, moments.json(), port, "server", api(desk, token))
         for remark in store.remarks:
-            say(remark)
+            report(remark)
         with _terminable(), suppress(KeyboardInterrupt):
             run(
                 app,
                 listening,
-                lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser),
+                lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser, report),
             )
-        say(f"stopped; {_kept(store, recording)}")
+        report(f"stopped; {_kept(store, recording)}")
 
 
 def _kept(store: Annotations, recording: Path) -> str:
@@ -104,13 +123,18 @@ def _kept(store: Annotations, recording: Path) -> str:
 
 
 def replayed(
-    recording: Path, results: Path | None, pipeline: str, folder: Path
+    recording: Path,
+    results: Path | None,
+    pipeline: str,
+    folder: Path,
+    report: Report = unheard,
+    progress: Progress = unseen,
 ) -> tuple[Path, Results]:
     """Replay a recording into a folder: return the viewer's file, and the results.
 
     Parameters
     ----------
-    recording, results, pipeline
+    recording, results, pipeline, report, progress
         As :func:`serve`.
     folder
         Where to.
@@ -122,16 +146,17 @@ def replayed(
         recipe = written_recipe(earlier, folder)
     else:
         recipe = Recipe(Path(pipeline or _fitting(recording)), None, None, None)
-    with redirect_stdout(io.StringIO()):  # it would name files that nobody is to see
-        replay(
+    with progress(100.0, "replaying", "%") as show:
+        replay_to_files(
             recording,
-            pipeline=str(recipe.pipeline),
+            recipe.pipeline,
+            fresh,
+            rrd,
             geometry=recipe.geometry,
-            from_=recipe.from_,
-            to=recipe.to,
-            rrd=rrd,
-            out=fresh,
-            resumable=False,
+            from_s=recipe.from_,
+            to_s=recipe.to,
+            report=report,
+            progress=lambda part: show(100 * part),
         )
     return rrd, read_results(fresh)
 
@@ -156,8 +181,8 @@ def _application(results: Results) -> str:
     return parse_pipeline(recipe, f"{results.name}: pipeline").application
 
 
-def _announce(url: str, open_browser: bool) -> None:
-    say(f"annotating at {url} (Ctrl-C ends it)")
+def _announce(url: str, open_browser: bool, report: Report) -> None:
+    report(f"annotating at {url} (Ctrl-C ends it)")
     if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 

@@ -50,7 +50,7 @@ def show(
     """
     widget_class = _widget_class()
     # what replays is not imported with the package
-    from groundtrace.commands.sharing import recording_of
+    from groundtrace.api.files import recording_of
 
     from .layout_file import layout_of
     from .share_replay import timeline_file

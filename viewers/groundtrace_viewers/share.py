@@ -10,6 +10,7 @@ import msgspec
 
 from groundtrace.annotate import to_json
 from groundtrace.annotate.exchange import item_of
+from groundtrace.api.known_truth import unheard
 from groundtrace.appearing import appearing
 from groundtrace.score.html import score_page
 
@@ -25,6 +26,8 @@ from .viewer_files import VIEWER_FILES, viewer_folder
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from groundtrace.api.known_truth import Report
 
     from .share_sources import Sources
 
@@ -44,6 +47,7 @@ def share_view(
     rrd: Path | None = None,
     light: bool = False,
     force: bool = False,
+    report: Report = unheard,
 ) -> None:
     """Write a result for others: replay, summary, score, annotations, pipeline.
 
@@ -65,6 +69,8 @@ def share_view(
         Leave the samples of fast signals out.
     force
         Replace what was shared there before.
+    report
+        Told what a person should know of it.
 
     Raises
     ------
@@ -75,12 +81,12 @@ def share_view(
         raise ViewerError(f"form: expected one of {', '.join(FORMS)}, found {form!r}")
     used = [path for path in (results, recording, rrd) if path is not None]
     _check_target(out, form == "folder", force, used)
-    sources = sources_of(results, recording)
+    sources = sources_of(results, recording, report)
     with appearing(out) as fresh:
         folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
         folder.mkdir()
         try:
-            _fill(folder, sources, rrd, light, alone=form == "html")
+            _fill(folder, sources, rrd, light, report, alone=form == "html")
             if form == "zip":
                 _pack(folder, out.stem, fresh)
             elif form == "html":
@@ -110,9 +116,17 @@ def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) ->
         )
 
 
-def _fill(folder: Path, sources: Sources, rrd: Path | None, light: bool, *, alone: bool) -> None:
+def _fill(
+    folder: Path,
+    sources: Sources,
+    rrd: Path | None,
+    light: bool,
+    report: Report,
+    *,
+    alone: bool,
+) -> None:
     """Write everything into a folder; ``alone`` leaves out what one page has inside."""
-    shown = timeline_file(sources, rrd, light, folder / "replay.rrd")
+    shown = timeline_file(sources, rrd, light, folder / "replay.rrd", report)
     (folder / "layout.rrd").write_bytes(layout_of(folder / "replay.rrd"))
     (folder / "moments.json").write_bytes(sources.moments.json())
     (folder / "page.json").write_bytes(_config(sources))

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import subprocess
 import tempfile
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace.commands.output import say
-from groundtrace.commands.replaying import replay
+from groundtrace.api.known_truth import unheard
+from groundtrace.api.session import replay_to_files
 from groundtrace.results import read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
@@ -20,6 +18,7 @@ from .recipe import written_recipe
 from .serve import quiet_environment, viewer_program
 
 if TYPE_CHECKING:
+    from groundtrace.api.known_truth import Report
     from groundtrace.results import Results
 
     from .share_sources import Sources
@@ -29,7 +28,9 @@ LIGHT = "envelopes of fast signals, without their samples"
 FULL = "all that groundtrace replay shows"
 
 
-def timeline_file(sources: Sources, given: Path | None, light: bool, target: Path) -> str:
+def timeline_file(
+    sources: Sources, given: Path | None, light: bool, target: Path, report: Report = unheard
+) -> str:
     """Write the viewer's file of a result, and return what of the signals it shows.
 
     A file that is ``given`` is taken as it is; else the recording is replayed; where the recording
@@ -45,6 +46,8 @@ def timeline_file(sources: Sources, given: Path | None, light: bool, target: Pat
         Leave the samples of fast signals out.
     target
         The file to write.
+    report
+        Told what a person should know of it.
 
     Raises
     ------
@@ -52,7 +55,7 @@ def timeline_file(sources: Sources, given: Path | None, light: bool, target: Pat
         Where there is neither recording nor file, or the file is of another recording.
     """
     if given is None and sources.recording is not None:
-        _replayed(sources, sources.recording, light, target)
+        _replayed(sources, sources.recording, light, target, report)
         return LIGHT if light else FULL
     there = given if given is not None else _beside(sources)
     if there is None:
@@ -61,7 +64,7 @@ def timeline_file(sources: Sources, given: Path | None, light: bool, target: Pat
             f"FILE or --rrd FILE, found none of them"
         )
     if given is None:
-        say(f"{sources.name} is not there: its timeline {there.name} is taken as it is")
+        report(f"{sources.name} is not there: its timeline {there.name} is taken as it is")
     _check(sources, there)
     if light:
         _without_samples(there, target)
@@ -70,28 +73,29 @@ def timeline_file(sources: Sources, given: Path | None, light: bool, target: Pat
     return f"what {there.name} has"
 
 
-def _replayed(sources: Sources, recording: Path, light: bool, target: Path) -> None:
+def _replayed(sources: Sources, recording: Path, light: bool, target: Path, report: Report) -> None:
     """Replay a recording as the results say that it was."""
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
         fresh = Path(folder, "fresh.mcap")
         recipe = written_recipe(sources.results, Path(folder))
-        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
-            replay(
-                recording,
-                pipeline=str(recipe.pipeline),
-                geometry=recipe.geometry,
-                from_=recipe.from_,
-                to=recipe.to,
-                rrd=target,
-                out=fresh,
-                full_rate="none" if light else "",
-                resumable=False,
-            )
-        for line in said.getvalue().splitlines():
+
+        def told(line: str) -> None:
             if "annotations are left out" not in line:  # said already
-                say(line)
+                report(line)
+
+        replay_to_files(
+            recording,
+            recipe.pipeline,
+            fresh,
+            target,
+            geometry=recipe.geometry,
+            from_s=recipe.from_,
+            to_s=recipe.to,
+            full_rate="none" if light else "",
+            report=told,
+        )
         if _decided(read_results(fresh)) != _decided(sources.results):
-            say(
+            report(
                 f"{sources.path.name}: this version decides otherwise than when it was made: the "
                 f"timeline shows what it decides now; replay and share again to have both the same"
             )

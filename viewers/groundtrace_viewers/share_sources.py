@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.annotate import annotated, kept_in
-from groundtrace.commands.output import say
-from groundtrace.commands.truth import truth_of
+from groundtrace.api.known_truth import scored_truth_of, unheard
 from groundtrace.errors import AnnotationError
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import read_results
@@ -26,6 +25,7 @@ from .verdict import TOLERANCE_S
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from groundtrace.api.known_truth import Report
     from groundtrace.pipeline import PipelineConfig
     from groundtrace.results import Results
     from groundtrace.score import Score, StepMatch
@@ -116,7 +116,7 @@ class Sources:
         return any(part is not None for part in parts)
 
 
-def sources_of(path: Path, recording: Path | None) -> Sources:
+def sources_of(path: Path, recording: Path | None, report: Report = unheard) -> Sources:
     """Read everything that a shared folder is made of.
 
     Parameters
@@ -125,6 +125,8 @@ def sources_of(path: Path, recording: Path | None) -> Sources:
         The results; annotations are looked for beside the recording, then beside them.
     recording
         Their recording, or None where it is not there.
+    report
+        Told what a person should know of truth and annotations.
 
     Raises
     ------
@@ -133,12 +135,13 @@ def sources_of(path: Path, recording: Path | None) -> Sources:
     """
     results = read_results(path)
     origin = results.provenance
-    labels = truth_of(results, path, None)
+    beside = path.parent / PureWindowsPath(origin.recording).name
+    labels = scored_truth_of(results, beside, report=report).labels
     streams: tuple[Stream, ...] = ()
     if recording is not None:
         with Recording.open(recording) as opened:
             streams = opened.streams
-    annotations, sidecar = _marks(results, path, recording)
+    annotations, sidecar = _marks(results, beside, recording, report)
     return Sources(
         path,
         results,
@@ -155,22 +158,21 @@ def sources_of(path: Path, recording: Path | None) -> Sources:
 
 
 def _marks(
-    results: Results, path: Path, recording: Path | None
+    results: Results, beside: Path, recording: Path | None, report: Report
 ) -> tuple[tuple[Annotation, ...], Path | None]:
     """Return what people marked, and the sidecar; a sidecar of no use is said and left out."""
     origin = results.provenance
     key = RecordingKey(origin.recording, origin.sha256, origin.start_ns)
-    beside = path.parent / PureWindowsPath(origin.recording).name
     for place in (recording, beside):
         if place is None or not annotated(place):
             continue
         try:
             kept = kept_in(sidecar_path(place), key)
         except (AnnotationError, CodecError) as error:
-            say(f"annotations are left out: {error}")
+            report(f"annotations are left out: {error}")
             continue
         for remark in kept.remarks:
-            say(remark)
+            report(remark)
         sidecar = sidecar_path(place)
         return kept.annotations, sidecar if sidecar.is_file() else None
     return results.annotations, None

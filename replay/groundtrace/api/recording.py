@@ -170,7 +170,7 @@ class Recording:
     >>> import groundtrace as gt
     >>> recording = gt.open("waist-walk")
     >>> recording["/imu/waist"].read(10.0, 10.5).shape
-    (50, 10)
+    (50, 6)
     """
 
     path: Path
@@ -229,11 +229,9 @@ class Recording:
     ) -> Samples:
         """Return the samples of a stream, see :meth:`Stream.read`."""
         stream = self[topic]
-        span = (
-            None if at is None else self.start_ns + round(at * NS_PER_S) for at in (from_s, to_s)
-        )
+        first_ns, stop_ns = self._at(from_s), self._at(to_s)
         with self.opened() as file:
-            blocks = [stamped.block for stamped in file.blocks([topic], *span)]
+            blocks = [stamped.block for stamped in file.blocks([topic], first_ns, stop_ns)]
         none = np.empty((0, len(stream.channels)))
         times = np.concatenate([np.empty(0, np.int64), *(b.sample_times() for b in blocks)])
         return Samples(
@@ -244,6 +242,9 @@ class Recording:
             (times - self.start_ns) / NS_PER_S,
             np.concatenate([none, *(block.values for block in blocks)]),
         )
+
+    def _at(self, time_s: float | None) -> int | None:
+        return None if time_s is None else self.start_ns + round(time_s * NS_PER_S)
 
     def __getitem__(self, topic: str) -> Stream:
         for stream in self.streams:
@@ -304,8 +305,8 @@ def open_recording(
     Examples
     --------
     >>> import groundtrace as gt
-    >>> gt.open("waist-walk").duration_s > 60
-    True
+    >>> gt.open("waist-walk")["/imu/waist"]
+    Stream(/imu/waist, 6 x 100 Hz, waist)
     """
     path = recordings.place(source)
     site = None

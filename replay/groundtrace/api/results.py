@@ -68,7 +68,7 @@ class Results:
     >>> import groundtrace as gt
     >>> results = gt.replay("waist-walk", "waist-steps")
     >>> len(results.steps)
-    105
+    77
     """
 
     decided: Decided

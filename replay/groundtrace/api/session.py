@@ -8,11 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..engine import ReplayLoop
 from ..errors import RecordingError
-from ..pipeline import PipelineConfig, load_pipeline, with_settings
+from ..pipeline import PipelineConfig, checked_pipeline, load_pipeline, with_settings
+from ..plugins import load
 from ..results import (
     Provenance,
     ResultsSink,
@@ -25,7 +28,7 @@ from ..results import Results as Decided
 from ..sinks import Session
 from ..source import Source
 from ..suitability import Prepared, prepared
-from .files import writable
+from .files import existing, writable
 from .fitting import default_pipeline
 from .known_truth import annotations_to_show, unheard
 from .pipelines import Pipeline, with_parameters
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.recording import Recording as File
 
     from ..clock import Clock
     from ..engine import Tally
@@ -121,6 +123,63 @@ def replay(
         name, origin, labels, session.geometry, tuple(kept.events), session.annotations, given
     )
     return Results(decided, recording.path, target)
+
+
+def replay_to_files(
+    recording: Path,
+    pipeline: str | Path,
+    out: Path,
+    rrd: Path,
+    *,
+    geometry: Path | None = None,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    full_rate: str = "",
+    report: Report = unheard,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Replay a recording into new results and a viewer's file.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    pipeline
+        The name of a shipped pipeline, or a TOML file.
+    out, rrd
+        What is written: results, and the viewer's file.
+    geometry
+        Geometry TOML, in the place of the recording's own.
+    from_s, to_s
+        Replay from <= time < to alone [s since the first sample].
+    full_rate
+        Where fast signals are shown at every sample, as of ``groundtrace replay``.
+    report
+        Told what a person should know.
+    progress
+        Called with the part that is done, 0 to 1.
+
+    Raises
+    ------
+    Error
+        As :func:`replay` does, and where there is no viewer.
+    """
+    asked = checked_pipeline(str(pipeline))
+    site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
+    with File.open(existing(recording)) as file:
+        file.geometry = site or file.geometry
+        ready = prepared(asked, file)
+        session = session_of(file, recording, ready.chain, report)
+        span = span_of(session, from_s, to_s)
+        origin = provenance_of(session, recording, ready.chain, span)
+        session = shown_part(session, span)
+        shown = load("sinks", "rerun")(
+            rrd, spawn=False, web=False, full_rate=full_rate, map_tiles=False
+        )
+        report(shown.expected(session))
+        source = Source(file, start_ns=span[0], stop_ns=span[1])
+        sinks = [ResultsSink(out, origin), shown]
+        run_through(source, ready, sinks, session, progress=progress)
 
 
 def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,7 @@ from ..annotate.checks import AUTHOR, named
 from ..errors import AnnotationError
 from ..pipeline import checked_pipeline
 from .annotation_lines import Done, print_annotations, print_conflicts, print_document
-from .output import existing, say, writable
+from .output import existing, progress, say, writable
 
 if TYPE_CHECKING:
     from groundtrace_codecs.annotations import Annotation
@@ -181,7 +182,7 @@ def _server() -> Any:
         raise AnnotationError(
             "--serve: expected an installed page (groundtrace.servers), found none"
         )
-    return load("servers", "annotate")
+    return partial(load("servers", "annotate"), report=say, progress=progress)
 
 
 def _results(path: Path, given: Path | None) -> Path | None:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from groundtrace_codecs.mcap.remote import is_url
-
-from ..errors import RecordingError
+from ..api.document import plain_document
+from ..api.files import existing as existing
+from ..api.files import writable as writable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -39,20 +37,8 @@ def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     warnings
         What a replay warned of: becomes its property ``warnings``, unless None.
     """
-    plain = _finite(msgspec.to_builtins(document, enc_hook=str))
-    if warnings is not None:
-        plain["warnings"] = [warned.document for warned in warnings]
+    plain = plain_document(document, warnings)
     print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return value
 
 
 def say(text: str) -> None:
@@ -72,39 +58,6 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     for row in [header, *rows]:
         line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
         print(line.rstrip())
-
-
-def existing(path: Path, what: str = "a recording") -> Path:
-    """Return a path that is a readable file, or a URL, which is known when it is opened.
-
-    Raises
-    ------
-    RecordingError
-        Where there is no such file.
-    """
-    if not (path.is_file() or is_url(path)):
-        raise RecordingError(f"{path}: expected {what}, found no such file")
-    return path
-
-
-def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
-    """Return a path that may be written while ``sources`` are read.
-
-    Raises
-    ------
-    RecordingError
-        Where the file exists and ``force`` is not given, it is a folder or one of ``sources``, or
-        its folder does not exist.
-    """
-    if not path.resolve().parent.is_dir():
-        raise RecordingError(f"{path}: expected an existing folder, found none")
-    if path.is_dir():
-        raise RecordingError(f"{path}: expected a file to write, found a folder")
-    if path.resolve() in (source.resolve() for source in sources):
-        raise RecordingError(f"{path}: expected a new file, found the one that is read")
-    if path.exists() and not force:
-        raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
-    return path
 
 
 class Show(Protocol):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,32 +11,22 @@ from cyclopts import Parameter, validators
 
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.fitting import default_pipeline
+from ..api.session import configured_for, provenance_of, session_of, shown_part, span_of
 from ..errors import RecordingError
-from ..pipeline import Pipeline, build_pipeline, checked_pipeline, load_pipeline, with_settings
+from ..pipeline import build_pipeline, checked_pipeline
 from ..plugins import load
-from ..results import (
-    Provenance,
-    file_sha256,
-    package_versions,
-    public_arguments,
-)
+from ..results import public_arguments
 from ..resumable import Keeper
-from ..sinks import Session
 from ..source import Source, block_length_s
-from ..suitability import Prepared, prepared
 from .at_miss import Around, missed_step
 from .output import existing, say, writable
 from .replay_report import report
 from .replay_run import kept_run, run_into
 from .resuming import origin_of, results_sink, say_stopped, stopped_s, to_go_on_from
 from .showing import where_to_show
-from .truth import annotations_to_show
 
 if TYPE_CHECKING:
-    from ..pipeline import PipelineConfig
     from ..sinks import Sink
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
@@ -136,7 +125,7 @@ def replay(
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with Recording.open(path, strict=strict) as opened:
         opened.geometry = site or opened.geometry
-        ready = _ready(opened, asked, settings)
+        ready = configured_for(opened, asked, settings)
         chain = ready.chain
         results = out or Path(f"{_stem(path, at_miss)}.results.mcap")
         writable(results, force=force or resume, sources=[path])
@@ -151,15 +140,17 @@ def replay(
         )
         if rrd is not None and rrd.resolve() == results.resolve():
             raise RecordingError(f"{rrd}: expected another file than the results, found the same")
-        session = _session(opened, path, chain)
-        span = _span(session, from_, to)
+        session = session_of(opened, path, chain, say)
+        span = span_of(session, from_, to)
         block_s = block_length_s(opened.streams) if rate == 0 else 0.0
-        origin = origin_of(_provenance(session, path, chain, span), opened.geometry, block_s)
+        arguments = public_arguments(sys.argv[1:])
+        provenance = provenance_of(session, path, chain, span, arguments)
+        origin = origin_of(provenance, opened.geometry, block_s)
         before = to_go_on_from(results, origin) if resume else None
         if before is None:
             writable(results, force=force, sources=[path])
         first_ns = span[0] if before is None else before.checkpoint.reached_ns
-        session = _shown(session, (first_ns, span[1]))
+        session = shown_part(session, (first_ns, span[1]))
         stored = results_sink(results, origin, before)
         sinks: list[Sink] = [stored]
         if at_miss is None and (rrd is not None or spawn or web):
@@ -222,69 +213,6 @@ def _where_to_show(
     if rrd is not None or spawn or web:
         return shown, rrd
     return shown, writable(name, force=force or resume, sources=[path])
-
-
-def _ready(recording: Recording, asked: PipelineConfig | None, settings: list[str]) -> Prepared:
-    config = asked or with_settings(load_pipeline(default_pipeline(recording)), settings)
-    return prepared(config, recording)
-
-
-def _session(recording: Recording, path: Path, chain: Pipeline) -> Session:
-    streams = Source(recording).streams
-    if not streams:
-        raise RecordingError(f"{recording.name}: expected signals to replay, found none")
-    return Session(
-        name=path.name,
-        application=chain.config.application,
-        start_ns=recording.start_ns,
-        end_ns=recording.end_ns,
-        streams=streams,
-        geometry=recording.geometry,
-        labels=recording.labels,
-        pipeline=chain.recipe(),
-        annotations=annotations_to_show(recording, path),
-    )
-
-
-def _provenance(
-    session: Session, path: Path, chain: Pipeline, span_ns: tuple[int | None, int | None]
-) -> Provenance:
-    return Provenance(
-        recording=session.name,
-        sha256=file_sha256(path),
-        start_ns=session.start_ns,
-        end_ns=session.end_ns,
-        pipeline=chain.recipe(),
-        arguments=public_arguments(sys.argv[1:]),
-        versions=package_versions(),
-        from_ns=span_ns[0],
-        to_ns=span_ns[1],
-        placements={s.topic: s.placement for s in session.streams if s.placement},
-    )
-
-
-def _span(session: Session, from_s: float | None, to_s: float | None) -> tuple[Any, Any]:
-    def at(seconds: float | None) -> int | None:
-        return None if seconds is None else session.start_ns + round(seconds * NS_PER_S)
-
-    if from_s is not None and to_s is not None and to_s <= from_s:
-        raise RecordingError(f"--to: expected more than --from {from_s:g}, found {to_s:g}")
-    length_s = (session.end_ns - session.start_ns) / NS_PER_S
-    if from_s is not None and from_s > length_s:
-        raise RecordingError(
-            f"--from: expected at most the {length_s:g} s of {session.name}, found {from_s:g}"
-        )
-    return at(from_s), at(to_s)
-
-
-def _shown(session: Session, span_ns: tuple[int | None, int | None]) -> Session:
-    """Return the session with the part of it that is replayed."""
-    if span_ns == (None, None):
-        return session
-    start_ns, end_ns = span_ns
-    first_ns = session.start_ns if start_ns is None else start_ns
-    last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
-    return replace(session, shown_ns=(first_ns, last_ns))
 
 
 def _stay_with_the_page(sink: Any, *, web: bool) -> None:

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
+from ..api.analysis import score_document, scored
 from ..appearing import write_text
-from ..errors import RecordingError
-from ..score import score_events
 from ..score.picks import RIGHT_S
 from .output import print_json, print_table, print_warnings, say, writable
 from .resuming import results_at
 from .truth import scored_truth_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from groundtrace_codecs.labels import Label
-
     from ..score import (
         ConsistencyScore,
         DisturbanceScore,
@@ -37,7 +31,6 @@ if TYPE_CHECKING:
     from ..score.closure import ClosureScore
     from ..score.picks import PickErrors
     from ..score.positions import PositionErrors
-    from ..score.truth import ScoredTruth
     from ..score.waypoints import WaypointScore
 
 
@@ -79,50 +72,21 @@ def score(
     if html is not None:
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
     result = results_at(results, blocks=html is not None)
-    origin = result.provenance
     known = scored_truth_of(result, results, truth, author)
-    labels = known.labels
-    end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
     stages = tuple(stage or ())
-    figures = score_events(labels, result.events, origin.start_ns, end_ns, tolerance, stages)
-    if not _parts(figures):
-        raise RecordingError(
-            f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
-            f"found {_kinds(labels)}"
-        )
+    figures = scored(result, known, tolerance, stages)
     if html is not None:
         from ..score.html import score_page
 
         page = score_page(result, known, figures, tolerance, stages)
         write_text(html, page)
     if json:
-        print_json(_parts(figures) | _left_out(known), result.warnings)
+        print_json(score_document(figures, known, result.warnings))
     else:
         print_warnings(result.warnings)
         _print(figures, "m" if result.geometry is None else result.geometry.length_unit)
     if html is not None:
         say(f"page: {html}")
-
-
-def _kinds(labels: Sequence[Label]) -> str:
-    """Return what truth there is, which the result has no answer to."""
-    counts = Counter(label.kind for label in labels)
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    return f"{listed}, to which its stages say nothing" if listed else "none"
-
-
-def _left_out(known: ScoredTruth) -> dict[str, object]:
-    """Return what was left out of the truth, where there is something to say of it."""
-    if not known.remarks:
-        return {}
-    said = {"waypoints_given": known.given, "foot": known.foot, "remarks": known.remarks}
-    return {"truth": said}
-
-
-def _parts(figures: Score) -> dict[str, object]:
-    """Return the parts for which there is truth, by name."""
-    named = {name: getattr(figures, name) for name in figures.__dataclass_fields__}
-    return {name: part for name, part in named.items() if part is not None}
 
 
 def _print(figures: Score, unit: str) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..api import files
 from ..errors import RecordingError
 from ..plugins import load
-from ..results import file_sha256, read_results
+from ..results import read_results
 from .output import existing, print_warnings, say
 from .resuming import results_at
-
-if TYPE_CHECKING:
-    from ..results import Provenance
 
 FLAG = Parameter(negative="")
 
@@ -63,45 +61,16 @@ def share(
     timeline = None if rrd is None else existing(rrd, "a viewer's file")
     found = recording_of(results, recording)
     write = load("views", "share")
-    write(results, out, form=form, recording=found, rrd=timeline, light=light, force=force)
+    options = {"light": light, "force": force, "report": say}
+    write(results, out, form=form, recording=found, rrd=timeline, **options)
     print_warnings(read_results(results, blocks=False).warnings)
     _report(out, form)
 
 
 def recording_of(results: Path, given: Path | None = None) -> Path | None:
-    """Return the recording of results: the one given, or one of their name and their bytes.
-
-    It is looked for beside them, in the present folder and among the bundled recordings.
-
-    Raises
-    ------
-    RecordingError
-        Where the one given has other bytes, or ``results`` are none.
-    """
-    result = results_at(results)
-    if given is not None:
-        if not _same(existing(given), result.provenance):
-            raise RecordingError(
-                f"{given}: expected the recording that {results.name} is of, found other bytes"
-            )
-        return given
-    name = PureWindowsPath(result.provenance.recording).name
-    places = (results.parent / name, Path(name), _bundled(name))
-    there = list(dict.fromkeys(p for p in places if p is not None and p.is_file()))
-    found = next((p for p in there if _same(p, result.provenance)), None)
-    if there and found is None:
-        say(f"{there[0]}: not the recording that {results.name} is of: its bytes are others")
-    return found
-
-
-def _same(recording: Path, origin: Provenance) -> bool:
-    return file_sha256(recording) == origin.sha256
-
-
-def _bundled(name: str) -> Path | None:
-    from groundtrace_recordings import bundled
-
-    return bundled().get(name)
+    """Return the recording of results; say where one of its name has other bytes."""
+    results_at(results, blocks=False)  # which says so where they are of a stopped replay
+    return files.recording_of(results, given, say)
 
 
 def _report(out: Path, form: str) -> None:

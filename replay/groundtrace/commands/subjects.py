@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..api.comparing import check_subjects
 from ..errors import RecordingError
 from ..explain import evidence_of
-from ..explain.counted import counted_kind, noun_of
 from ..explain.measuring import in_processes, measure_evidence, resolved
 from ..explain.sweep import Subject
 from ..pipeline import checked_pipeline, parse_pipeline
@@ -93,15 +93,7 @@ def subjects_of(
     measured = _measured(fresh, config, truth, jobs) if fresh else {}
     read = {p: _read(p, truth, recordings) for p in inputs if replayed[p]}
     subjects = [measured[path] if path in measured else read[path] for path in inputs]
-    for subject in subjects:
-        counted = counted_kind(subject.evidence.config)
-        needed = "step" if counted == "step" else "pass"
-        if not any(label.kind == needed for label in subject.evidence.labels):
-            raise RecordingError(
-                f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
-                f"--truth FILE), found none"
-            )
-    _one_pipeline(subjects, config)
+    check_subjects(subjects, config)
     return subjects
 
 
@@ -149,14 +141,3 @@ def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject
     # what was replayed in part is not to be measured as a whole
     places = () if part else (path.parent / Path(origin.recording).name, *recordings)
     return Subject(evidence, places, origin.sha256)
-
-
-def _one_pipeline(subjects: Sequence[Subject], config: PipelineConfig) -> None:
-    """Refuse to sweep over different pipelines."""
-    for subject in subjects:
-        if subject.evidence.config.stage != config.stage:
-            first = "--pipeline" if subject is subjects[0] else subjects[0].evidence.name
-            raise RecordingError(
-                f"{subject.evidence.name}: pipeline: expected that of {first}, found other stages "
-                f"or parameters"
-            )

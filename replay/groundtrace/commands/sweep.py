@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter, validators
 
+from ..api.comparing import SweepPlan
 from ..appearing import write_text
-from ..explain.counted import TOLERANCE_S, counted_kind
-from ..explain.grid import Grid, make_grid, parse_axis
+from ..explain.grid import make_grid, parse_axis
 from ..explain.measuring import with_values
-from ..explain.ranking import rank
-from ..explain.refused import without_refused
-from ..explain.sweep import count, located, measurements
 from ..pipeline import build_pipeline
 from .output import print_json, print_table, progress, say, writable
 from .subjects import all_jobs, config_of, subjects_of
 
 if TYPE_CHECKING:
     from ..explain.ranking import LeaveOneOut, Ranked, Ranking
-    from ..explain.sweep import Counted, Subject
+    from ..explain.sweep import Counted
 
 POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
 AT_LEAST_ONE = Parameter(validator=validators.Number(gte=1))
@@ -86,15 +83,10 @@ def sweep(
         if path is not None:
             writable(path, force=force, sources=[*inputs, *(recording or [])])
     subjects = subjects_of(inputs, config, truth, recording or [], all_jobs(jobs))
-    if tolerance is None:
-        tolerance = TOLERANCE_S[counted_kind(config)]
-    settings, refused = without_refused(asked, config)
-    counted, ranking = _swept(located(subjects, settings), settings, tolerance, top, all_jobs(jobs))
-    told = [f"{s.evidence.name}: {w.line}" for s in subjects for w in s.evidence.warnings]
-    told += [refused] if refused else []
-    ranking = replace(ranking, notes=(*ranking.notes, *told))
+    plan = SweepPlan.of(subjects, config, asked, tolerance)
+    counted, ranking = _swept(plan, top, all_jobs(jobs))
     if write is not None:
-        best = with_values(config, settings.axes, list(ranking.best.settings.values()))
+        best = with_values(config, plan.settings.axes, list(ranking.best.settings.values()))
         best = replace(best, placements={})  # those are of one recording
         write_text(write, build_pipeline(best).recipe())
     if figure is not None:
@@ -110,24 +102,15 @@ def sweep(
             say(f"{name}: {path}")
 
 
-def _swept(
-    subjects: list[Subject], settings: Grid, tolerance: float, top: int, jobs: int
-) -> tuple[Counted, Ranking]:
+def _swept(plan: SweepPlan, top: int, jobs: int) -> tuple[Counted, Ranking]:
     """Sweep, showing how far the measurements are."""
-    again = measurements(subjects, settings)
+    again = plan.measured()
     total_s = sum(subject.recorded_s for subject in again)
     if again:
         say(f"the signal path is swept: {len(again)} measurements ({total_s:.0f} s recorded)")
     with progress(total_s, "measuring") as show:
         counter = iter(range(1, len(again) + 1))
-        counted = count(
-            subjects,
-            settings,
-            tolerance,
-            jobs,
-            lambda: show(next(counter) * total_s / len(again)),
-        )
-    return counted, rank(counted, top, jobs)
+        return plan.run(top, jobs, lambda: show(next(counter) * total_s / len(again)))
 
 
 def _print(r: Ranking) -> None:

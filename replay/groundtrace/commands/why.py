@@ -3,35 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
-from groundtrace_codecs.signals import NS_PER_S
-
-from ..errors import RecordingError
-from ..explain import Healer, Redecider, evidence_of
-from ..explain.account import account, moment, remedy_of
-from ..explain.evidence import matched
-from ..explain.reasons import StepReasons
-from ..explain.unfiltered import beside, with_recording
+from ..api.analysis import Answer, Kind, Question, evidence_with, explained
+from ..explain.account import Account, Moment
+from ..explain.arrivals import PickAccount, PickMoment
+from ..explain.places import FixMoment, PlaceAccount
+from ..explain.unfiltered import beside
+from ..explain.vehicles import VehicleAccount, VehicleMoment
 from ..plugins import load
 from .output import print_json, print_warnings, say
 from .pages import account_page, moment_page
 from .resuming import results_at
 from .showing import where_to_show
 from .truth import truth_of
-from .why_picks import explain_picks
-from .why_places import explain_places
+from .why_picks import picks_page, print_pick, print_picks
+from .why_places import place_page, places_page, print_place, print_places
 from .why_steps import print_account, print_moment, remedy_text
-from .why_vehicles import explain_vehicles
+from .why_vehicles import print_vehicle_moment, print_vehicles, vehicles_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..explain import Evidence
 
-Kind = Literal["steps", "picks", "fixes", "vehicles"]
 Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
 Positive = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 
@@ -95,26 +92,25 @@ def why(
     json
         Print one JSON document.
     """
-    chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
+    asked = Question(kind, step, fix, pick, at, tolerance, tolerance_m, tolerance_ms / 1e3, stage)
+    asked.checked_kind()
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
     evidence = _evidence(results, truth, recording or [])
     if not json:
         print_warnings(evidence.warnings)
-    at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
-    if chosen == "steps" and kind is None and step is None:
-        chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
-    if chosen == "vehicles":
-        time_ns, page = explain_vehicles(evidence, at_ns, json=json)
-    elif chosen == "fixes":
-        time_ns, page = explain_places(evidence, stage, tolerance_m, fix, at_ns, json=json)
-    elif chosen == "picks":
-        time_ns, page = explain_picks(evidence, stage, tolerance_ms / 1e3, pick, at_ns, json=json)
+    found = explained(evidence, results.name, asked)
+    if isinstance(found.details, Account):
+        for at_s in evidence.clock_steps_s:
+            say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
+    if json:
+        print_json(found.details, evidence.warnings)
     else:
-        time_ns, page = _explain_steps(evidence, results.name, step, at_ns, tolerance, json=json)
+        _print(found)
     if rrd is not None or spawn:
         show = load("views", "why")
-        show(evidence, page, path=rrd, spawn=spawn, at_ns=time_ns, tolerance_s=tolerance)
+        page = _page(found)
+        show(evidence, page, path=rrd, spawn=spawn, at_ns=found.time_ns, tolerance_s=tolerance)
     if rrd is not None:
         say(f"timeline: {rrd} (open it with: rerun {rrd})")
 
@@ -122,77 +118,50 @@ def why(
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
     """Read what decisions are explained by; it lives on without what it was read from."""
     result = results_at(results, evidence=True)
-    evidence = evidence_of(result, truth_of(result, results, truth))
-    origin = result.provenance
-    places = (beside(results, origin.recording), *recordings)
-    return with_recording(evidence, origin.sha256, places)
+    places = (beside(results, result.provenance.recording), *recordings)
+    return evidence_with(result, truth_of(result, results, truth), places)
 
 
-def _kind(kind: Kind | None, numbers: dict[Kind, int | None]) -> Kind:
-    """Return what to explain: what is asked for, or what a number is given of."""
-    given = [name for name, number in numbers.items() if number is not None]
-    wanted = kind or (given[0] if given else "steps")
-    if any(name != wanted for name in given):
-        options = {"steps": "--step", "fixes": "--fix", "picks": "--pick"}
-        found = " and ".join(options[name] for name in given)
-        raise RecordingError(f"--kind {wanted}: expected {options[wanted]}, found {found}")
-    return wanted
+def _print(found: Answer) -> None:
+    """Print what was found, for people."""
+    match found.details:
+        case Account():
+            print_account(found.details)
+        case Moment():
+            print_moment(found.details)
+            if found.sought:
+                print(f"\nsmallest change: {remedy_text(found.remedy)}")
+        case PickAccount():
+            print_picks(found.details)
+        case PickMoment():
+            print_pick(found.details)
+        case PlaceAccount():
+            print_places(found.details)
+        case FixMoment():
+            print_place(found.details, found.reference)
+        case VehicleAccount():
+            print_vehicles(found.details)
+        case VehicleMoment():
+            print_vehicle_moment(found.details)
 
 
-def _explain_steps(
-    evidence: Evidence,
-    name: str,
-    step: int | None,
-    at_ns: int | None,
-    tolerance: float,
-    *,
-    json: bool,
-) -> tuple[int | None, str]:
-    """Print the account of steps, or of one; return its time [ns] and the page."""
-    if step is None and at_ns is None:
-        return None, _explain_all(evidence, name, tolerance, json=json)
-    time_ns = _time_of(evidence, name, step, tolerance) if at_ns is None else at_ns
-    number = step if at_ns is None else None
-    return time_ns, _explain_moment(evidence, time_ns, number, tolerance, json=json)
-
-
-def _time_of(evidence: Evidence, name: str, step: int | None, tolerance: float) -> int:
-    steps = matched(evidence, tolerance).truth_ns
-    if step is None or step > len(steps):
-        raise RecordingError(f"{name}: --step: expected 1 to {len(steps)}, found {step}")
-    return int(steps[step - 1])
-
-
-def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool) -> str:
-    """Print the account; return it as a page."""
-    if not any(label.kind == "step" for label in evidence.labels):
-        raise RecordingError(
-            f"{name}: expected true steps (in the recording, or --truth FILE), found none; "
-            f"--at SECONDS explains a moment without truth"
-        )
-    for at_s in evidence.clock_steps_s:
-        say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
-    found = account(evidence, tolerance)
-    if json:
-        print_json(found, evidence.warnings)
-    else:
-        print_account(found)
-    return account_page(found)
-
-
-def _explain_moment(
-    evidence: Evidence, time_ns: int, step: int | None, tolerance: float, *, json: bool
-) -> str:
-    """Print what there is at a moment; return it as a page."""
-    found = moment(evidence, time_ns, tolerance)
-    remedy, sought = None, step is not None and found.reason is not None
-    if sought:
-        reasons = StepReasons(evidence, tolerance)
-        remedy = remedy_of(Healer(Redecider(evidence), tolerance), reasons, time_ns)
-    if json:
-        print_json(found, evidence.warnings)
-    else:
-        print_moment(found)
-        if sought:
-            print(f"\nsmallest change: {remedy_text(remedy)}")
-    return moment_page(found, "" if step is None else f"step {step}", remedy)
+def _page(found: Answer) -> str:
+    """Return the page that a viewer's file has of it."""
+    match found.details:
+        case Account():
+            return account_page(found.details)
+        case Moment():
+            title = "" if found.step is None else f"step {found.step}"
+            return moment_page(found.details, title, found.remedy)
+        case PickAccount():
+            return picks_page(found.details)
+        case PickMoment():
+            return f"# picks at {found.details.time_s:.3f} s\n"
+        case PlaceAccount():
+            return places_page(found.details)
+        case FixMoment():
+            return place_page(found.details)
+        case VehicleAccount():
+            return vehicles_page(found.details)
+        case VehicleMoment():
+            return f"# vehicles at {found.details.time_s:.3f} s\n"

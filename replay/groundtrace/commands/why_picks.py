@@ -6,69 +6,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
-
-from ..errors import RecordingError
-from ..explain.arrivals import PickMoment, pick_account, pick_moment
-from .output import print_json, print_table
+from .output import print_table
 from .why_rows import first_to_last, spans
 from .why_steps import print_link
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..explain import Evidence
-    from ..explain.arrivals import BadPick, PickAccount
+    from ..explain.arrivals import BadPick, PickAccount, PickMoment
     from ..explain.pick_channels import ChannelPicks
 
 HEADER = ("pick", "time [s]", "channel", "", "off [ms]", "cause", "why")
 
 
-def explain_picks(
-    evidence: Evidence,
-    stage: str,
-    tolerance_s: float,
-    pick: int | None,
-    at_ns: int | None,
-    *,
-    json: bool,
-) -> tuple[int | None, str]:
-    """Print the account of picks, or of one; return its time [ns] and the page.
-
-    Raises
-    ------
-    RecordingError
-        Where there are no picks, no such stage or no true arrivals, or no bad pick of that number.
-    """
-    if at_ns is not None:
-        one = pick_moment(evidence, at_ns, None, stage)
-        return at_ns, _explain_one(evidence, one, json=json)
-    found = pick_account(evidence, tolerance_s, stage)
-    if pick is None:
-        if json:
-            print_json(found, evidence.warnings)
-        else:
-            print_picks(found)
-        return None, picks_page(found)
-    if pick > len(found.bad):
-        expected = f"1 to {len(found.bad)}" if found.bad else "none, as no pick is bad"
-        raise RecordingError(f"{evidence.name}: --pick: expected {expected}, found {pick}")
-    bad = found.bad[pick - 1]
-    time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
-    return time_ns, _explain_one(evidence, pick_moment(evidence, time_ns, bad, stage), json=json)
-
-
-def _explain_one(evidence: Evidence, found: PickMoment, *, json: bool) -> str:
-    if json:
-        print_json(found, evidence.warnings)
+def print_pick(found: PickMoment) -> None:
+    """Print a bad pick, or a moment, with the candidates about it."""
+    if found.bad is not None:
+        print_table(HEADER, _rows([found.bad]))
     else:
-        if found.bad is not None:
-            print_table(HEADER, _rows([found.bad]))
-        else:
-            print(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
-        for link in found.chain:
-            print_link(link)
-    return f"# picks at {found.time_s:.3f} s\n"
+        print(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
+    for link in found.chain:
+        print_link(link)
 
 
 def print_picks(found: PickAccount) -> None:

@@ -6,59 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
-
-from ..errors import RecordingError
-from ..explain.places import PlaceExplainer
-from .output import print_json, print_table
+from .output import print_table
 from .why_rows import first_to_last, spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..explain import Evidence
     from ..explain.place_causes import PlaceCause
     from ..explain.place_remedies import Figures, PlaceRemedy
     from ..explain.places import FixAccount, FixMoment, PlaceAccount
     from ..explain.sensor_accounts import SensorFault
 
 AGAINST = {"truth": "the truth", "track": "the track (no true places)", "none": "nothing known"}
-
-
-def explain_places(
-    evidence: Evidence,
-    stage: str,
-    tolerance_m: float,
-    fix: int | None,
-    at_ns: int | None,
-    *,
-    json: bool,
-) -> tuple[int | None, str]:
-    """Print the account of places, or of one; return its time [ns] and the page.
-
-    Raises
-    ------
-    RecordingError
-        Where nothing was located, or there is no place of that number.
-    """
-    explainer = PlaceExplainer(evidence, tolerance_m, stage)
-    steps_ns = explainer.relocator.arrivals.step_ns
-    if fix is None and at_ns is None:
-        found = explainer.account()
-        if json:
-            print_json(found, evidence.warnings)
-        else:
-            print_places(found)
-        return None, places_page(found)
-    if not 0 < (fix or 1) <= len(steps_ns):
-        raise RecordingError(f"{evidence.name}: --fix: expected 1 to {len(steps_ns)}, found {fix}")
-    row = fix - 1 if fix is not None else int(np.abs(steps_ns - (at_ns or 0)).argmin())
-    one = explainer.moment(row)
-    if json:
-        print_json(one, evidence.warnings)
-    else:
-        print_place(one, explainer.reference.kind)
-    return evidence.start_ns + round(one.fix.time_s * NS_PER_S), place_page(one)
 
 
 def print_places(found: PlaceAccount) -> None:
