@@ -29,7 +29,9 @@ SURFACE = {
         write_recording""",
     "groundtrace_codecs.importers": """
         ImportMap ImportReport Imported Importer choose import_recording importers load_map""",
-    "groundtrace": "__version__",
+    "groundtrace": """
+        Comparison Error EventTable Explanation Pipeline Recording Results Score Stream Sweep
+        __version__ compare load open pipelines recordings replay show sweep""",
     "groundtrace.annotate": """
         Annotations Conflict Merge Stored Truth annotated conflicts from_json kept_in stored to_json
         truth_of_annotations""",
@@ -117,7 +119,7 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
         ("groundtrace_codecs.importers", ("scipy", "rerun", "obspy")),
         ("groundtrace_codecs.recording", ("scipy", "rerun", "obspy")),
         ("groundtrace_recordings", ("scipy", "rerun", "obspy")),
-        ("groundtrace", ("numpy", "scipy", "rerun", "obspy")),
+        ("groundtrace", ("numpy", "scipy", "rerun", "numba", "obspy", "groundtrace_codecs")),
         ("groundtrace.pipeline", ("scipy.signal", "rerun", "obspy")),
         ("groundtrace_viewers", ("rerun", "obspy")),
     ],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from html import escape
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ def html_table(
     count
         How many rows there are, where ``rows`` may be only the first of them.
     """
-    shown = [row for row, _ in zip(rows, range(ROWS + 1), strict=False)]
+    shown = list(rows if count is None else islice(rows, ROWS))
     there = len(shown) if count is None else count
     if there > ROWS:
         shown = shown[: ROWS - 1]

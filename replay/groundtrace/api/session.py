@@ -93,7 +93,7 @@ def replay(
     --------
     >>> import groundtrace as gt
     >>> gt.replay("waist-walk", "waist-steps", to_s=20)
-    Results(waist-walk.mcap, waist-steps, 33/33 steps, 0 false)
+    Results(waist-walk.mcap, waist-steps, 27/27 steps, 0 false)
     """
     asked = configured(pipeline, set or {}) if pipeline else None
     if not isinstance(recording, Recording):
