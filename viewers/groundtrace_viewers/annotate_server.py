@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import secrets
-import signal
 import tempfile
 import threading
 import webbrowser
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
 from groundtrace.api.fitting import fitting_pipeline
 from groundtrace.api.known_truth import unheard
-from groundtrace.api.session import replay_to_files
+from groundtrace.api.session import replay_to_files, terminable
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import Results, file_sha256, read_results
 from groundtrace.suitability import SIGNALS
@@ -29,7 +28,7 @@ from .serve import LOOPBACK
 from .web import listen, page_app, run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from groundtrace.api.known_truth import Report
 
@@ -91,7 +90,7 @@ def serve(
     ):
         drawn = store.items
         try:
-            with _terminable():
+            with terminable():
                 made = replayed(recording, results, pipeline, Path(folder), report, progress)
             rrd, shown = made
             with Recording.open(recording) as opened:
@@ -105,7 +104,7 @@ def serve(
         app = page_app(rrd, moments.json(), port, "server", api(desk, token))
         for remark in store.remarks:
             report(remark)
-        with _terminable(), suppress(KeyboardInterrupt):
+        with terminable(), suppress(KeyboardInterrupt):
             run(
                 app,
                 listening,
@@ -185,16 +184,3 @@ def _announce(url: str, open_browser: bool, report: Report) -> None:
     report(f"annotating at {url} (Ctrl-C ends it)")
     if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """End as with Ctrl-C where the system asks for it, so that the replay's folder goes."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from contextlib import ExitStack
+import signal
+import threading
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,9 +38,9 @@ from .recording import Recording, open_recording
 from .results import Results
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.events import Event, Note
 
     from ..clock import Clock
     from ..engine import Tally
@@ -111,10 +113,12 @@ def replay(
         written = [] if target is None else [ResultsSink(target, origin, force=force)]
         run_through(
             Source(file, start_ns=span[0], stop_ns=span[1]),
-            ready,
+            ready.chain,
             [kept, *written],
             shown_part(session, span),
             progress=progress,
+            looked_at=ready.looked_at,
+            first=ready.notes,
         )
     name = f"{recording.path.stem}.results.mcap" if target is None else target.name
     labels = replayed_labels(session.labels, *span)
@@ -179,7 +183,15 @@ def replay_to_files(
         report(shown.expected(session))
         source = Source(file, start_ns=span[0], stop_ns=span[1])
         sinks = [ResultsSink(out, origin), shown]
-        run_through(source, ready, sinks, session, progress=progress)
+        run_through(
+            source,
+            ready.chain,
+            sinks,
+            session,
+            progress=progress,
+            looked_at=ready.looked_at,
+            first=ready.notes,
+        )
 
 
 def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:
@@ -306,50 +318,68 @@ class EventsInMemory:
         """End; nothing is held."""
 
 
+@contextmanager
+def terminable() -> Iterator[None]:
+    """End as with Ctrl-C where the system asks for it, so that what was begun is cleared away."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def run_through(
     source: Source,
-    ready: Prepared,
+    chain: Chain,
     sinks: Sequence[Sink],
     session: Session,
     *,
     clock: Clock | None = None,
     progress: Callable[[float], None] | None = None,
+    looked_at: Iterable[str] = (),
+    first: Sequence[Note] = (),
 ) -> Tally:
-    """Replay into sinks, from opening to closing them; after an error they leave no output.
+    """Replay into sinks, from opening to closing them.
+
+    A replay that is stopped leaves no output under its name.
 
     Parameters
     ----------
-    source, ready, sinks, session
+    source, chain, sinks, session
         What is replayed, through what, and where to.
     clock
         Paces the replay; None means as fast as possible.
     progress
         Called with the part that is done, 0 to 1.
+    looked_at
+        Topics whose placement is known, so that none is guessed.
+    first
+        What is to be said of the recording before anything else.
     """
     # what filters is not imported before there is something to filter
     from ..health.imu import judged
     from ..placement_watch import noted
 
     first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
+    length_ns = max(last_ns - first_ns, 1)
 
     def reached(time_ns: int) -> None:
         if progress is not None:
-            progress(min(max((time_ns - first_ns) / max(last_ns - first_ns, 1), 0.0), 1.0))
+            progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
 
     for sink in sinks:
         sink.open(session)
+    done = False
     try:
-        loop = ReplayLoop(ready.chain, sinks, clock=clock, progress=reached)
-        placed = noted(source, dict.fromkeys(ready.looked_at))
-        items: Iterable[Any] = judged(placed, source.streams)
-        return loop.through(itertools.chain(ready.notes, items))
-    except BaseException:
-        for sink in sinks:
-            abandon = getattr(sink, "abandon", None)
-            if abandon is not None:
-                abandon()
-        raise
+        loop = ReplayLoop(chain, sinks, clock=clock, progress=reached)
+        placed = noted(source, dict.fromkeys(looked_at))
+        tally = loop.through(itertools.chain(first, judged(placed, source.streams)))
+        done = True
+        return tally
     finally:
         with ExitStack() as closing:  # each is closed, whatever comes of the others
             for sink in reversed(sinks):
-                closing.callback(sink.close)
+                closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))

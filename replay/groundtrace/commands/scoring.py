@@ -10,9 +10,9 @@ from cyclopts import Parameter, validators
 
 from ..api.analysis import score_document, scored
 from ..appearing import write_text
+from ..results import read_results
 from ..score.picks import RIGHT_S
 from .output import print_json, print_table, print_warnings, say, writable
-from .resuming import results_at
 from .truth import scored_truth_of
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def score(
     """
     if html is not None:
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
-    result = results_at(results, blocks=html is not None)
+    result = read_results(results, blocks=html is not None)
     known = scored_truth_of(result, results, truth, author)
     stages = tuple(stage or ())
     figures = scored(result, known, tolerance, stages)

@@ -12,7 +12,6 @@ from ..errors import RecordingError
 from ..plugins import load
 from ..results import read_results
 from .output import existing, print_warnings, say
-from .resuming import results_at
 
 FLAG = Parameter(negative="")
 
@@ -69,7 +68,6 @@ def share(
 
 def recording_of(results: Path, given: Path | None = None) -> Path | None:
     """Return the recording of results; say where one of its name has other bytes."""
-    results_at(results, blocks=False)  # which says so where they are of a stopped replay
     return files.recording_of(results, given, say)
 
 

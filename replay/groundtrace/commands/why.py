@@ -14,9 +14,9 @@ from ..explain.places import FixMoment, PlaceAccount
 from ..explain.unfiltered import beside
 from ..explain.vehicles import VehicleAccount, VehicleMoment
 from ..plugins import load
+from ..results import read_results
 from .output import print_json, print_warnings, say
 from .pages import account_page, moment_page
-from .resuming import results_at
 from .showing import where_to_show
 from .truth import truth_of
 from .why_picks import picks_page, print_pick, print_picks
@@ -117,7 +117,7 @@ def why(
 
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
     """Read what decisions are explained by; it lives on without what it was read from."""
-    result = results_at(results, evidence=True)
+    result = read_results(results, evidence=True)
     places = (beside(results, result.provenance.recording), *recordings)
     return evidence_with(result, truth_of(result, results, truth), places)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +32,6 @@ LATE_NS = NS_PER_S
 WAIT_NS = 3 * NS_PER_S // 2
 #: Fixes from so long before a walker is heard of are remembered.
 KEPT_NS = 60 * NS_PER_S
-#: The one channel of a reckoner's candidates.
-WALKER = ("walker",)
 #: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
 AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
 
@@ -128,18 +125,6 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             self._know(run, 2**62)
             yield from run.worker.finish()
             yield from self._notes(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        kept = (self._plane, self._topics, self._runs, self._rounds)
-        early = (self._early, self._early_steps, self._fixes, self._tracks)
-        return copy.deepcopy((kept, early))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        kept, early = copy.deepcopy(saved)
-        self._plane, self._topics, self._runs, self._rounds = kept
-        self._early, self._early_steps, self._fixes, self._tracks = early
 
     def _take(self, items: Sequence[SignalBlock | Gap]) -> Iterator[Event]:
         """Take a round of all streams: places first, then each sensor's signal."""
