@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from .signals import Stream
 
+#: Name of the attachment that holds a recording's geometry.
+SITE_NAME = "site.json"
 #: So many names are listed.
 _LISTED = 8
 
@@ -115,7 +117,7 @@ class Geometry:
         return msgspec.json.encode(self)
 
     @classmethod
-    def from_json(cls, data: bytes, place: str = "site.json") -> Geometry:
+    def from_json(cls, data: bytes, place: str = SITE_NAME) -> Geometry:
         """Read a recording's ``site.json``.
 
         Raises

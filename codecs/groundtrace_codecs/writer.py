@@ -18,8 +18,8 @@ from .encoders import (
 )
 from .errors import CodecError
 from .event_encoding import encode_event
+from .geometry import SITE_NAME
 from .label_codec import TRUTH_TOPIC, encode_label
-from .recording import SITE_NAME
 from .schemas.waveform import FORMATS
 from .site import transforms
 
