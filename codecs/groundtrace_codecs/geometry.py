@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -149,6 +149,17 @@ class Geometry:
     def to_toml(self) -> str:
         """Return the geometry as a TOML that :meth:`from_toml` reads as the same."""
         return geometry_text(msgspec.to_builtins(self))
+
+
+def placed(stream: Stream, geometry: Geometry | None) -> Stream:
+    """Return the stream with the positions its geometry gives to channels of the same name."""
+    if geometry is None:
+        return stream
+    where = {s.channel: (s.x, s.y, s.z) for s in geometry.sensors}
+    channels = tuple(
+        replace(c, position_m=where.get(c.name, c.position_m)) for c in stream.channels
+    )
+    return replace(stream, channels=channels)
 
 
 def geometry_warnings(geometry: Geometry | None, streams: Sequence[Stream]) -> list[str]:
