@@ -7,15 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from .annotations import ANNOTATIONS_TOPIC, encode_annotation
-from .container import CHUNK_BYTES, TOOL, Container, tool_version
-from .encoders import (
-    Encoder,
-    Output,
-    Packet,
-    encoders_for,
-    merged_pieces,
-    protobuf_output,
-)
+from .container import CHUNK_BYTES, TOOL, Container, Output, Packet, tool_version
+from .encoders import Encoder, encoders_for, merged_pieces, protobuf_output
 from .errors import CodecError
 from .event_encoding import encode_event
 from .geometry import SITE_NAME
