@@ -6,14 +6,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from .errors import SchemaError
 from .geometry_toml import UNKNOWN_UNIT, geometry_table, geometry_text
 from .signals import SEISMIC_QUANTITIES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from .signals import Stream
 
@@ -111,6 +114,11 @@ class Geometry:
     def length_unit(self) -> str:
         """What to write behind a length: ``m``, or ``units`` where the unit is unknown."""
         return "units" if self.unit == UNKNOWN_UNIT else "m"
+
+    def clock_offsets(self, channels: Iterable[str]) -> NDArray[np.float64]:
+        """Return how far the clock of each channel is ahead, 0 where unknown, shape (n,) [s]."""
+        ahead = {s.channel: s.clock_offset_s for s in self.sensors}
+        return np.array([ahead.get(name, 0.0) for name in channels], np.float64)
 
     def to_json(self) -> bytes:
         """Return the geometry as the JSON of a recording's ``site.json``."""
