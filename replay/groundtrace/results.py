@@ -6,7 +6,7 @@ import hashlib
 import platform
 import tomllib
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,8 @@ from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
 from .errors import RecordingError
+from .parameters import given_waypoints
+from .version import installed_version
 from .warned import warnings_of
 
 if TYPE_CHECKING:
@@ -72,18 +74,10 @@ class Provenance:
     placements: dict[str, str] = field(default_factory=dict)
 
 
-def own_version() -> str:
-    """Return the version of groundtrace; of a source tree that is not installed ``0+unknown``."""
-    try:
-        return version("groundtrace")
-    except PackageNotFoundError:
-        return "0+unknown"
-
-
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
     found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
-    return {"python": platform.python_version(), "groundtrace": own_version()} | found
+    return {"python": platform.python_version(), "groundtrace": installed_version()} | found
 
 
 def file_sha256(path: Path) -> str:
@@ -231,8 +225,6 @@ def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> 
 
 def given_to(pipeline: str, labels: Sequence[Label]) -> tuple[Label, ...]:
     """Return the waypoints that the stages of a resolved pipeline, TOML, are given of labels."""
-    from .reckoning.places import given_waypoints
-
     try:
         stages = tomllib.loads(pipeline).get("stage", [])
     except tomllib.TOMLDecodeError:

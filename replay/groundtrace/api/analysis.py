@@ -19,7 +19,7 @@ from ..errors import RecordingError
 from ..explain import Healer, Redecider, evidence_of
 from ..explain.account import Account, Moment, account, moment, remedy_of
 from ..explain.arrivals import PickAccount, PickMoment, pick_account, pick_moment
-from ..explain.evidence import matched
+from ..explain.counted import matched
 from ..explain.places import FixMoment, PlaceAccount, PlaceExplainer
 from ..explain.reasons import StepReasons
 from ..explain.unfiltered import with_recording

@@ -199,9 +199,9 @@ def application() -> App:
 
 
 def _version() -> str:
-    from ..results import own_version
+    from ..version import installed_version
 
-    return own_version()
+    return installed_version()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

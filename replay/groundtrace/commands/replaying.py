@@ -154,7 +154,8 @@ def replay(
         damage = len(set(opened.damage))
     timeline = shown.summary if shown is not None else ""
     report(session, chain, tally, results, rrd, timeline, damage, json=json)
-    _stay_with_the_page(shown, web=web)
+    if web:
+        _stay_with_the_page(shown)
 
 
 def _bundled() -> Path:
@@ -190,8 +191,12 @@ def _where_to_show(
     return shown, writable(name, force=force, sources=[path])
 
 
-def _stay_with_the_page(sink: Any, *, web: bool) -> None:
-    """Keep serving until the user stops."""
-    if web:
-        say(f"serving {sink.url} (Ctrl-C ends it)")
-        sink.viewer.wait()
+def _stay_with_the_page(shown: Any) -> None:
+    """Serve what was shown to browsers until the user stops."""
+    url, server = load("servers", "web")(shown)
+    say(f"serving {url} (Ctrl-C ends it)")
+    try:
+        server.wait()
+    finally:
+        server.terminate()
+        server.wait()
