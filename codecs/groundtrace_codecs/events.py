@@ -392,28 +392,58 @@ def _picks(block: CandidateBlock) -> list[Event]:
     return list(map(Pick, times, channels, *origin, sigma, columns[0]))
 
 
+def _bearings(block: CandidateBlock) -> list[Event]:
+    """Return a direction for each accepted candidate; its channel is the station."""
+    spec, names = block.spec, [c.name for c in block.spec.columns]
+    azimuth, sigma, ambiguous = map(names.index, ("azimuth", "sigma", "ambiguous"))
+    found: list[Event] = []
+    for row in block.accepted.nonzero()[0].tolist():
+        value, station = block.value[row].tolist(), spec.channels[int(block.channel[row])]
+        angle = (value[azimuth], value[sigma], value[0], bool(value[ambiguous]))
+        found.append(Bearing(int(block.time_ns[row]), station, *angle, spec.stage))
+    return found
+
+
+def _disagreements(block: CandidateBlock) -> list[Event]:
+    """Return two stages that disagree for each accepted candidate; its channel is the pair."""
+    spec = block.spec
+    found: list[Event] = []
+    for row in block.accepted.nonzero()[0].tolist():
+        distance_m, value = block.value[row, :2].tolist()
+        pair = spec.channels[int(block.channel[row])]
+        found.append(Disagreement(int(block.time_ns[row]), distance_m, value, pair, spec.stage))
+    return found
+
+
+def _row(
+    cls: type[Any],
+    name: str,
+    plural: str,
+    text: Callable[[Any], str],
+    truth: str = "",
+    from_candidates: Callable[[CandidateBlock], Iterable[Event]] = no_events,
+) -> EventKind:
+    return EventKind(cls, name, f"/groundtrace/{plural}", text, truth, from_candidates)
+
+
+_ROWS = (
+    _row(StepEvent, "step", "steps", _step_text, "step", _steps),
+    _row(Pick, "pick", "picks", _pick_text, "pick", _picks),
+    _row(Fix, "fix", "fixes", _fix_text, "waypoint"),
+    _row(TrackPoint, "track", "tracks", _no_text, "waypoint"),
+    _row(Bearing, "bearing", "bearings", _bearing_text, "", _bearings),
+    _row(Heading, "heading", "headings", _no_text, "heading"),
+    _row(Disturbance, "disturbance", "disturbances", _disturbance_text, "disturbed"),
+    _row(Disagreement, "disagreement", "disagreements", _disagreement_text, "", _disagreements),
+    _row(Presence, "presence", "presence", _presence_text),
+    _row(Pass, "pass", "passes", _pass_text, "pass"),
+    _row(LineCrossing, "crossing", "crossings", _crossing_text),
+    _row(LikelihoodSurface, "surface", "surfaces", _no_text),
+    _row(Gap, "gap", "gaps", _gap_text),
+    _row(Note, "note", "notes", _note_text),
+)
 #: The table of events, in the order in which they are listed.
-EVENTS: Mapping[type[Any], EventKind] = {
-    kind.cls: kind
-    for kind in (
-        EventKind(StepEvent, "step", "/groundtrace/steps", _step_text, "step", _steps),
-        EventKind(Pick, "pick", "/groundtrace/picks", _pick_text, "pick", _picks),
-        EventKind(Fix, "fix", "/groundtrace/fixes", _fix_text, "waypoint"),
-        EventKind(TrackPoint, "track", "/groundtrace/tracks", _no_text, "waypoint"),
-        EventKind(Bearing, "bearing", "/groundtrace/bearings", _bearing_text),
-        EventKind(Heading, "heading", "/groundtrace/headings", _no_text, "heading"),
-        EventKind(
-            Disturbance, "disturbance", "/groundtrace/disturbances", _disturbance_text, "disturbed"
-        ),
-        EventKind(Disagreement, "disagreement", "/groundtrace/disagreements", _disagreement_text),
-        EventKind(Presence, "presence", "/groundtrace/presence", _presence_text),
-        EventKind(Pass, "pass", "/groundtrace/passes", _pass_text, "pass"),
-        EventKind(LineCrossing, "crossing", "/groundtrace/crossings", _crossing_text),
-        EventKind(LikelihoodSurface, "surface", "/groundtrace/surfaces", _no_text),
-        EventKind(Gap, "gap", "/groundtrace/gaps", _gap_text),
-        EventKind(Note, "note", "/groundtrace/notes", _note_text),
-    )
-}
+EVENTS: Mapping[type[Any], EventKind] = {row.cls: row for row in _ROWS}
 
 
 def kind_of_message(name: str) -> EventKind | None:
