@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
-from functools import cache, partial
+from functools import partial
 from math import prod
 from operator import attrgetter
 from sys import intern
@@ -19,7 +20,7 @@ from .events import CandidateBlock, StageSpec, TraceBlock, kind_of_message
 from .schemas.protobuf import get_time, message_class, parse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
 
@@ -137,11 +138,14 @@ class Layout:
     lengths: tuple[tuple[int, int], ...]
 
 
+#: What decodes the messages of a kind: it takes the place, named in errors, and the bytes.
+Decoder = Callable[[str, "bytes | memoryview"], Any]
+_DECODERS: dict[type[Any], Decoder] = {}
+
 #: Fields that are times, by what the message calls them.
 TIMES = {"time_ns": "timestamp", "start_ns": "timestamp", "end_ns": "end"}
 
 
-@cache
 def layout_of(cls: type[Any]) -> Layout:
     """Return how a kind of event is stored.
 
@@ -171,10 +175,14 @@ def layout_of(cls: type[Any]) -> Layout:
     )
 
 
-@cache
-def decoder_of(cls: type[Any]) -> Callable[[str, bytes | memoryview], Any]:
-    """Return what decodes the messages of a kind of event; it is given the place for errors."""
-    layout = layout_of(cls)
+def decoder_of(cls: type[Any]) -> Decoder:
+    """Return what decodes the messages of a kind of event; made once, it is given the place."""
+    if cls not in _DECODERS:
+        _DECODERS[cls] = _decoder_by(layout_of(cls), cls)
+    return _DECODERS[cls]
+
+
+def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
     message, values_of = layout.message, attrgetter(*layout.sources)
     times, texts, lengths = layout.times, layout.texts, layout.lengths
 

@@ -42,7 +42,7 @@ def encode_event(event: Event) -> Iterator[Encoded]:
         if len(event):
             yield _stage_output(event.spec, "TraceBlock"), _trace(event)
     else:
-        yield _encoder(type(event))(event)
+        yield _encoder_of(type(event))(event)
         yield from mirror(event)
 
 
@@ -73,8 +73,17 @@ def _trace(block: TraceBlock) -> Packet:
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
 
-@cache
-def _encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
+_ENCODERS: dict[type[Any], Callable[[Any], Encoded]] = {}
+
+
+def _encoder_of(cls: type[Any]) -> Callable[[Any], Encoded]:
+    """Return what encodes the events of a kind; made once."""
+    if cls not in _ENCODERS:
+        _ENCODERS[cls] = _made_encoder(cls)
+    return _ENCODERS[cls]
+
+
+def _made_encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
     """Return what encodes the events of a kind: the message's fields are the event's own."""
     layout = layout_of(cls)
     output = protobuf_output(EVENTS[cls].topic, cls.__name__)
