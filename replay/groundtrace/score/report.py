@@ -160,7 +160,7 @@ def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ..
     )
 
 
-def last_word(events: list[E]) -> list[E]:
+def last_word(events: Sequence[E]) -> list[E]:
     """Return the events of the stage that was the last to give its first one."""
     by = [str(getattr(event, "stage", "")) for event in events]
     stages = list(dict.fromkeys(by))
