@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.events import EVENTS, Disagreement, Fix, Gap, Note, StageSpec
+from groundtrace_codecs.events import Fix, Gap, Note, StageSpec
 
 from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit, length_note, scaled_lengths
-from .stage import PluginStage
+from .stage import PluginStage, accepted_events
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -120,4 +120,4 @@ class ComparisonStage(PluginStage["Comparison"]):
             return
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         yield block
-        yield from EVENTS[Disagreement].from_candidates(block)
+        yield from accepted_events(block, run.worker.emits)
