@@ -31,7 +31,7 @@ from .markup import html_table
 from .tables import EventTable, rows_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from groundtrace_codecs.labels import Label
@@ -363,15 +363,7 @@ def explained(evidence: Evidence, name: str, asked: Question) -> Answer:
     at_ns = None if asked.at_s is None else evidence.start_ns + round(asked.at_s * NS_PER_S)
     if chosen == "steps" and asked.kind is None and asked.step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
-    if chosen == "vehicles":
-        if at_ns is not None:
-            return Answer("vehicles", vehicle_moment(evidence, at_ns), at_ns)
-        return Answer("vehicles", vehicle_account(evidence))
-    if chosen == "fixes":
-        return _explained_place(evidence, asked, at_ns)
-    if chosen == "picks":
-        return _explained_picks(evidence, asked, at_ns)
-    return _explained_steps(evidence, name, asked, at_ns)
+    return EXPLAINERS[chosen](evidence, name, asked, at_ns)
 
 
 def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int | None) -> Answer:
@@ -401,7 +393,7 @@ def _time_of(evidence: Evidence, name: str, asked: Question) -> int:
     return int(steps[asked.step - 1])
 
 
-def _explained_place(evidence: Evidence, asked: Question, at_ns: int | None) -> Answer:
+def _explained_place(evidence: Evidence, _name: str, asked: Question, at_ns: int | None) -> Answer:
     explainer = PlaceExplainer(evidence, asked.tolerance_m, asked.stage)
     steps_ns, fix = explainer.relocator.arrivals.step_ns, asked.fix
     reference = explainer.reference.kind
@@ -415,7 +407,7 @@ def _explained_place(evidence: Evidence, asked: Question, at_ns: int | None) -> 
     return Answer("fixes", one, time_ns, reference=reference)
 
 
-def _explained_picks(evidence: Evidence, asked: Question, at_ns: int | None) -> Answer:
+def _explained_picks(evidence: Evidence, _name: str, asked: Question, at_ns: int | None) -> Answer:
     if at_ns is not None:
         return Answer("picks", pick_moment(evidence, at_ns, None, asked.stage), at_ns)
     found = pick_account(evidence, asked.pick_tolerance_s, asked.stage)
@@ -427,6 +419,23 @@ def _explained_picks(evidence: Evidence, asked: Question, at_ns: int | None) -> 
     bad = found.bad[asked.pick - 1]
     time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
     return Answer("picks", pick_moment(evidence, time_ns, bad, asked.stage), time_ns)
+
+
+def _explained_vehicles(
+    evidence: Evidence, _name: str, _asked: Question, at_ns: int | None
+) -> Answer:
+    if at_ns is not None:
+        return Answer("vehicles", vehicle_moment(evidence, at_ns), at_ns)
+    return Answer("vehicles", vehicle_account(evidence))
+
+
+#: What explains a kind: given the evidence, the name for errors, the question and its moment [ns].
+EXPLAINERS: Mapping[Kind, Callable[[Evidence, str, Question, int | None], Answer]] = {
+    "steps": _explained_steps,
+    "picks": _explained_picks,
+    "fixes": _explained_place,
+    "vehicles": _explained_vehicles,
+}
 
 
 @dataclass(frozen=True, slots=True)

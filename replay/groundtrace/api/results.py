@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..explain.unfiltered import beside
 from ..exports.api import Material
-from ..exports.kinds import EVENTS
+from ..exports.kinds import tables_of_events
 from ..exports.tables import tables_of
 from ..pipeline import parse_pipeline
 from ..results import read_results
@@ -158,10 +158,9 @@ class Results:
         return self["notes"]
 
     def __getitem__(self, kind: str) -> EventTable:
-        if kind not in EVENTS:
-            raise RecordingError(
-                f"{self.name}: expected one of {', '.join(EVENTS)}, found {kind!r}"
-            )
+        known = tables_of_events()
+        if kind not in known:
+            raise RecordingError(f"{self.name}: expected one of {', '.join(known)}, found {kind!r}")
         if kind not in self._tables:
             self._tables[kind] = table_of(next(tables_of(self._material, kind)))
         return self._tables[kind]
@@ -295,7 +294,8 @@ class Results:
         if matching is not None:
             found = f"{len(matching.pairs)}/{len(matching.truth_ns)} steps"
             return f"{found}, {len(matching.false)} false"
-        kinds = [kind for kind in EVENTS if kind not in ("gaps", "notes") and len(self[kind])]
+        quiet = ("gaps", "notes")
+        kinds = [k for k in tables_of_events() if k not in quiet and len(self[k])]
         return ", ".join(f"{len(self[kind])} {kind}" for kind in kinds) or "no events"
 
     def __repr__(self) -> str:
