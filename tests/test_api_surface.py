@@ -159,3 +159,20 @@ def test_only_the_viewers_know_rerun() -> None:
     for package in KNOWS.keys() - {"groundtrace_viewers"}:
         for path in sources(package):
             assert "rerun" not in imported(path), path.relative_to(ROOT)
+
+
+def test_no_library_imports_the_command_line_or_prints() -> None:
+    for package in sorted(KNOWS):
+        for path in sources(package):
+            if "commands" in path.parts or path.name == "__main__.py":
+                continue
+            nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+            modules = [n.module or "" for n in nodes if isinstance(n, ast.ImportFrom)]
+            modules += [a.name for n in nodes if isinstance(n, ast.Import) for a in n.names]
+            named = [a.name for n in nodes if isinstance(n, ast.ImportFrom) for a in n.names]
+            parts = {part for module in modules for part in module.split(".")} | set(named)
+            assert "commands" not in parts, path.relative_to(ROOT)
+            if "api" in path.parts:
+                called = [n.func for n in nodes if isinstance(n, ast.Call)]
+                names = {f.id for f in called if isinstance(f, ast.Name)}
+                assert not names & {"print", "input"}, path.relative_to(ROOT)

@@ -14,6 +14,7 @@ import pytest
 from command_runs import assert_same_decisions, check_schema, done, run
 
 import groundtrace as gt
+from groundtrace.api.document import plain_document
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
@@ -263,3 +264,14 @@ def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     took, *heavy = ran.stdout.split()
     assert heavy == []
     assert float(took) < 0.1
+
+
+def test_what_a_recording_holds_is_what_info_says(capsys: Capture) -> None:
+    dead = Path(shutil.copy(path_of("vehicle-pass.mcap"), "cars.mcap"))
+    rec = gt.open(dead)
+    assert "faults" not in rec._repr_html_(), "which would read all samples"
+    said = done(capsys, "info", dead, "--json").document
+    found = document(plain_document(rec.info))
+    assert found == said
+    assert list(rec.faults.kind) == [fault["kind"] for fault in said["faults"]]
+    assert "faults" in rec._repr_html_()

@@ -82,7 +82,8 @@ def test_a_frame_is_given_columns_that_it_knows(monkeypatch: pytest.MonkeyPatch)
     fake.DataFrame = taken.append  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "pandas", fake)
     TABLE.to_pandas()
-    assert taken[0]["foot"] == ["left", "", "right"]
+    assert taken[0]["foot"].tolist() == ["left", "", "right"]
+    assert taken[0]["foot"].dtype == object
     assert taken[0]["time_s"] is TABLE.time_s
 
 
@@ -191,16 +192,16 @@ def test_without_a_widget_a_result_is_drawn(
 def test_with_a_widget_results_in_memory_are_shown_by_the_viewer(
     walk: gt.Results, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    calls: list[tuple[int, int]] = []
+    calls: list[tuple[int, int, float | None]] = []
 
-    def viewer(path: Any, *, recording: Any, height: int) -> str:
+    def viewer(path: Any, *, recording: Any, height: int, at_s: float | None) -> str:
         again = gt.load(path)
         assert recording == walk.recording_path
         assert list(again.steps.time_ns) == list(walk.steps.time_ns)
-        calls.append((len(again.steps), height))
+        calls.append((len(again.steps), height, at_s))
         return "widget"
 
     monkeypatch.setattr(pictures, "find_spec", lambda _: object())
     monkeypatch.setattr(pictures, "load", lambda *_: viewer)
-    assert gt.show(walk, height=500) == "widget"
-    assert calls == [(len(walk.steps), 500)]
+    assert gt.show(walk, height=500, at=7.5) == "widget"
+    assert calls == [(len(walk.steps), 500, 7.5)]

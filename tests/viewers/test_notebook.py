@@ -21,9 +21,13 @@ class Widget:
     def __init__(self, *, width: str, height: int) -> None:
         self.size = width, height
         self.sent: list[bytes] = []
+        self.cursor: tuple[str, int, bool] | None = None
 
     def send_rrd(self, data: bytes) -> None:
         self.sent.append(data)
+
+    def set_time_ctrl(self, timeline: str, *, duration_nanos: int, play: bool) -> None:
+        self.cursor = timeline, duration_nanos, play
 
 
 def test_a_result_is_shown_by_the_widget_its_layout_first(
@@ -33,7 +37,8 @@ def test_a_result_is_shown_by_the_widget_its_layout_first(
     fake.Viewer = Widget  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, notebook.PACKAGE, fake)
     walk = shared_walk(tmp_path)
-    widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd, height=500)
+    widget = groundtrace_viewers.show(str(walk.results), rrd=walk.rrd, height=500, at_s=1.25)
+    assert widget.cursor == ("t", 1_250_000_000, False)
     assert widget.size == ("auto", 500)
     layout, replay = widget.sent
     assert replay == walk.rrd.read_bytes()

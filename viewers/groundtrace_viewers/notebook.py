@@ -25,6 +25,7 @@ def show(
     recording: Path | str | None = None,
     rrd: Path | str | None = None,
     height: int = 720,
+    at_s: float | None = None,
 ) -> Any:
     """Show a result in a notebook, without a network.
 
@@ -38,6 +39,8 @@ def show(
         A timeline that ``groundtrace replay`` wrote, instead of replaying the recording.
     height
         Of the widget [px]; it is as wide as its cell.
+    at_s
+        Where its cursor stands [s since the first sample]; None leaves it.
 
     Returns
     -------
@@ -55,6 +58,7 @@ def show(
     from .layout_file import layout_of
     from .share_replay import timeline_file
     from .share_sources import sources_of
+    from .timeline import TIMELINE
 
     path = Path(results)
     found = recording_of(path, None if recording is None else Path(recording))
@@ -67,6 +71,8 @@ def show(
     widget = widget_class(width="auto", height=height)
     for part in parts:
         widget.send_rrd(part)
+    if at_s is not None:
+        widget.set_time_ctrl(TIMELINE, duration_nanos=round(at_s * 1e9), play=False)
     return widget
 
 

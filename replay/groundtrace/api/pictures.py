@@ -28,8 +28,8 @@ def show(results: Results, *, at: float | None = None, height: int = 720) -> Any
     results
         What was decided.
     at
-        The moment that is drawn [s since the first sample]; None is the first missed step, else
-        the first step. The viewer holds the whole recording.
+        Where the cursor of the viewer stands, or the moment that is drawn, 5 s on each side
+        [s since the first sample]; None draws the first missed step, else the first step.
     height
         Of the viewer [px].
 
@@ -51,7 +51,8 @@ def show(results: Results, *, at: float | None = None, height: int = 720) -> Any
         return draw(results, at)
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
         path = results.path or save(results, Path(folder, "shown.results.mcap"))
-        return load("views", "notebook")(path, recording=results.recording_path, height=height)
+        view = load("views", "notebook")
+        return view(path, recording=results.recording_path, height=height, at_s=at)
 
 
 def draw(results: Results, at: float | None = None) -> Any:

@@ -17,8 +17,9 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..results import RUN
 from .files import existing
+from .inspection import examine
 from .markup import html_table
-from .tables import EventTable, table_of
+from .tables import EventTable, rows_table, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import Stream as StreamDescription
+
+    from .inspection import RecordingInfo
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -218,6 +221,28 @@ class Recording:
         material = Material(self.name, self.start_ns, labels=self.labels)
         return table_of(next(tables_of(material, "truth")))
 
+    @cached_property
+    def info(self) -> RecordingInfo:
+        """All that ``groundtrace info --json`` says, annotations excepted; reads all samples."""
+        with self.opened() as file:
+            return examine(file, file.file.size, lambda _done_s: None)
+
+    @property
+    def faults(self) -> EventTable:
+        """What is wrong with the signals, and what to do about it; reads all samples once."""
+        header: dict[str, Any] = {
+            "topic": "text",
+            "channel": "text",
+            "kind": "text",
+            "start_s": "float",
+            "end_s": "float",
+            "what": "text",
+            "effect": "text",
+            "remedy": "text",
+        }
+        rows = [[getattr(fault, name) for name in header] for fault in self.info.faults]
+        return rows_table("faults", header, rows)
+
     def opened(self) -> File:
         """Return the file, open: a context manager."""
         file = File.open(self.path, strict=self.strict)
@@ -280,6 +305,10 @@ class Recording:
             kinds = [label.kind for label in self.labels]
             counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
             title += f"; truth: {counts or 'none'}"
+        if "info" in self.__dict__:  # all samples were read
+            kinds = [fault.kind for fault in self.info.faults]
+            counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+            title += f"; faults: {counts or 'none'}"
         return html_table(title, header, rows)
 
 

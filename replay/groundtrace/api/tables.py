@@ -132,7 +132,8 @@ class EventTable:
             Where pandas is not installed.
         """
         frame = needed("pandas", "to_pandas").DataFrame
-        return frame({name: _objects(column) for name, column in self.columns.items()})
+        columns = self.columns.items()
+        return frame({n: c.astype(object) if c.dtype.kind == "U" else c for n, c in columns})
 
     def to_polars(self) -> Any:
         """Return a ``polars.DataFrame``.
@@ -144,7 +145,7 @@ class EventTable:
         """
         polars = needed("polars", "to_polars")
         return polars.DataFrame(
-            {name: _objects(column) for name, column in self.columns.items()},
+            {n: c.tolist() if c.dtype.kind == "U" else c for n, c in self.columns.items()},
             schema_overrides={
                 name: polars.String for name, c in self.columns.items() if c.dtype.kind == "U"
             },
@@ -153,11 +154,6 @@ class EventTable:
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         """Return an Arrow stream, for libraries that take one; pyarrow makes it."""
         return self.to_arrow().__arrow_c_stream__(requested_schema)
-
-
-def _objects(column: NDArray[Any]) -> Any:
-    """Return a column as it is; text as a list of Python's."""
-    return column.tolist() if column.dtype.kind == "U" else column
 
 
 def needed(package: str, for_what: str) -> Any:

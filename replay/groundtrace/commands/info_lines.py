@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from .info_document import GapInfo, StreamInfo
+    from ..api.inspection import GapInfo, StreamInfo
 
 
 def print_guesses(streams: Sequence[StreamInfo]) -> None:
