@@ -78,11 +78,7 @@ def _replayed(sources: Sources, recording: Path, light: bool, target: Path, repo
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
         fresh = Path(folder, "fresh.mcap")
         recipe = written_recipe(sources.results, Path(folder))
-
-        def told(line: str) -> None:
-            if "annotations are left out" not in line:  # said already
-                report(line)
-
+        lines: list[str] = []
         replay_to_files(
             recording,
             recipe.pipeline,
@@ -92,8 +88,11 @@ def _replayed(sources: Sources, recording: Path, light: bool, target: Path, repo
             from_s=recipe.from_,
             to_s=recipe.to,
             full_rate="none" if light else "",
-            report=told,
+            report=lines.append,
         )
+        for line in lines:
+            if "annotations are left out" not in line:  # said already
+                report(line)
         if _decided(read_results(fresh)) != _decided(sources.results):
             report(
                 f"{sources.path.name}: this version decides otherwise than when it was made: the "
