@@ -41,8 +41,8 @@ def test_a_position_of_an_unknown_type_is_told_by_import_info_and_replay(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     said = (
-        "/rover: the lat and lon of rover_msgs/Position, a message of unknown type, are taken for a "
-        "position in degrees"
+        "/rover: the lat and lon of rover_msgs/Position, a message of unknown type, are taken for "
+        "a position in degrees"
     )
     assert done(capsys, "info", rover, "--json").document["unit_warnings"] == [said]
     imported = done(capsys, "import", rover, "-o", "walk.mcap", "--json").document
