@@ -256,29 +256,26 @@ def wrong_unit(spreads: Spreads) -> WrongUnit | None:
     spreads
         Of the acceleration.
     """
-    if len(spreads.others) < LEAST_WINDOWS:
+    if len(spreads.units) < LEAST_WINDOWS:
         return None
-    which = [i for i, _ in spreads.others]
-    stated = np.array(spreads.rivals)[which, 0]
-    still = np.array(spreads.still)[which]
+    units = np.array(spreads.units)
+    stated, still = units[:, 0, 0], np.array(spreads.units_still)
     turning = float(np.median(spreads.turning))
-    for place, units in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s"))):
-        rivals = np.array([others[place] for _, others in spreads.others])
+    for place, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
+        rivals = units[:, place]
         gain, errors = told(stated[:, None] - rivals)
         over, over_errors = told(still[:, None] - rivals)
         better = (gain > RATIO) & (errors > ERRORS)
         seen = better & (over > RATIO) & (over_errors > ERRORS)
-        impossible = (
-            better & (gain > TOO_FAR) & (SCALES[place + 1] < 1 and turning > TOO_FAST_RADPS)
-        )
+        impossible = better & (gain > TOO_FAR) & (SCALES[place] < 1 and turning > TOO_FAST_RADPS)
         if not (seen | impossible).any():
             continue
         best = int(np.argmax(np.where(seen | impossible, gain, -np.inf)))
         return WrongUnit(
-            units[0],
-            units[1],
+            called,
+            fits,
             f"turned back by it as stated, gravity wanders {math.exp(gain[best]):.2g} times as "
-            f"far as with {units[1]} ({len(which)} windows of {spreads.window_s:g} s, "
+            f"far for its length as with {fits} ({len(units)} windows of {spreads.window_s:g} s, "
             f"t {errors[best]:.1f}; turning {turning:.3g} rad/s)",
         )
     return None
