@@ -22,12 +22,6 @@ if TYPE_CHECKING:
 #: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
 FIRST_DATE_NS = 315_532_800_000_000_000
 
-#: What a copy does to a recording whose clock was set back.
-SET_BACK = (
-    "a clock was set back while it was recorded, and messages are written in the order of their "
-    "log times: where times come twice, what was recorded before and after is mixed in the new file"
-)
-
 
 def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """Print one JSON document on stdout; a number that is not finite is null.
