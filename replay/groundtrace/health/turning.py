@@ -79,10 +79,12 @@ class Spreads:
         Whether the gyroscope is tried in other units, too.
     rivals
         Of each window, shape (48,).
+    lengths
+        Of each window the logarithm of the length of the mean of all that was turned back, shape
+        (48,). Spun about, anything has means that hardly differ, because little is left of it; what
+        stands still keeps its length.
     units
-        Of some of the windows in every unit, shape (3, 48): of spreads over the length of the mean
-        of all that was turned back. Spun about, anything has means that hardly differ, because
-        little is left of it; what stands still keeps its length.
+        Of some of the windows in every unit, shape (3, 48): of spreads over that length.
     units_still
         The same with no turning at all.
     still
@@ -98,6 +100,7 @@ class Spreads:
     blocks: int
     scaled: bool
     rivals: list[Array] = field(default_factory=list)
+    lengths: list[Array] = field(default_factory=list)
     units: list[Array] = field(default_factory=list)
     units_still: list[float] = field(default_factory=list)
     still: list[float] = field(default_factory=list)
@@ -155,6 +158,7 @@ class Spreads:
             self.units.append(spreads - lengths)
             self.units_still.append(still - math.log(length + _FLOOR))
         self.rivals.append(spreads[0])
+        self.lengths.append(lengths[0])
         self.still.append(still)
         self.turning.append(math.sqrt(float(((rate - rate.mean(axis=0)) ** 2).sum(axis=1).mean())))
         self.shaking.append(float(np.linalg.norm(vector, axis=1).std()))
