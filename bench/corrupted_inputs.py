@@ -7,7 +7,8 @@ The folder holds ``mobgap``, ``broad``, ``indoor-location-20``, ``llio-pyshoe``,
 values one thing is made wrong, then the recording is read as ``groundtrace info`` reads it: told is
 what gives a fault of the right kind. ``named`` is how often the change to the map undoes what was
 done. BROAD, mobgap and the simulated rooms of seeds under 1000 have chosen constants; of all else
-llio-pyshoe alone has, how steep a gyroscope's corners are near its full scale. Fails where an untouched recording is said to contradict itself.
+llio-pyshoe alone has, how steep a gyroscope's corners are near its full scale. Fails where an
+untouched recording is said to contradict itself.
 """
 
 from __future__ import annotations
