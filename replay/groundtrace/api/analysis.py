@@ -7,7 +7,6 @@ dataclass, ``document`` is what ``--json`` prints of them.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -27,6 +26,7 @@ from ..explain.vehicles import VehicleAccount, VehicleMoment, vehicle_account, v
 from ..parameters import parse_value
 from ..score import score_events
 from .document import plain_document
+from .known_truth import kinds_of
 from .markup import html_table
 from .tables import EventTable, rows_table
 
@@ -110,18 +110,12 @@ def scored(
     start_ns, labels = origin.start_ns, truth.labels
     figures = score_events(labels, result.events, start_ns, end_ns, tolerance_s, tuple(stages))
     if not score_parts(figures):
+        unanswered = f"{kinds_of(labels)}, to which its stages say nothing" if labels else "none"
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
-            f"found {_kinds(labels)}"
+            f"found {unanswered}"
         )
     return figures
-
-
-def _kinds(labels: Sequence[Label]) -> str:
-    """Return what truth there is, which the result has no answer to."""
-    counts = Counter(label.kind for label in labels)
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    return f"{listed}, to which its stages say nothing" if listed else "none"
 
 
 def score_parts(figures: Figures) -> dict[str, object]:
@@ -370,8 +364,8 @@ def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int 
     if asked.step is None and at_ns is None:
         if not any(label.kind == "step" for label in evidence.labels):
             raise RecordingError(
-                f"{name}: expected true steps (in the recording, or --truth FILE), found none; "
-                f"--at SECONDS explains a moment without truth"
+                f"{name}: expected true steps (in the recording, or --truth FILE), found "
+                f"{kinds_of(evidence.labels)}; --at SECONDS explains a moment without truth"
             )
         return Answer("steps", account(evidence, asked.tolerance_s))
     tolerance_s = asked.tolerance_s

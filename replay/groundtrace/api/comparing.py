@@ -13,6 +13,7 @@ from ..explain.ranking import rank
 from ..explain.refused import without_refused
 from ..explain.sweep import Subject, count, located, measurements
 from .analysis import Comparison, Sweep
+from .known_truth import kinds_of
 from .pipelines import setting_text
 from .results import Results
 
@@ -141,7 +142,7 @@ def check_subjects(subjects: Sequence[Subject], config: PipelineConfig) -> None:
         if not any(label.kind == needed for label in subject.evidence.labels):
             raise RecordingError(
                 f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
-                f"--truth FILE), found none"
+                f"--truth FILE), found {kinds_of(subject.evidence.labels)}"
             )
     for subject in subjects:
         if subject.evidence.config.stage != config.stage:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..api import known_truth
+from ..api.known_truth import kinds_of as kinds_of
 from .output import say
 
 if TYPE_CHECKING:
