@@ -48,7 +48,7 @@ SURFACE = {
         Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
         never_passed""",
     "groundtrace.parameters": """
-        ParameterInfo Part build describe gate measured parse_value""",
+        ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
     "groundtrace.score": """
         Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PassScore
         PickScore PositionScore Score StepMatch StepScore TimeShift TimingPair TrackScore WayScore

@@ -15,8 +15,9 @@ import msgspec
 from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
-from . import __version__
 from .errors import RecordingError
+from .parameters import given_waypoints
+from .version import installed_version
 from .warned import warnings_of
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ class Provenance:
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
     found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
-    return {"python": platform.python_version(), "groundtrace": __version__} | found
+    return {"python": platform.python_version(), "groundtrace": installed_version()} | found
 
 
 def file_sha256(path: Path) -> str:
@@ -264,8 +265,6 @@ def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> 
 
 def given_to(pipeline: str, labels: Sequence[Label]) -> tuple[Label, ...]:
     """Return the waypoints that the stages of a resolved pipeline, TOML, are given of labels."""
-    from .reckoning.places import given_waypoints
-
     try:
         stages = tomllib.loads(pipeline).get("stage", [])
     except tomllib.TOMLDecodeError:

@@ -14,6 +14,7 @@ from .heading_stage import HeadingStage
 from .inertial.stage import NavigatorStage
 from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
+from .parameters import given_waypoints
 from .reckoning.stage import ReckoningStage
 from .stage import DetectorStage
 from .step_type_stage import StepTypeStage
@@ -99,7 +100,8 @@ class Before:
         if group == "reckoners":
             start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
             stepping = self.stepped(key)
-            return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
+            known = given_waypoints(labels, parameters.updates)
+            return ReckoningStage(*given, stepping=stepping, start=start, labels=known)
         return DetectorStage(*given, placements=self.placements)
 
     def _localizer(self, given: Given, geometry: Geometry | None) -> Stage:

@@ -11,7 +11,7 @@ import pytest
 from test_planted_causes import Planting
 
 from groundtrace.commands import main
-from groundtrace.explain.unfiltered import unfiltered_kind
+from groundtrace.explain.reasons import unfiltered_kind
 from groundtrace.pipeline import StageConfig
 from groundtrace.plugins import plugins
 from groundtrace_codecs.labels import Label

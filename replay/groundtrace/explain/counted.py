@@ -14,9 +14,9 @@ from ..plugins import find
 from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
-from ..score.step_matching import TrueSteps
-from ..vehicles.api import Site
+from ..score.step_matching import TrueSteps, match_steps
 from .bootstrap import Verdicts
+from .evidence import step_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from ..gates import Candidates
     from ..pipeline import PipelineConfig
+    from ..score import StepMatch
     from .evidence import Evidence
 
 #: What is counted, by what the deciding stage emits; a later one here goes before an earlier.
@@ -58,6 +59,12 @@ def noun_of(kind: CountedKind) -> str:
     return "steps" if kind == "step" else "passes"
 
 
+def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
+    """Match the steps of a result, as decided, to its truth."""
+    e = evidence
+    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
+
+
 def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -> Truth:
     """Return the truth of what a pipeline's sweep counts."""
     kind = counted_kind(evidence.config)
@@ -66,8 +73,8 @@ def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -
         return StepTruth(steps)
     stations = {}
     if evidence.geometry is not None:
-        site = Site.of(evidence.geometry)
-        stations = {channel: site.names[index] for channel, index in site.stations.items()}
+        site = evidence.geometry.stations()
+        stations = {channel: site.names[index] for channel, index in site.of_channel.items()}
     times: dict[str, list[int]] = {}
     true = [x for x in labels if x.kind == "pass"]
     left_out = ignored(labels, np.array([x.time_ns for x in true], np.int64))

@@ -10,13 +10,15 @@ import numpy as np
 
 from groundtrace_codecs.earth import metres_per_radian
 
+from ..parameters import given_waypoints
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from .parameters import Updates
+    from ..parameters import Updates
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +29,6 @@ class KnownPlace:
     x_m: float
     y_m: float
     sigma_m: float
-
-
-def given_waypoints(labels: Sequence[Label], updates: str) -> list[Label]:
-    """Return the waypoints that a reckoning is given, in order of time."""
-    count = {"first-two": 2, "waypoints": None}.get(updates, 0)
-    found = [
-        x
-        for x in sorted(labels, key=lambda x: x.time_ns)
-        if x.kind == "waypoint" and x.x_m is not None and x.y_m is not None
-    ]
-    return found[:count]
 
 
 def waypoints_of(labels: Sequence[Label], updates: Updates, sigma_m: float) -> list[KnownPlace]:
