@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -89,14 +88,6 @@ class AssociatorStage(PluginStage[Associator]):
         """Yield the groups held back."""
         for run in self._runs.values():
             yield from run.decide(run.worker.finish(), self.parameters)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses picks."""
-        return copy.deepcopy((self._runs, self._fresh))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs, self._fresh = copy.deepcopy(saved)
 
     def _told(self, item: Gap | StageSpec) -> Iterator[Event]:
         """Begin at the stage that picks; begin anew where the clock steps."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import repeat
@@ -53,12 +52,6 @@ class Stage(Protocol):
 
     def flush(self) -> Iterator[Event]:
         """End of the recording: yield what was held back."""
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
 
 
 @dataclass(slots=True)
@@ -220,14 +213,6 @@ class DetectorStage(PluginStage[Detector]):
         for run in self._runs.values():
             if run is not None:
                 yield from self._finish(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses blocks."""
-        return copy.deepcopy(self._runs)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs = copy.deepcopy(saved)
 
     def _begin(self, stream: Stream) -> TopicRun[Detector] | None:
         columns = stream.columns_of(self.kind.quantities)
