@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_runs import check_schema, done
+from pyarrow.parquet import read_table
 from turning_sensors import RATE_HZ, turning_sensor
 
 from groundtrace.commands import main
@@ -15,7 +16,11 @@ from groundtrace_codecs.events import Note
 from groundtrace_recordings import map_path
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    #: What is wrong, done to samples of gyroscope, acceleration and field, shape (n, 9).
+    Change = Callable[[np.ndarray], None]
 
 MENDED = (
     'in the map, angular_velocity: axis = "x" becomes axis = "y"; axis = "y" becomes axis = "x"'
@@ -30,7 +35,11 @@ def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.fixture
 def table(tmp_path: Path) -> Path:
     """Return a table of a sensor in order; :func:`map_of` says what its columns are."""
-    samples = turning_sensor()
+    return written(turning_sensor(), tmp_path)
+
+
+def written(samples: np.ndarray, tmp_path: Path) -> Path:
+    """Write a table of gyroscope, acceleration and field, shape (n, 9)."""
     time_s = np.arange(len(samples)) / RATE_HZ
     header = "t,gx,gy,gz,ax,ay,az,mx,my,mz"
     path = tmp_path / "walk.csv"
@@ -76,6 +85,98 @@ def test_exchanged_axes_are_told_by_import_info_and_replay(
     notes = [x for x in events if isinstance(x, Note) and x.source == "health"]
     assert [note.level for note in notes] == ["WARN"]
     assert MENDED in notes[0].text
+
+
+GYRO, FORCE, FIELD = (slice(k, k + 3) for k in (0, 3, 6))
+
+
+def scaled(columns: slice, by: object) -> Change:
+    def change(samples: np.ndarray) -> None:
+        samples[:, columns] = samples[:, columns] @ np.diag(np.broadcast_to(by, 3))
+
+    return change
+
+
+def exchanged(columns: slice) -> Change:
+    def change(samples: np.ndarray) -> None:
+        samples[:, columns] = samples[:, columns][:, [1, 0, 2]]
+
+    return change
+
+
+def at_rails(samples: np.ndarray) -> None:
+    """Shake it into the rails of an amplifier, which differ by side and wander."""
+    random = np.random.default_rng(2)
+    time_s = np.arange(len(samples)) / RATE_HZ
+    heights = np.repeat(random.uniform(10, 25, len(samples) // 200 + 1), 200)[: len(samples)]
+    wander = np.repeat(random.uniform(0.98, 1.02, len(samples) // 50 + 1), 50)[: len(samples)]
+    shaken = samples[:, 3] + heights * np.sin(2 * np.pi * 1.5 * time_s) * (time_s % 2 < 0.67)
+    noise = random.normal(0, 0.01, len(samples))
+    samples[:, 3] = np.clip(shaken, -12 * wander + noise, 15 * wander + noise)
+
+
+def at_500_deg_per_s(samples: np.ndarray) -> None:
+    """Swing it so fast that its gyroscope comes to its limit of 500 deg/s now and then."""
+    time_s = np.arange(len(samples)) / RATE_HZ
+    swing = 12 * np.sin(2 * np.pi * 2.5 * time_s) * (time_s % 4 < 0.8)
+    limit = np.radians(500)
+    samples[:, 1] = 1.01 * np.clip(samples[:, 1] + swing, -limit, limit) + 0.03
+
+
+WRONG: dict[str, tuple[Change, str]] = {
+    "axes of the gyroscope": (exchanged(GYRO), "/imu angular_velocity: axes or signs contradict"),
+    "sign of the gyroscope": (scaled(GYRO, -1), "each axis gets scale = -1"),
+    "sign of an axis": (scaled(GYRO, [1, -1, 1]), 'angular_velocity: axis = "y" gets scale = -1'),
+    "axes of the acceleration": (exchanged(FORCE), "/imu acceleration: axes or signs contradict"),
+    "field in other axes": (exchanged(FIELD), "/imu magnetic_field: axes or signs contradict"),
+    "field zero": (scaled(FIELD, 0), "/imu magnetic_field: zero in all of 10000 samples"),
+    "deg/s called rad/s": (scaled(GYRO, np.degrees(1)), "rad/s"),
+    "rad/s called deg/s": (scaled(GYRO, np.radians(1)), 'unit = "rad/s" where it is "deg/s"'),
+    "g called m/s2": (scaled(FORCE, 1 / 9.80665), "was g called m/s2?"),
+    "accelerometer at rails": (at_rails, "/imu ax: clipped at about"),
+    "gyroscope at its limit": (at_500_deg_per_s, "near the full scale of 500 deg/s"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_is_wrong_is_one_line_of_import_info_and_replay(
+    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change, said = WRONG[wrong]
+    samples = turning_sensor(100.0)
+    change(samples)
+    table, right = written(samples, tmp_path), map_of("xyz", tmp_path / "right.toml")
+    document = done(capsys, "import", table, "--map", right, "-o", "w.mcap", "--json").document
+    (warning,) = document["warnings"]
+    assert said in warning
+    document = done(capsys, "info", "w.mcap", "--json").document
+    told = [f"{f['topic']} {f['channel']}: {f['what']}; {f['remedy']}" for f in document["faults"]]
+    (fault,) = [*told, *document["unit_warnings"]]
+    assert said in fault
+    ran = done(capsys, "replay", "w.mcap", "--pipeline", "heading", "--no-viewer", "--json")
+    (text,) = [x["text"] for x in ran.document["warnings"] if x["source"] == "health"]
+    assert text == warning
+
+
+def test_score_why_share_and_fleets_carry_it_in_their_heads(
+    table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swapped = map_of("yxz", tmp_path / "swapped.toml")
+    done(capsys, "import", table, "--map", swapped, "-o", "w.mcap", "--json")
+    done(capsys, "replay", "w.mcap", "--pipeline", "waist-steps", "--no-viewer", "--json")
+    (tmp_path / "truth.csv").write_text("time_s,kind\n10,step\n11,step\n")
+    for command in ("score", "why"):
+        ran = done(capsys, command, "w.results.mcap", "--truth", "truth.csv")
+        (first, *_) = (ran.err + ran.out).splitlines()
+        assert first.startswith("warning: /imu angular_velocity: axes or signs contradict")
+        assert first.endswith(MENDED)
+    assert "axes or signs contradict" in done(capsys, "share", "w.results.mcap", "-o", "s").out
+    assert "axes or signs contradict" in (tmp_path / "s" / "summary.html").read_text("utf-8")
+    done(capsys, "fleet", "w.mcap", "--pipeline", "waist-steps", "-o", "f.parquet")
+    (warned,) = read_table("f.parquet", columns=["warnings"])["warnings"].to_pylist()
+    assert "axes or signs contradict" in warned
+    done(capsys, "fleet-report", "f.parquet", "-o", "f.html")
+    assert "axes or signs contradict" in (tmp_path / "f.html").read_text("utf-8")
 
 
 def test_the_map_that_is_named_mends_it(
@@ -130,3 +231,14 @@ def test_a_real_gyroscope_at_its_limit_of_500_deg_per_s_is_told(
     faults = done(capsys, "info", "foot.mcap", "--json").document["faults"]
     assert {(f["kind"], f["channel"]) for f in faults} == {("clipped", "angular_velocity_y")}
     assert "near the full scale of 500 deg/s" in faults[0]["what"]
+
+
+def test_a_real_foot_that_spins_is_not_told_to_have_another_unit(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, map_ = (
+        data / "llio-pyshoe" / "SensorConnectData_42_LLIO.mat",
+        map_path("llio-pyshoe.toml"),
+    )
+    ran = done(capsys, "import", source, "--map", map_, "-o", "foot.mcap", "--json")
+    assert ran.document["warnings"] == []

@@ -71,7 +71,7 @@ def _copy(file: McapFile, container: Container, annotations: tuple[Annotation, .
     ids = copy_frame(file, container, file.channels.keys() - replaced)
     output = protobuf_output(ANNOTATIONS_TOPIC, "Label")
     container.channel(output)
-    for item in _together(file.messages(ids), annotations):
+    for item in _together(file.as_recorded(ids), annotations):
         if isinstance(item, Packet):
             container.send(output, item)
         else:
@@ -171,7 +171,7 @@ def copy_readable(
 def passing(file: McapFile, progress: Progress | None) -> Iterator[Message]:
     """Yield all messages of a file; tell now and then how much of it has passed [s]."""
     length_s = max(0, file.end_ns - file.start_ns) / NS_PER_S
-    for number, message in enumerate(file.messages()):
+    for number, message in enumerate(file.as_recorded()):
         yield message
         if progress is not None and not number % 1000:
             progress((message.log_time - file.start_ns) / NS_PER_S, length_s)

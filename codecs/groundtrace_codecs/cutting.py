@@ -109,12 +109,12 @@ class _Scissors:
         self._ours = {i for i, c in file.channels.items() if is_ours(file, c)}
 
     def messages(self) -> Iterator[Message]:
-        """Yield what is inside, in order of log time but for blocks that were cut."""
+        """Yield what is inside, as recorded: by log time but for cut blocks, clocks set back."""
         apart = self._labels | self._still
         start, stop = self._span.start_ns, self._span.stop_ns
         low = start + min((g.low_ns for _, g in self._readers.values()), default=0) - SLACK_NS
         high = stop + max((g.high_ns for _, g in self._readers.values()), default=0) + SLACK_NS
-        rest = self._file.messages(self._file.channels.keys() - apart, low, high)
+        rest = self._file.as_recorded(self._file.channels.keys() - apart, low, high)
         known = (self._label, self._labels), (self._placed, self._still)
         queues = [filter(None, map(of, self._file.messages(ids))) for of, ids in known if ids]
         yield from heapq.merge(

@@ -247,6 +247,6 @@ def _queue(
     file: McapFile, members: Sequence[int], channels: Mapping[int, Retimed], ids: Mapping[int, int]
 ) -> Iterator[tuple[int, int, Message]]:
     """Yield the messages of channels of one clock, which keep their order."""
-    for message in file.messages(set(members)):
+    for message in file.as_recorded(set(members)):
         moved = channels[message.channel_id].message(message)
         yield moved.log_time, ids[message.channel_id], moved

@@ -104,7 +104,7 @@ def filter_topics(
         chosen, faults = _chosen(file, keep, drop), list[str]()
         with appearing(Container(path, "zstd", force, profile=file.profile)) as container:
             ids = copy_frame(file, container, chosen, faults)
-            messages = send_all(file, container, ids, file.messages(chosen))
+            messages = send_all(file, container, ids, file.as_recorded(chosen))
         others = {i: file.message_counts.get(i, 0) for i in file.channels.keys() - chosen}
         return Copied(messages, _by_topic(file, others), file.damage, tuple(faults))
 

@@ -5,6 +5,7 @@
   first minutes of walking. A sure guess is written into the pipeline, and so into the results: who
   measures again takes it from there. An unsure one leaves the stages their defaults.
 - A geometry and a recording that name different sensors are told.
+- So is what a message of unknown type was taken for.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
 #: The pipeline without stages, which fits everything.
 SIGNALS = "signals"
 #: Who says it in a replay.
-GEOMETRY, PLACEMENT = "geometry", "placement"
+GEOMETRY, PLACEMENT, RECORDING = "geometry", "placement", "recording"
 #: What stages without ``quantities`` of their own want all of.
 _INERTIAL = (frozenset({"angular_velocity"}), frozenset({"acceleration"}))
 _WANTED_BY_GROUP = {"headings": _INERTIAL, "navigators": _INERTIAL, "reckoners": _INERTIAL}
@@ -83,6 +84,7 @@ def prepared(config: PipelineConfig, recording: Recording) -> Prepared:
     chain = build_pipeline(placed, recording.geometry, recording.labels)
     texts = [(GEOMETRY, text) for text in geometry_warnings(recording.geometry, recording.streams)]
     texts += [(PLACEMENT, text) for text in told]
+    texts += [(RECORDING, text) for text in recording.assumed]
     notes = tuple(Note(recording.start_ns, text, "WARN", source) for source, text in texts)
     return Prepared(chain, config, notes, looked_at)
 

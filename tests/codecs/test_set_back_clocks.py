@@ -207,11 +207,61 @@ def test_a_table_whose_times_are_set_back_becomes_two_segments(
         assert low <= values.min() <= values.max() <= high
 
 
-@pytest.mark.parametrize("command", ["cut", "filter", "merge"])
-def test_a_copy_that_would_mix_both_segments_is_warned_of(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+COPIES = {
+    "cut": ["--to", "40"],
+    "filter": ["--topic", "*"],
+    "convert": ["--compression", "lz4"],
+    "convert again": ["--block-ms", "700"],
+    "merge": [],
+    "doctor": ["--repair"],
+    "annotate": ["--commit"],
+}
+
+
+@pytest.mark.parametrize("copy", COPIES)
+def test_a_copy_keeps_the_order_in_which_both_segments_were_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], copy: str
+) -> None:
+    path, out = set_back(tmp_path / "back.mcap", [ACCELERATION, PRESSURE]), tmp_path / "copy.mcap"
+    command, options = copy.split()[0], COPIES[copy]
+    if command == "annotate":
+        run(capsys, "annotate", path, "--add", "missed@3", "--author", "me")
+    into = () if command == "doctor" else ("-o",)
+    ran = run(capsys, command, path, *options, *into, out)
+    assert ran.code == 0, ran.err
+    assert "set back" not in ran.err
+    for topic in ("/imu/waist", "/pressure"):
+        assert recorded(out, topic) == recorded(path, topic)
+    assert [(g.reason, g.topic) for g in items(out) if isinstance(g, Gap)] == [
+        (g.reason, g.topic) for g in items(path) if isinstance(g, Gap)
+    ]
+
+
+def recorded(path: Path, topic: str) -> list[tuple[int, list[float]]]:
+    """Return times and values of a stream in the order in which they are read."""
+    blocks = [x for x in items(path) if isinstance(x, SignalBlock) and x.topic == topic]
+    times = chain(*(block.sample_times().tolist() for block in blocks))
+    return list(zip(times, chain(*(b.values.tolist() for b in blocks)), strict=True))
+
+
+def test_a_cut_takes_what_the_clock_shows_in_both_segments(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, out = set_back(tmp_path / "back.mcap", [ACCELERATION]), tmp_path / "copy.mcap"
+    assert run(capsys, "cut", path, "-o", out, "--from", "15", "--to", "20").code == 0
+    whole = [x for x in recorded(path, "/imu/waist") if 115 * S <= x[0] < 120 * S]
+    assert len(whole) == 1000
+    assert recorded(out, "/imu/waist") == whole
+    assert [g.reason for g in items(out) if isinstance(g, Gap)] == ["clock step"]
+
+
+def test_two_recordings_of_which_one_was_set_back_are_merged_in_its_order(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = set_back(tmp_path / "back.mcap", [ACCELERATION])
-    options = {"cut": ["--to", "25"], "filter": ["--topic", "*"], "merge": []}[command]
-    ran = run(capsys, command, path, "-o", tmp_path / "copy.mcap", *options)
-    assert "back.mcap: a clock was set back while it was recorded" in ran.err
+    with RecordingWriter(tmp_path / "other.mcap") as writer:
+        writer.add_stream(PRESSURE, "f64le")
+        writer.write(walk(PRESSURE, 90, 0, 80))
+    given = (path, tmp_path / "other.mcap", "-o", tmp_path / "both.mcap", "--align", "none")
+    assert run(capsys, "merge", *given).code == 0
+    assert recorded(tmp_path / "both.mcap", "/imu/waist") == recorded(path, "/imu/waist")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from command_runs import check_schema, done
+from command_runs import check_schema, done, run
 
 from groundtrace.errors import RecordingError
 from groundtrace.results import Provenance, Results, ResultsSink, given_to
@@ -177,6 +177,56 @@ def test_what_is_left_out_is_in_the_json_and_on_the_page(
     assert ran.document["track"]["waypoints"]["n"] == 4
     chosen = done(capsys, "score", path, "--json", "--stage", "track").document
     assert chosen["track"]["stage"] == "track"
+
+
+def impacts() -> list[Label]:
+    return [Label(k * NS_PER_S, "impact", x_m=1.0 * k, y_m=0.0, label=f"{k}") for k in range(1, 9)]
+
+
+def test_impacts_are_what_steps_are_scored_against_where_truth_has_no_steps() -> None:
+    steps = [StepEvent(k * NS_PER_S, "step", "", "/floor", "steps", 1.0) for k in range(1, 8)]
+    given = result([spec("steps", "step", "/floor"), *steps])
+    found = scored_truth(impacts(), given)
+    said = "8 impacts and no steps: the impacts are what steps are scored against"
+    assert found.remarks == (said,)
+    score = score_events(found.labels, given.events, 0, END_NS)
+    assert score.steps is not None
+    assert (score.steps.truth, score.steps.detected, score.steps.matched) == (8, 7, 7)
+    # each keeps its place and its name
+    assert [(x.x_m, x.label) for x in found.labels] == [(x.x_m, x.label) for x in impacts()]
+
+
+@pytest.mark.parametrize("other", ["step", "count", "pass"])
+def test_impacts_beside_steps_counts_or_vehicles_stay_what_they_are(other: str) -> None:
+    labels = [*impacts(), Label(20 * NS_PER_S, other, end_ns=END_NS, value=1.0)]
+    found = scored_truth(labels, result([spec("steps", "step")]))
+    assert found.labels == tuple(labels)
+    assert found.remarks == ()
+
+
+def test_impacts_stay_what_they_are_where_no_stage_finds_steps() -> None:
+    found = scored_truth(impacts(), result([spec("picks", "pick")]))
+    assert [x.kind for x in found.labels] == ["impact"] * 8
+
+
+def test_score_why_and_sweep_of_a_room_that_was_struck_take_its_impacts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = ("--impacts", "--steps", "5", "--channels", "4", "--rate-hz", "5000", "--seed", "3")
+    done(capsys, "simulate", "room", *made, "--out", "struck.mcap")
+    done(capsys, "replay", "struck.mcap", "--pipeline", "room-footsteps", "--no-viewer")
+    ran = done(capsys, "score", "struck.results.mcap", "--json")
+    assert (ran.document["steps"]["truth"], ran.document["steps"]["matched"]) == (5, 5)
+    assert ran.document["positions"]["truth"] == 5
+    assert "truth: 5 impacts and no steps" in ran.err
+    assert "5 right, 0 missed" in done(capsys, "why", "struck.results.mcap").out
+    done(capsys, "sweep", "struck.results.mcap", "--grid", "steps.min_channels=2:4:3")
+    done(capsys, "replay", "struck.mcap", "--pipeline", "hammer-shots", "--no-viewer", "--force")
+    said = run(capsys, "why", "struck.results.mcap").error
+    assert (
+        "expected true steps (in the recording, or --truth FILE), found 5 impact, 20 pick" in said
+    )
 
 
 def test_truth_that_names_types_of_steps_names_no_feet() -> None:

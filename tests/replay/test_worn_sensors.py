@@ -15,7 +15,7 @@ from turning_sensors import RATE_HZ, turning_sensor
 from groundtrace.health.axes import AxisMap
 from groundtrace.health.imu import ImuWatch, judged
 from groundtrace.health.limits import Limits
-from groundtrace.health.turning import RIVALS, Spreads, rival_of
+from groundtrace.health.turning import RIVALS, Spreads, rival_of, rotations
 from groundtrace.health.windows import Windows
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
@@ -92,8 +92,20 @@ def test_the_third_vector_tells_that_it_is_not_the_gyroscope(
     quantity: str, matrix: np.ndarray
 ) -> None:
     place = (GYRO, FORCE, FIELD).index(quantity)
-    (fault,) = found(changed(turning_sensor(), place, matrix))
+    of = stream(GYRO, FORCE, FIELD)
+    watch = ImuWatch([of])
+    for block in blocks(of, changed(turning_sensor(), place, matrix)):
+        watch.hear(block)
+    watch.finish()
+    (fault,) = watch.findings()
     assert fault.remedy == f"in the map, {AxisMap(quantity, matrix.T).columns}"
+    other = FORCE if quantity == FIELD else FIELD
+    assert fault.channel == quantity
+    assert f"contradict {GYRO} and {other}:" in fault.what
+    # nothing is wrong between the other two
+    said = {check.against: check.text for check in watch.checks()}
+    assert said[quantity].startswith("contradicted")
+    assert said[other].startswith("the axes fit")
 
 
 @pytest.mark.parametrize("place", [1, 2])
@@ -134,8 +146,44 @@ def test_a_unit_of_the_gyroscope_mistaken_for_the_other_is_told(
 
 
 def test_a_field_of_zeros_is_told_once() -> None:
-    (fault,) = found(changed(turning_sensor(), 2, 0 * EYE))
+    of = stream(GYRO, FORCE, FIELD)
+    watch = ImuWatch([of])
+    for block in blocks(of, changed(turning_sensor(), 2, 0 * EYE)):
+        watch.hear(block)
+    watch.finish()
+    (fault,) = watch.findings()
     assert (fault.kind, fault.channel) == ("zero", FIELD)
+    said = {check.against: check.text for check in watch.checks()}
+    assert said[FIELD] == "not checked: it is zero in all samples"
+
+
+@pytest.mark.parametrize("push_mps2", [1.0, 2.0, 4.0])
+def test_a_foot_that_is_pushed_is_not_contradicted_by_what_leaves_nothing_of_gravity(
+    push_mps2: float,
+) -> None:
+    # spun 57 times as fast, or about another axis, gravity and pushes average out, and their spread
+    assert found(pushed_foot(push_mps2), GYRO, FORCE) == []
+
+
+def pushed_foot(push_mps2: float) -> np.ndarray:
+    """Return gyroscope and acceleration of a foot, pushed otherwise every two seconds."""
+    random = np.random.default_rng(4)
+    time_s = np.arange(10_000) / RATE_HZ
+    stride = 2 * np.pi * 0.9 * time_s
+    rate = np.stack(
+        [
+            0.8 * np.sin(2 * stride + 1) + 0.15 * np.sin(2 * np.pi * 0.05 * time_s),
+            7 * np.sin(stride) + 2.1 * np.sin(2 * stride),
+            0.6 * np.sin(stride + 2) + 0.3 * np.sin(2 * np.pi * 0.03 * time_s),
+        ],
+        axis=1,
+    )
+    step = np.zeros_like(rate)
+    step[1:] = (rate[1:] + rate[:-1]) / (2 * RATE_HZ)
+    pushes = np.repeat(random.normal(0, push_mps2, (51, 3)), 200, axis=0)[: len(time_s)]
+    to_start = np.moveaxis(rotations(step), -1, 0)
+    force = np.einsum("nki,nk->ni", to_start, pushes + np.array([0, 0, 9.81]))
+    return np.hstack([rate, force + random.normal(0, 0.3, force.shape)])
 
 
 def test_a_sensor_at_rest_with_a_biased_gyroscope_is_not_contradicted() -> None:

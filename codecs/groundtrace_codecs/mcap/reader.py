@@ -177,6 +177,28 @@ class McapFile:
         for table in self.tables(channel_ids, start_ns, stop_ns):
             yield from table
 
+    def as_recorded(
+        self,
+        channel_ids: Collection[int] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+    ) -> Iterator[Message]:
+        """Read messages in the order in which they were recorded, for a copy.
+
+        As :meth:`messages`, but where a clock was set back: there the messages of each channel
+        come in the order of the file (:mod:`.set_backs`), which a copy has to keep.
+        """
+        wanted = self.channels.keys() if channel_ids is None else channel_ids
+        clock = self.reading_clock(wanted)
+        if clock is None:
+            yield from self.messages(channel_ids, start_ns, stop_ns)
+            return
+        low = ANY_TIME[0] if start_ns is None else start_ns
+        high = ANY_TIME[1] if stop_ns is None else stop_ns
+        latest = None if stop_ns is None else stop_ns + clock.latest_ns
+        for table in self.tables(channel_ids, start_ns, latest, clock):
+            yield from table.as_logged().between(low, high)
+
     def tables(
         self,
         channel_ids: Collection[int] | None = None,

@@ -147,6 +147,17 @@ class MessageTable(Sequence[Message]):
             own |= self.rows["channel_id"] == channel_id
         return self.where(own)
 
+    def as_logged(self) -> MessageTable:
+        """Return the messages of a file with the log times of their records, in the order here."""
+        rows = self.rows.copy()
+        starts, pieces = rows["start"], rows["piece"]
+        ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)] if len(rows) else []
+        for begin, end in pairwise([0, *ends]):
+            places = starts[begin:end] - _HEAD.itemsize
+            heads = copied(self.pieces[pieces[begin]], places, _HEAD.itemsize).view(_HEAD)
+            rows["log_time"][begin:end] = heads["log_time"]
+        return MessageTable(self.pieces, rows)
+
     def before(self, time_ns: int) -> int:
         """Return how many messages were logged before a time [ns], of a table in order."""
         if time_ns > _LATEST_NS:

@@ -14,7 +14,7 @@ from ..errors import RecordingError
 from ..explain import evidence_of
 from ..explain.counted import matched
 from ..results import read_results, replayed_labels
-from .truth import truth_of
+from .truth import kinds_of, truth_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +41,9 @@ def missed_step(results: Path, number: int) -> int:
     labels = truth_of(result, results, None)
     name = result.provenance.recording
     if not any(label.kind == "step" for label in labels):
-        raise RecordingError(f"{name}: --at-miss: expected true steps in the recording, found none")
+        raise RecordingError(
+            f"{name}: --at-miss: expected true steps in the recording, found {kinds_of(labels)}"
+        )
     found = matched(evidence_of(result, labels), tolerance_s=0.12)
     if not 1 <= number <= len(found.missed):
         raise RecordingError(

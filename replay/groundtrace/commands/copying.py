@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +11,6 @@ from cyclopts import Parameter, validators
 from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.container import CHUNK_BYTES
 from groundtrace_codecs.cutting import cut
-from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.rewriting import convert as convert_file
 from groundtrace_codecs.rewriting import filter_topics
@@ -20,7 +18,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..results import RUN, file_sha256
-from .output import SET_BACK, existing, print_json, print_table, progress, say, writable
+from .output import existing, print_json, print_table, progress, say, writable
 
 if TYPE_CHECKING:
     from groundtrace_codecs.rewriting import Copied
@@ -203,9 +201,6 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
         say(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
     for fault in found.faults:
         say(f"warning: {fault}; it is not in the copy")
-    with suppress(CodecError), Recording.open(source) as opened:
-        if opened.set_back:
-            say(f"warning: {source.name}: {SET_BACK}")
     if sidecar_path(source).exists():
         say(
             f"annotations beside {source.name} are not in the copy: groundtrace annotate "

@@ -24,7 +24,7 @@ from ..results import RUN, file_sha256
 from .merge_clocks import Aligner, Found
 from .merge_options import Keys, settings
 from .merge_report import report
-from .output import SET_BACK, existing, say, writable
+from .output import existing, say, writable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -128,8 +128,6 @@ def _recording(path: Path) -> Recording:
             f"{path.name}: expected a recording, found results; merge their recordings and replay "
             f"the merged one"
         )
-    if opened.set_back:
-        say(f"warning: {path.name}: {SET_BACK}")
     return opened
 
 

@@ -20,12 +20,6 @@ if TYPE_CHECKING:
     from ..warned import Warned
 
 
-#: What a copy does to a recording whose clock was set back.
-SET_BACK = (
-    "a clock was set back while it was recorded, and messages are written in the order of their "
-    "log times: where times come twice, what was recorded before and after is mixed in the new file"
-)
-
 
 def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """Print one JSON document on stdout; a number that is not finite is null.

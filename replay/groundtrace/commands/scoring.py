@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +14,7 @@ from ..results import read_results
 from ..score import score_events
 from ..score.picks import RIGHT_S
 from .output import print_json, print_table, print_warnings, say, writable
-from .truth import scored_truth_of
+from .truth import kinds_of, scored_truth_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,7 +87,7 @@ def score(
     if not _parts(figures):
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
-            f"found {_kinds(labels)}"
+            f"found {_unanswered(labels)}"
         )
     if html is not None:
         from ..score.html import score_page
@@ -104,11 +103,9 @@ def score(
         say(f"page: {html}")
 
 
-def _kinds(labels: Sequence[Label]) -> str:
+def _unanswered(labels: Sequence[Label]) -> str:
     """Return what truth there is, which the result has no answer to."""
-    counts = Counter(label.kind for label in labels)
-    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    return f"{listed}, to which its stages say nothing" if listed else "none"
+    return f"{kinds_of(labels)}, to which its stages say nothing" if labels else "none"
 
 
 def _left_out(known: ScoredTruth) -> dict[str, object]:

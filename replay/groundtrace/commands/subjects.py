@@ -20,7 +20,7 @@ from ..pipeline import checked_pipeline, parse_pipeline
 from ..results import RUN, provenance_in, read_results
 from ..score.truth import own_truth
 from .output import existing, progress, say
-from .truth import truth_of, truth_of_recording
+from .truth import kinds_of, truth_of, truth_of_recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -98,7 +98,7 @@ def subjects_of(
         if not any(label.kind == needed for label in subject.evidence.labels):
             raise RecordingError(
                 f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
-                f"--truth FILE), found none"
+                f"--truth FILE), found {kinds_of(subject.evidence.labels)}"
             )
     _one_pipeline(subjects, config)
     return subjects

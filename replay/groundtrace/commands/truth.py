@@ -6,6 +6,7 @@ inside it. What a person annotated is never added to a recording's own truth.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from ..score.truth import scored_truth
 from .output import say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from groundtrace_codecs.annotations import Annotation, RecordingKey
     from groundtrace_codecs.labels import Label
@@ -78,6 +79,12 @@ def scored_truth_of(
     for remark in found.remarks:
         say(f"truth: {remark}")
     return found
+
+
+def kinds_of(labels: Iterable[Label]) -> str:
+    """Return how many labels of each kind there are, in words."""
+    counts = Counter(label.kind for label in labels)
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "none"
 
 
 def truth_of_recording(

@@ -20,7 +20,7 @@ from ..results import read_results
 from .output import print_json, print_warnings, say
 from .pages import account_page, moment_page
 from .showing import where_to_show
-from .truth import truth_of
+from .truth import kinds_of, truth_of
 from .why_picks import explain_picks
 from .why_places import explain_places
 from .why_steps import print_account, print_moment, remedy_text
@@ -167,8 +167,8 @@ def _explain_all(evidence: Evidence, name: str, tolerance: float, *, json: bool)
     """Print the account; return it as a page."""
     if not any(label.kind == "step" for label in evidence.labels):
         raise RecordingError(
-            f"{name}: expected true steps (in the recording, or --truth FILE), found none; "
-            f"--at SECONDS explains a moment without truth"
+            f"{name}: expected true steps (in the recording, or --truth FILE), found "
+            f"{kinds_of(evidence.labels)}; --at SECONDS explains a moment without truth"
         )
     for at_s in evidence.clock_steps_s:
         say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")

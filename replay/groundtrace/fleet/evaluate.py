@@ -28,6 +28,7 @@ from ..explain import evidence_of
 from ..explain.measuring import EventList
 from ..explain.reasons import StepReasons
 from ..explain.unfiltered import Unfiltered
+from ..health.imu import judged
 from ..pipeline import build_pipeline, load_pipeline, parse_pipeline
 from ..placement_watch import noted
 from ..results import RUN, Provenance, Results, given_to
@@ -101,7 +102,8 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
             raise RecordingError(f"{opened.name}: expected a recording, found results of one")
         labels, row = _with_truth(task, row, opened)
         ready = _ready(task, opened)
-        items = noted(Source(opened), dict.fromkeys(ready.looked_at))
+        source = Source(opened)
+        items = judged(noted(source, dict.fromkeys(ready.looked_at)), source.streams)
         tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
         if not tally.samples:
             raise RecordingError(f"{opened.name}: expected signals to replay, found none")

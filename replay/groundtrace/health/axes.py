@@ -54,6 +54,8 @@ class Judge:
         ``acceleration`` or ``magnetic_field``.
     gain
         Logarithm of the stated spread over a rival's, shape (n_windows, 48).
+    kept
+        The same of spreads over the length that is left, mean, shape (48,).
     still
         Logarithm of the spread without turning over a rival's, mean, shape (48,).
     spreads
@@ -62,6 +64,7 @@ class Judge:
 
     quantity: str
     gain: Array
+    kept: Array
     still: Array
     spreads: Spreads
 
@@ -72,17 +75,20 @@ class Judge:
             return None
         rivals = np.array(spreads.rivals)
         still = (np.array(spreads.still)[:, None] - rivals).mean(axis=0)
-        return cls(quantity, rivals[:, :1] - rivals, still, spreads)
+        left = rivals - np.array(spreads.lengths)
+        kept = (left[:, :1] - left).mean(axis=0)
+        return cls(quantity, rivals[:, :1] - rivals, kept, still, spreads)
 
     @property
     def better(self) -> Mask:
         """Which rivals fit better than what is stated, shape (48,).
 
+        Not those that leave less of the vector, and its spread with it.
         A field that moves with the sensor (iron in it) stands stillest with no turning at all, and
         judges no axes.
         """
         mean, errors = told(self.gain)
-        fits: Mask = (mean > RATIO) & (errors > ERRORS)
+        fits: Mask = (mean > RATIO) & (errors > ERRORS) & (self.kept > 0)
         return fits if self.quantity == "acceleration" else fits & (self.still > 0)
 
     @property
@@ -180,6 +186,10 @@ class Contradiction:
     ratio: float
     errors: float
 
+    def seen_by(self, judge: str) -> bool:
+        """Return whether a judge has something against the axes that are stated."""
+        return any(each.seen_by(judge) != 0 for each in (self.fits, *self.others))
+
 
 def contradiction(judges: Sequence[Judge]) -> Contradiction | None:
     """Return which axes fit better than the stated ones; None where none do."""
@@ -256,29 +266,26 @@ def wrong_unit(spreads: Spreads) -> WrongUnit | None:
     spreads
         Of the acceleration.
     """
-    if len(spreads.others) < LEAST_WINDOWS:
+    if len(spreads.units) < LEAST_WINDOWS:
         return None
-    which = [i for i, _ in spreads.others]
-    stated = np.array(spreads.rivals)[which, 0]
-    still = np.array(spreads.still)[which]
+    units = np.array(spreads.units)
+    stated, still = units[:, 0, 0], np.array(spreads.units_still)
     turning = float(np.median(spreads.turning))
-    for place, units in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s"))):
-        rivals = np.array([others[place] for _, others in spreads.others])
+    for place, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
+        rivals = units[:, place]
         gain, errors = told(stated[:, None] - rivals)
         over, over_errors = told(still[:, None] - rivals)
         better = (gain > RATIO) & (errors > ERRORS)
         seen = better & (over > RATIO) & (over_errors > ERRORS)
-        impossible = (
-            better & (gain > TOO_FAR) & (SCALES[place + 1] < 1 and turning > TOO_FAST_RADPS)
-        )
+        impossible = better & (gain > TOO_FAR) & (SCALES[place] < 1 and turning > TOO_FAST_RADPS)
         if not (seen | impossible).any():
             continue
         best = int(np.argmax(np.where(seen | impossible, gain, -np.inf)))
         return WrongUnit(
-            units[0],
-            units[1],
+            called,
+            fits,
             f"turned back by it as stated, gravity wanders {math.exp(gain[best]):.2g} times as "
-            f"far as with {units[1]} ({len(which)} windows of {spreads.window_s:g} s, "
+            f"far as with {fits} ({len(units)} windows of {spreads.window_s:g} s, "
             f"t {errors[best]:.1f}; turning {turning:.3g} rad/s)",
         )
     return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from .finding import Finding, Tally, percent, times
+from .full_scales import clipped_effect, near_scale
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,15 +84,16 @@ def _clipped(
         max(t.end_ns for _, t in rails),
     )
     at = " and ".join(level(channel, value) for value, _ in rails)
+    part = percent(both.samples / heard)
+    scale = near_scale(channel, max(abs(value) for value, _ in rails) * channel.scale)
     return _finding(
         stream,
         channel,
         "clipped",
         both,
         heard,
-        f"clipped at {at} {times(both.events)}, {percent(both.samples / heard)} of the samples",
-        "amplitudes there are lower bounds, onsets stay",
-        "record with less gain or a wider range",
+        f"clipped at {at}{scale} {times(both.events)}, {part} of the samples",
+        *clipped_effect(channel),
     )
 
 

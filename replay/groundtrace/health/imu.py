@@ -20,6 +20,8 @@ from ..runs import run_tracker
 from ..source import BRIDGE_S
 from .axes import Judge, contradiction, too_slow, wrong_unit
 from .finding import Finding
+from .full_scales import WORN
+from .held import Held
 from .limits import Limits
 from .turning import RATE_HZ, Spreads
 from .windows import Windows
@@ -90,7 +92,7 @@ class WornImu:
         self._by_force = Spreads(FORCE_WINDOW_S, FORCE_BLOCKS, scaled=True)
         self._by_field = Spreads(FIELD_WINDOW_S, FIELD_BLOCKS, scaled=False)
         self._many = max(1, int(turning.rate_hz // RATE_HZ))
-        self._anything = False
+        self._anything: set[str] = set()
         self._heard_ns = 0
         self._begin()
 
@@ -117,11 +119,18 @@ class WornImu:
             item.topic == self.turning.topic and (self._force_ns or 0) < item.start_ns - PATIENCE_NS
         ):
             self._aligner = Aligner()  # nothing to judge it by: it does not wait for ever
-        if item.topic == self.turning.topic and not self._anything:
-            self._anything = bool(item.samples[:, columns_of_axes(item.stream, TURNING)].any())
+        for quantity in (TURNING, FORCE, FIELD):
+            if quantity not in self._anything and item.topic == self._topic(quantity):
+                columns = columns_of_axes(item.stream, quantity)
+                self._anything |= {quantity} if item.samples[:, columns].any() else set()
         self._aligner.hear(item)
         samples = self._aligner.take()
         self._judge(samples.time_ns, np.hstack([samples.rate, samples.force, samples.field]))
+
+    def _topic(self, quantity: str) -> str:
+        """Return the topic that a quantity is taken from."""
+        of = {TURNING: self.turning, FORCE: self.force, FIELD: self.field}[quantity]
+        return "" if of is None else of.topic
 
     def gap(self, topic: str) -> None:
         """End the run of a stream, and with it that of the sensor."""
@@ -154,7 +163,7 @@ class WornImu:
 
     def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
         """Yield what contradicts itself; ``remarks`` on units that were made are not made again."""
-        if not self._anything:
+        if TURNING not in self._anything:
             return
         unit = wrong_unit(self._by_force)
         slow = None if unit is not None or not self._walks() else too_slow(self._by_force)
@@ -180,11 +189,14 @@ class WornImu:
     def _walks(self) -> bool:
         return self._walk is not None and self._walk.guess() is not None
 
-    def _finding(self, kind: str, what: str, effect: str, remedy: str) -> Finding:
+    def _finding(
+        self, kind: str, what: str, effect: str, remedy: str, odd: str = TURNING
+    ) -> Finding:
         first, last = self._by_force.first_ns, self._by_force.last_ns
         if not len(self._by_force):
             first, last = self._by_field.first_ns, self._by_field.last_ns
-        return Finding(self.turning.topic, TURNING, kind, first, last, 1, 1.0, what, effect, remedy)
+        topic = self._topic(odd)
+        return Finding(topic, odd, kind, first, last, 1, 1.0, what, effect, remedy)
 
     def _unit(self, stated: str, fits: str, evidence: str) -> Finding:
         return self._finding(
@@ -200,36 +212,40 @@ class WornImu:
         others = "".join(f"; or, which fits as well, {other.columns}" for other in found.others)
         equal = found.equal
         more = f" ({equal} other axis maps fit as well: it turned too little)" if equal else ""
+        # where one sensor alone can be meant, it is its fault
+        odd = TURNING if found.others else found.fits.quantity
+        beside = " and ".join(
+            q for q in (TURNING, *(j.quantity for j in self.judges())) if q != odd
+        )
         return self._finding(
             "axes",
-            f"axes or signs contradict {self._against()}: turned back by the gyroscope as stated, "
+            f"axes or signs contradict {beside}: turned back by the gyroscope as stated, "
             f"{vector} wanders {found.ratio:.2g} times as far as with the axes that fit "
             f"({len(judge.gain)} windows of {judge.spreads.window_s:g} s, t {found.errors:.1f})",
             EFFECT,
             f"in the map, {found.fits.columns}{others}{more}",
+            odd,
         )
-
-    def _against(self) -> str:
-        return " and ".join(j.quantity for j in self.judges())
 
     def checks(self) -> Iterator[AxisCheck]:
         """Yield what could be found out, whether it fits or not."""
-        if not self._anything:
+        if TURNING not in self._anything:
             return
-        contradicted = any(True for _ in self.findings())
+        found = list(self.findings())
+        odd = contradiction(self.judges()) if any(f.kind == "axes" for f in found) else None
         told = [(FORCE, self._by_force)]
         if self.field is not None:
             told.append((FIELD, self._by_field))
         for quantity, spreads in told:
             judge = Judge.of(quantity, spreads)
             worse = 0 if judge is None else judge.worse
-            yield AxisCheck(
-                self.turning.topic,
-                quantity,
-                len(spreads),
-                worse,
-                _said(judge, spreads, worse, contradicted=contradicted),
-            )
+            if quantity in self._anything:
+                # what the odd one out is judged by has nothing against the gyroscope
+                against = bool(found) and (odd is None or odd.seen_by(quantity))
+                text = _said(judge, spreads, worse, contradicted=against)
+            else:
+                text = "not checked: it is zero in all samples"
+            yield AxisCheck(self.turning.topic, quantity, len(spreads), worse, text)
 
 
 def _said(judge: Judge | None, spreads: Spreads, worse: int, *, contradicted: bool) -> str:
@@ -272,11 +288,7 @@ class ImuWatch:
         self._zeros = [
             _Zero(s, q) for s in streams for q in (TURNING, FORCE, FIELD) if columns_of_axes(s, q)
         ]
-        self._limits = (
-            {s.topic: (Windows(s.rate_hz), Limits(s)) for s in streams if Limits.fits(s)}
-            if limits
-            else {}
-        )
+        self._limits = {s.topic: _AtLimits(s) for s in streams if limits and Limits.fits(s)}
 
     def hear(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
@@ -288,23 +300,16 @@ class ImuWatch:
                 if item.topic == zero.stream.topic:
                     zero.hear(item)
             if len(item) and item.topic in self._limits:
-                windows, limits = self._limits[item.topic]
-                _heard(limits, windows.add(item))
+                self._limits[item.topic].hear(item)
         elif not item.bridged and item.topic in self._limits:
-            self._ended(item.topic)
+            self._limits[item.topic].gap()
 
     def finish(self) -> None:
         """End all runs."""
         for sensor in self.sensors:
             sensor.gap(sensor.force.topic)
-        for topic in self._limits:
-            self._ended(topic)
-
-    def _ended(self, topic: str) -> None:
-        """End the run of a stream whose limits are looked for."""
-        windows, limits = self._limits[topic]
-        _heard(limits, windows.finish())
-        limits.gap()
+        for limits in self._limits.values():
+            limits.gap()
 
     def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
         """Yield what was found; after :meth:`finish`."""
@@ -312,18 +317,13 @@ class ImuWatch:
             yield from sensor.findings(remarks)
         for zero in self._zeros:
             yield from zero.findings()
-        for _, limits in self._limits.values():
+        for limits in self._limits.values():
             yield from limits.findings()
 
     def checks(self) -> Iterator[AxisCheck]:
         """Yield what could be found out of axes; after :meth:`finish`."""
         for sensor in self.sensors:
             yield from sensor.checks()
-
-
-def _heard(limits: Limits, windows: Iterable[Window]) -> None:
-    for window in windows:
-        limits.hear(window)
 
 
 def _has(stream: Stream, quantity: str, unit: str = "") -> bool:
@@ -339,6 +339,36 @@ def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream
     found = [s for s in here if _has(s, quantity)]
     alone = sum(_has(s, TURNING) for s in here) == 1
     return found[0] if alone and len(found) == 1 else None
+
+
+class _AtLimits:
+    """Whether a worn sensor is at its limit, as :class:`.watch.HealthWatch` finds it."""
+
+    def __init__(self, stream: Stream) -> None:
+        worn = stream.columns_of(WORN)
+        self._windows = Windows(stream.rate_hz)
+        self._watchers = (Held(stream, worn, worn), Limits(stream))
+
+    def hear(self, block: SignalBlock) -> None:
+        self._tell(self._windows.add(block))
+
+    def gap(self) -> None:
+        self._tell(self._windows.finish())
+        for watcher in self._watchers:
+            watcher.gap()
+
+    def _tell(self, windows: Iterable[Window]) -> None:
+        for window in windows:
+            for watcher in self._watchers:
+                watcher.hear(window)
+
+    def findings(self) -> Iterator[Finding]:
+        told = set()
+        for watcher in self._watchers:
+            for found in watcher.findings():
+                if found.kind == "clipped" and found.channel not in told:
+                    told.add(found.channel)
+                    yield found
 
 
 class _Zero:

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
-from groundtrace_codecs.units import G0_MPS2
 
 from .finding import Finding, percent, times
+from .full_scales import WORN, clipped_effect, full_scale, near_scale
 from .held import STEP_PART
 from .rails import LEAST_STEPS
 
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     from .windows import Window
 
-#: Worn sensors whose limits are looked for in a replay.
-WORN = frozenset({"acceleration", "angular_velocity"})
 #: The samples of one top spread by no more than this part of the channel's swing.
 WITHIN = 0.006
 #: Tops of one sign are of one limit within this part of half the swing.
@@ -53,15 +51,6 @@ SHORTEST, TOPS, PART = 3, 2, 0.1
 SAME = 0.8
 #: So many tops of one side are kept.
 MOST = 2048
-#: Full scales of accelerometers [m/s2] and gyroscopes [rad/s], and how far from them a calibration
-#: and an offset bring them.
-FULL_SCALES = {
-    "acceleration": [(f"{n} g", n * G0_MPS2) for n in (2, 4, 8, 16)],
-    "angular_velocity": [
-        (f"{n} deg/s", math.radians(n)) for n in (125, 250, 300, 450, 500, 1000, 2000, 4000)
-    ],
-}
-NEAR = 0.08
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +167,7 @@ class Limits:
             worn = channel.quantity not in SEISMIC_QUANTITIES
             found = []
             for side in sides:
-                near = _full_scale(channel, side.extreme * channel.scale)
+                near = full_scale(channel, side.extreme * channel.scale)
                 flat = side.flat(swing, step, near_scale=bool(near))
                 if flat and side.extreme > 0 and (side.extreme >= least or not worn):
                     found.append((side.sign, flat))
@@ -232,9 +221,8 @@ def _clipped(
         f"{sign * _middle(flat) * channel.scale:.4g} {channel.unit}" for sign, flat in found
     )
     first = min(tops, key=lambda top: top.start_ns)
-    near = _full_scale(channel, max(_middle(flat) for _, flat in found) * channel.scale)
-    scale = f", near the full scale of {near}" if near else ""
-    worn = channel.quantity in WORN
+    part = percent(samples / heard)
+    scale = near_scale(channel, max(_middle(flat) for _, flat in found) * channel.scale)
     return Finding(
         stream.topic,
         channel.name,
@@ -243,20 +231,9 @@ def _clipped(
         max(top.end_ns for top in tops),
         len(tops),
         samples / heard,
-        f"clipped at about {at}{scale}, {times(len(tops))}, {percent(samples / heard)} of the "
-        "samples",
-        "it moved further than is recorded: what is integrated goes astray there"
-        if worn
-        else "amplitudes there are lower bounds, onsets stay",
-        "record with a wider range" if worn else "record with less gain or a wider range",
+        f"clipped at about {at}{scale} {times(len(tops))}, {part} of the samples",
+        *clipped_effect(channel),
     )
-
-
-def _full_scale(channel: Channel, level: float) -> str:
-    """Return the full scale of a worn sensor that a level [SI] is near; empty where none is."""
-    scales = FULL_SCALES.get(channel.quantity, []) if channel.unit != "count" else []
-    off = [(abs(level - value) / value, name) for name, value in scales]
-    return min((pair for pair in off if pair[0] <= NEAR), default=(0.0, ""))[1]
 
 
 def _middle(flat: Sequence[_Top]) -> float:

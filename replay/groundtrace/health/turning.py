@@ -79,8 +79,14 @@ class Spreads:
         Whether the gyroscope is tried in other units, too.
     rivals
         Of each window, shape (48,).
-    others
-        Of some of the windows in the other units, shape (2, 48), and which windows.
+    lengths
+        Of each window the logarithm of the length of the mean of all that was turned back, shape
+        (48,). Spun about, anything has means that hardly differ, because little is left of it; what
+        stands still keeps its length.
+    units
+        Of some of the windows in every unit, shape (3, 48): of spreads over that length.
+    units_still
+        The same with no turning at all.
     still
         Of each window, with no turning at all.
     turning, shaking
@@ -94,7 +100,9 @@ class Spreads:
     blocks: int
     scaled: bool
     rivals: list[Array] = field(default_factory=list)
-    others: list[tuple[int, Array]] = field(default_factory=list)
+    lengths: list[Array] = field(default_factory=list)
+    units: list[Array] = field(default_factory=list)
+    units_still: list[float] = field(default_factory=list)
     still: list[float] = field(default_factory=list)
     turning: list[float] = field(default_factory=list)
     shaking: list[float] = field(default_factory=list)
@@ -140,12 +148,18 @@ class Spreads:
         scales = SCALES if scaled else SCALES[:1]
         turned = rotations(np.stack([s * scale * step for scale in scales for s in (1, -1)]))
         edges = np.linspace(0, len(rows), self.blocks + 1).astype(int)
-        spreads = np.log(_spreads(turned, vector, edges).reshape(len(scales), 48) + _FLOOR)
-        if scaled:
-            self.others.append((len(self.rivals), spreads[1:]))
-        self.rivals.append(spreads[0])
+        spreads, lengths = (
+            np.log(x.reshape(len(scales), 48) + _FLOOR) for x in _spreads(turned, vector, edges)
+        )
         means = np.stack([vector[a:b].mean(axis=0) for a, b in itertools.pairwise(edges)])
-        self.still.append(math.log(_spread(means) + _FLOOR))
+        still = math.log(_spread(means) + _FLOOR)
+        if scaled:
+            length = float(np.linalg.norm(means.mean(axis=0)))
+            self.units.append(spreads - lengths)
+            self.units_still.append(still - math.log(length + _FLOOR))
+        self.rivals.append(spreads[0])
+        self.lengths.append(lengths[0])
+        self.still.append(still)
         self.turning.append(math.sqrt(float(((rate - rate.mean(axis=0)) ** 2).sum(axis=1).mean())))
         self.shaking.append(float(np.linalg.norm(vector, axis=1).std()))
         if len(self.rivals) % KEPT == 0:
@@ -157,8 +171,10 @@ def _spread(means: Array) -> float:
     return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
 
 
-def _spreads(turned: Array, vector: Array, edges: NDArray[np.intp]) -> Array:
-    """Return the spread by every rotation of each of the integrated, shape (n, 24).
+def _spreads(turned: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the spread by every rotation of each of the integrated, and the length of its mean.
+
+    Both of shape (n, 24).
 
     Parameters
     ----------
@@ -175,9 +191,10 @@ def _spreads(turned: Array, vector: Array, edges: NDArray[np.intp]) -> Array:
     ).reshape(len(edges) - 1, len(turned), 3, 3, 3)  # block, integration, k, i, j
     # R (Q'v) of every rotation Q: component k is the sum over i, j of R_ki Q_ji v_j
     means = np.einsum("bhkij,qji->qhbk", blocks, ROTATIONS)
-    off = means - means.mean(axis=2, keepdims=True)
-    spreads: Array = np.sqrt((off**2).sum(axis=(2, 3)) / means.shape[2])
-    return spreads.T
+    middle = means.mean(axis=2, keepdims=True)
+    spreads: Array = np.sqrt(((means - middle) ** 2).sum(axis=(2, 3)) / means.shape[2])
+    lengths: Array = np.sqrt((middle**2).sum(axis=(2, 3)))
+    return spreads.T, lengths.T
 
 
 def rotations(steps: Array) -> Array:

@@ -1,8 +1,8 @@
 """What of a truth a result is scored against: what its pipeline was not given, and could find.
 
 A waypoint that a stage was given is no truth to it any more: it says how well a track was drawn
-through known places, not how well it was found. And a sensor on one foot feels the steps of that
-foot.
+through known places, not how well it was found. A sensor on one foot feels the steps of that foot.
+And where truth knows of impacts alone, they are what a detector of steps has to find.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.events import StageSpec
 
 from .step_words import ALONG, FEET, truth_words
+from .ways import has_vehicles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from groundtrace_codecs.labels import Label
 
@@ -60,9 +61,11 @@ def scored_truth(labels: Sequence[Label], result: Results) -> ScoredTruth:
 
 
 def own_truth(
-    labels: Sequence[Label], specs: Iterable[StageSpec], placements: Mapping[str, str]
+    labels: Sequence[Label], specs: Sequence[StageSpec], placements: Mapping[str, str]
 ) -> ScoredTruth:
     """Return what of a truth the sensors can find in which the last stage of steps looks.
+
+    Impacts become steps where truth has no steps of its own and a stage finds some.
 
     Parameters
     ----------
@@ -75,7 +78,19 @@ def own_truth(
     """
     foot, remark = _own_foot(labels, specs, placements)
     kept = [x for x in labels if not foot or (x.kind != "count" and _may_be(x, foot))]
+    if impacts := _impacts_alone(kept, specs):
+        kept = [replace(x, kind="step") if x.kind == "impact" else x for x in kept]
+        remark = f"{impacts} impacts and no steps: the impacts are what steps are scored against"
     return ScoredTruth(tuple(kept), 0, foot, (remark,) if remark else ())
+
+
+def _impacts_alone(labels: Sequence[Label], specs: Sequence[StageSpec]) -> int:
+    """Return how many impacts there are to be found as steps: none where truth has steps."""
+    if has_vehicles(labels) or any(x.kind in ("step", "count") for x in labels):
+        return 0
+    if not any(spec.emits in ("step", "impact") for spec in specs):
+        return 0
+    return sum(x.kind == "impact" for x in labels)
 
 
 def foot_of(placement: str) -> str:
@@ -88,7 +103,7 @@ def foot_of(placement: str) -> str:
 
 
 def _own_foot(
-    labels: Sequence[Label], specs: Iterable[StageSpec], placements: Mapping[str, str]
+    labels: Sequence[Label], specs: Sequence[StageSpec], placements: Mapping[str, str]
 ) -> tuple[str, str]:
     """Return the foot whose steps a result finds, and what is to be said of it."""
     true = [x for x in labels if x.kind == "step"]
