@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from ..warned import Warned
 
 
-
 def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """Print one JSON document on stdout; a number that is not finite is null.
 
