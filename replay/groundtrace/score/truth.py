@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import StageSpec
+from groundtrace_codecs.labels import has_vehicles
 
 from .step_words import ALONG, FEET, truth_words
-from .ways import has_vehicles
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
