@@ -32,8 +32,6 @@ LATE_NS = NS_PER_S
 WAIT_NS = 3 * NS_PER_S // 2
 #: Fixes from so long before a walker is heard of are remembered.
 KEPT_NS = 60 * NS_PER_S
-#: The one channel of a reckoner's candidates.
-WALKER = ("walker",)
 #: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
 AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
 
