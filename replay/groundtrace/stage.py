@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
-from itertools import repeat
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,
     Note,
-    Pick,
     StageSpec,
-    StepEvent,
     TraceBlock,
+    kind_emitted,
 )
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.units import QUANTITIES, UNKNOWN_UNITS
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
 
 W = TypeVar("W", bound=Detector | Associator)
 K = TypeVar("K")
-NAN = float("nan")
 
 
 class Stage(Protocol):
@@ -268,19 +265,7 @@ class DetectorStage(PluginStage[Detector]):
         return [TraceBlock(run.spec, measured.frames.time_ns, measured.frames.value), *decided]
 
 
-def accepted_events(block: CandidateBlock, emits: Emits) -> list[Pick | StepEvent]:
-    """Return the events that the accepted candidates of a block stand for."""
-    rows = block.accepted.nonzero()[0]
-    if not len(rows):
-        return []
-    spec = block.spec
-    names = [c.name for c in spec.columns]
-    times, columns = block.time_ns[rows].tolist(), block.value[rows].T.tolist()
-    if emits == "pick":
-        channels = [spec.channels[channel] for channel in block.channel[rows].tolist()]
-        sigma = columns[names.index("uncertainty")] if "uncertainty" in names else repeat(NAN)
-        origin = repeat(spec.topic), repeat(spec.stage)
-        return list(map(Pick, times, channels, *origin, sigma, columns[0]))
-    count = map(int, columns[names.index("channels")]) if "channels" in names else repeat(1)
-    told = zip(times, columns[0], count, strict=False)
-    return [StepEvent(time_ns, emits, "", spec.topic, spec.stage, *own) for time_ns, *own in told]
+def accepted_events(block: CandidateBlock, emits: Emits) -> list[Event]:
+    """Return the events that the accepted candidates of a block stand for, as the table has it."""
+    kind = kind_emitted(emits)
+    return [] if kind is None else list(kind.from_candidates(block))
