@@ -6,8 +6,9 @@ The folder holds ``mobgap``, ``broad``, ``indoor-location-20``, ``llio-pyshoe``,
 ``back-steps`` and ``robot-localization`` as published; what is absent is left out. Of each sample's
 values one thing is made wrong, then the recording is read as ``groundtrace info`` reads it: told is
 what gives a fault of the right kind. ``named`` is how often the change to the map undoes what was
-done. BROAD, mobgap and the simulated rooms of seeds under 1000 have chosen constants; all else has
-chosen none. Fails where an untouched recording is said to contradict itself.
+done. BROAD, mobgap and the simulated rooms of seeds under 1000 have chosen constants; of all else
+llio-pyshoe alone has, how steep a gyroscope's corners are near its full scale. Fails where an
+untouched recording is said to contradict itself.
 """
 
 from __future__ import annotations

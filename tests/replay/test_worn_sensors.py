@@ -15,6 +15,7 @@ from turning_sensors import RATE_HZ, turning_sensor
 from groundtrace.health.axes import AxisMap
 from groundtrace.health.imu import ImuWatch, judged
 from groundtrace.health.limits import Limits
+from groundtrace.health.repeats import Repeats
 from groundtrace.health.turning import RIVALS, Spreads, rival_of, rotations
 from groundtrace.health.windows import Windows
 from groundtrace_codecs.events import Gap, Note
@@ -327,6 +328,62 @@ def test_gravity_at_rest_is_no_limit_of_the_side_that_it_leaves() -> None:
     for at in range(300, 4000, 400):  # falls that end at rest
         values[at : at + 40] -= np.hanning(40) * 5
     assert limits_of(values, FORCE) == []
+
+
+def repeats_of(values: np.ndarray, quantity: str = FORCE) -> list[Finding]:
+    of = Stream("/s", (Channel("c", quantity, UNITS[quantity], "y"),), RATE_HZ)
+    windows, repeats = Windows(RATE_HZ), Repeats(of)
+    for block in blocks(of, values[:, None]):
+        for window in windows.add(block):
+            repeats.hear(window)
+    for window in windows.finish():
+        repeats.hear(window)
+    return list(repeats.findings())
+
+
+def struck(count: int = 6000, seed: int = 9) -> np.ndarray:
+    """Return the acceleration of a heel that strikes once a second, for two samples."""
+    random = np.random.default_rng(seed)
+    values = -random.normal(0, 2, count).clip(-9, 9)
+    strikes = np.arange(50, count, 100)
+    values[strikes] += random.uniform(40, 200, len(strikes))
+    values[strikes + 1] += random.uniform(40, 120, len(strikes))
+    return values
+
+
+def test_strikes_of_one_sample_at_the_limit_are_told() -> None:
+    limit = 16 * 9.80665
+    (fault,) = repeats_of(np.minimum(struck(), limit))
+    assert (fault.kind, fault.events) == ("clipped", int((struck() > limit).sum()))
+    assert "near the full scale of 16 g" in fault.what
+    assert repeats_of(struck()) == []
+    # and so by the watch that import and replay have
+    of = stream(FORCE)
+    watch = ImuWatch([of])
+    strikes = np.minimum(np.stack([struck(seed=k) for k in range(3)], axis=1), limit)
+    for block in blocks(of, strikes):
+        watch.hear(block)
+    watch.finish()
+    assert [f.channel for f in watch.findings()] == [f"{FORCE}_{axis}" for axis in "xyz"]
+
+
+@pytest.mark.parametrize("step", [2.0, 0.5, 0.1])
+def test_strikes_that_a_coarse_digitiser_makes_equal_are_chance(step: float) -> None:
+    for seed in range(20):
+        assert repeats_of(np.rint(struck(seed=seed) / step) * step) == []
+
+
+def test_a_signal_that_repeats_itself_comes_to_one_value_by_nature() -> None:
+    time_s = np.arange(6000) / RATE_HZ
+    assert repeats_of(np.rint(8000 * np.sin(2 * np.pi * time_s)) / 100) == []
+    assert repeats_of(np.tile(struck(500), 12)) == []
+
+
+def test_rest_at_the_highest_value_is_no_limit() -> None:
+    values = np.full(6000, 9.80665)
+    for at in range(300, 5700, 400):
+        values[at : at + 250] -= np.hanning(250) * np.random.default_rng(at).uniform(1, 2)
+    assert repeats_of(values) == []
 
 
 def test_gaps_end_the_runs_of_a_sensor() -> None:

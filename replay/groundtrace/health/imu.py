@@ -23,6 +23,7 @@ from .finding import Finding
 from .full_scales import WORN
 from .held import Held
 from .limits import Limits
+from .repeats import Repeats
 from .turning import RATE_HZ, Spreads
 from .windows import Windows
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from .axes import Contradiction
+    from .finding import Watcher
     from .windows import Window
 
 FORCE, TURNING, FIELD = "acceleration", "angular_velocity", "magnetic_field"
@@ -347,7 +349,11 @@ class _AtLimits:
     def __init__(self, stream: Stream) -> None:
         worn = stream.columns_of(WORN)
         self._windows = Windows(stream.rate_hz)
-        self._watchers = (Held(stream, worn, worn), Limits(stream))
+        self._watchers: tuple[Watcher, ...] = (
+            Held(stream, worn, worn),
+            Limits(stream),
+            Repeats(stream),
+        )
 
     def hear(self, block: SignalBlock) -> None:
         self._tell(self._windows.add(block))

@@ -14,6 +14,7 @@ from .mains import Hum
 from .nonfinite import NonFinite
 from .offsets import Offsets
 from .rates import Rate
+from .repeats import Repeats
 from .spikes import Spikes
 from .windows import Windows
 
@@ -57,6 +58,7 @@ class HealthWatch:
             NonFinite(stream),
             Held(stream, [*moving, *stream.columns_of(SLOW)], moving),
             Limits(stream, MOVING),
+            Repeats(stream),
             Spikes(stream, moving),
             Offsets(stream, seismic),
             Hum(stream, seismic),
