@@ -32,11 +32,13 @@ from groundtrace.explain import evidence_of
 from groundtrace.explain.arrivals import pick_account
 from groundtrace.explain.evidence import step_times
 from groundtrace.explain.measuring import EventList, in_processes
+from groundtrace.explain.parts import accepted_picks
 from groundtrace.explain.places import PlaceExplainer
 from groundtrace.explain.reasons import StepReasons
 from groundtrace.explain.unfiltered import with_recording
 from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline, with_settings
 from groundtrace.results import Provenance, Results
+from groundtrace.score.picks import ANSWER_S, RIGHT_S, pick_residuals
 from groundtrace.source import Source
 from groundtrace_codecs.recording import Recording
 
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
 
     from groundtrace.explain import Evidence
     from groundtrace.explain.places import FixAccount, PlaceAccount
+    from groundtrace_codecs.events import Pick
 
     Plant = Callable[[Clean, np.random.Generator], Planted | None]
 
@@ -334,6 +337,10 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
         return found
     if found[0] == "right" or not _right_without(cell, clean, planted, path):
         return None
+    if planted.state == "early" and not _picked_before(evidence, planted):
+        return None
+    if planted.state == "missed" and _state(evidence, planted) != "missed":
+        return None
     for settings, wanted in ((planted.opened, True), (planted.tight, False)):
         if settings is not None:
             again = replayed(cell, planted.take, path, [*planted.settings, *settings])
@@ -342,15 +349,42 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
     return found
 
 
+def _state(evidence: Evidence, planted: Planted) -> str:
+    """Return what became of the pick of an arrival, by the score alone."""
+    answers = pick_residuals(evidence.labels, _picks(evidence))
+    states = answers.states()
+    return next(
+        state
+        for label, state in zip(answers.truth, states, strict=True)
+        if label.channel == planted.channel and label.time_ns == planted.time_ns
+    )
+
+
+def _picked_before(evidence: Evidence, planted: Planted) -> bool:
+    """Whether something 2 to 50 ms before an arrival is picked on its channel."""
+    early_s = [
+        (planted.time_ns - pick.time_ns) / 1e9
+        for pick in _picks(evidence)
+        if pick.channel == planted.channel
+    ]
+    return any(RIGHT_S < x <= ANSWER_S for x in early_s)
+
+
+def _picks(evidence: Evidence) -> list[Pick]:
+    """Return the picks of the last stage that picks."""
+    parts = [part for part in evidence.stages if part.spec.emits == "pick"]
+    return [
+        x for part in parts if part.spec.stage == parts[-1].spec.stage for x in accepted_picks(part)
+    ]
+
+
 def _is_found(cell: Cell, evidence: Evidence, planted: Planted) -> bool:
     """Whether a step is found, or an arrival picked in time.
 
     What a filter takes out of a slow rise is picked later without it: there any pick will do.
     """
     if cell.asked == "picks" and cell.cause == "filter":
-        at_s = (planted.time_ns - evidence.start_ns) / 1e9
-        bad = [b for b in pick_account(evidence).bad if b.channel == planted.channel]
-        return not any(b.state == "missed" and abs(b.time_s - at_s) < 1e-6 for b in bad)
+        return _state(evidence, planted) != "missed"
     ask = named_step if cell.asked == "steps" else named_pick
     return ask(evidence, planted)[0] == "right"
 

@@ -10,6 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detectors.frames import FRAME_S
+from ..score.step_timing import later_text
 from .readings import told_apart
 
 if TYPE_CHECKING:
@@ -117,9 +118,32 @@ def silence(
     later = later if len(later) else rows
     peak, noise = (later[:, names.index(name)] for name in ("peak", "noise"))
     filtered = _db(float(peak.max()), float(noise.min()) * np.sqrt(2))
-    reached = float(later[:, 0].max())
+    reached, other_ns = _own_value(part, channel, later[:, 0], (start_ns, end_ns))
     cause, text = _reached(part, reached, floor, sought, recorded)
+    if cause == "quiet" and other_ns is not None and floor is not None:
+        off_ns = other_ns - (start_ns + end_ns) // 2
+        text = f"but for the candidate that comes {later_text(off_ns)}, {text}"
     return Silence(cause, text, recorded, filtered)
+
+
+def _own_value(
+    part: StageEvidence, channel: int, values: NDArray[np.float64], span: tuple[int, int]
+) -> tuple[float, int | None]:
+    """Return what the decision function reached in frames about a span, and whose is left out [ns].
+
+    A frame at the edge holds what lies beside the span too. Where its largest value is that of a
+    candidate outside, it is that one's, and says nothing of the span.
+    """
+    around = round(LAG_AFTER_S * NS_PER_S)
+    rows = part.between(span[0] - around, span[1] + around)
+    times = part.candidates.time_ns[rows]
+    outside = (part.candidates.channel[rows] == channel) & ((times < span[0]) | (times > span[1]))
+    times, peaks = times[outside], part.candidates.value[rows[outside], 0].astype(np.float64)
+    own = ~np.isin(values, peaks)
+    reached = float(values[own].max()) if own.any() else float(values.max())
+    if reached >= values.max():
+        return reached, None
+    return reached, int(times[peaks == values.max()][0])
 
 
 def _reached(

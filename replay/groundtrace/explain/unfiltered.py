@@ -116,7 +116,7 @@ class Unfiltered:
         None where there is none, the recording is not at hand, or the detector has no filter.
         """
         middle_ns = (start_ns + end_ns) // 2
-        found = self._stretch(part, middle_ns)
+        found = self.around(part, middle_ns)
         if found is None:
             return None
         rows = found.between(start_ns, end_ns)
@@ -146,7 +146,7 @@ class Unfiltered:
         As :meth:`nearest`; its value is that of the first column, the channels that saw it.
         """
         middle_ns = (start_ns + end_ns) // 2
-        picked = self._stretch(source, middle_ns)
+        picked = self.around(source, middle_ns)
         if picked is None:
             return None
         stage = self._stages[part.spec.stage]
@@ -209,7 +209,11 @@ class Unfiltered:
                 longest[stream.channels[number].name] = flat / stream.rate_hz
         return max(longest.items(), key=lambda item: item[1], default=None)
 
-    def _stretch(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+    def around(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+        """Return what a stage measures without its filter in the stretch that a time lies in.
+
+        None where the recording is not at hand, or the detector has no filter.
+        """
         spec, length = part.spec, round(STRETCH_S * NS_PER_S)
         key = (spec.stage, spec.topic, time_ns // length)
         if key not in self._measured:
