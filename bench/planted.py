@@ -130,7 +130,8 @@ class Planted:
         What is to be named, where the plant has no word of its own.
     state
         What must have become of the pick for the plant to have acted: ``early`` where what comes
-        before the arrival was picked, ``missed`` where nothing answers it; empty stands for any.
+        before the arrival was picked, ``missed`` where nothing answers it, ``unseen`` where there
+        is not even a candidate for it; empty stands for any.
     """
 
     take: Take
@@ -776,6 +777,42 @@ def held_off(clean: Clean, rng: Rng) -> Planted:
     return Planted(take, arrival.time_ns, arrival.channel, opened=("picks.refractory_s=0",))
 
 
+def second_shot(clean: Clean, rng: Rng) -> Planted | None:
+    """Let another shot follow 0.25 to 0.45 s after one, at the same place and twice as strong."""
+    take, arrival, _ = _arrival(clean, rng)
+    shots = sorted(x for x in take.labels if x.kind == "impact")
+    shot = max(x for x in shots if x.time_ns <= arrival.time_ns)
+    n, length = take.count(rng.uniform(0.25, 0.45)), take.count(0.3)
+    a = take.index(shot.time_ns)
+    take.samples[a + n : a + n + length] += 2 * take.samples[a : a + length].copy()
+    later_ns = round(n / take.rate_hz * NS_PER_S)
+    until_ns = min((x.time_ns for x in shots if x.time_ns > shot.time_ns), default=2**62)
+    own = [x for x in take.labels if shot.time_ns <= x.time_ns < until_ns]
+    take.labels += [replace(x, time_ns=x.time_ns + later_ns) for x in own]
+    opened = ("first-breaks.refractory_s=0",)
+    return Planted(take, arrival.time_ns + later_ns, arrival.channel, opened=opened, tight=None)
+
+
+def swelling_channel(clean: Clean, rng: Rng) -> Planted | None:
+    """Let a channel swell over a quarter of a second in the place of an arrival, as a hum does.
+
+    Its power doubles in every 10 ms and ever faster, so that it is above the floor of the picks all
+    the time, has no maximum of its own before its end, and is below their threshold there.
+    """
+    take, arrival, channel = _arrival(clean, rng)
+    at, n = take.index(arrival.time_ns), take.count(0.25)
+    end = at + take.count(rng.uniform(0.06, 0.09))
+    t = (np.arange(n) - n) / take.rate_hz
+    weaken(take, arrival.time_ns, [channel], 0.0)
+    growth = rng.uniform(52, 58) * (t + 1.2 * t**2)
+    after = np.arange(take.count(0.25)) / take.rate_hz
+    size = np.exp(np.concatenate([growth, -after * 30]))
+    wave = np.cos(2 * np.pi * rng.uniform(700, 1100) * np.arange(len(size)) / take.rate_hz)
+    loud = 0.5 * np.abs(take.samples[:, channel]).max()
+    take.samples[end - n : end - n + len(size), channel] += loud * size * wave
+    return Planted(take, arrival.time_ns, arrival.channel, tight=("picks.ratio=2",), state="unseen")
+
+
 def dead_channel(clean: Clean, rng: Rng) -> Planted:
     """Let one channel stand still about an arrival."""
     take, arrival, channel = _arrival(clean, rng)
@@ -917,6 +954,18 @@ def scattered_arrivals(clean: Clean, rng: Rng) -> Planted:
         if n:
             _moved(take, channel, take.index(step.time_ns), take.count(0.35), n)
     return Planted(take, step.time_ns)
+
+
+def wrong_velocity(clean: Clean, rng: Rng) -> Planted:
+    """Let the localizer reckon with waves 1.5 to 3 times as fast or slow as they are."""
+    take = clean.take.copy()
+    assert take.geometry is not None
+    assert take.geometry.medium.velocity_mps
+    step = take.steps()[int(rng.integers(1, len(take.steps()) - 1))]
+    factor = rng.uniform(1.5, 3.0) ** rng.choice([-1, 1])
+    velocity_mps = take.geometry.medium.velocity_mps * factor
+    settings = (f"hyperbolic.velocity_mps={velocity_mps:.1f}",)
+    return Planted(take, step.time_ns, settings=settings)
 
 
 def narrow_gate(clean: Clean, rng: Rng) -> Planted | None:

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from groundtrace.explain import Evidence
+    from groundtrace.explain.evidence import StageEvidence
     from groundtrace.explain.places import FixAccount, PlaceAccount
     from groundtrace_codecs.events import Pick
 
@@ -171,6 +172,7 @@ def _rooms() -> list[Cell]:
         ("clipped", plants.overdriven_channel),
         ("gap", plants.hole_at_arrival),
         ("quiet", plants.no_arrival),
+        ("shape", plants.swelling_channel),
         ("false", plants.knock_elsewhere),
     ]
     fixes: list[tuple[str, Plant]] = [
@@ -183,6 +185,7 @@ def _rooms() -> list[Cell]:
         ("dead", plants.dead_at_place),
         ("arrivals", plants.weak_at_place),
         ("gate", plants.narrow_gate),
+        ("model", plants.wrong_velocity),
         ("together", plants.scattered_arrivals),
     ]
     return [
@@ -202,6 +205,7 @@ def _lines() -> list[Cell]:
         ("clock", plants.late_clock),
         ("latency", plants.by_hand),
         ("threshold", plants.weak_arrival),
+        ("refractory", plants.second_shot),
         ("dead", plants.dead_channel),
         ("clipped", plants.overdriven_channel),
         ("gap", plants.hole_at_arrival),
@@ -284,9 +288,16 @@ def named_pick(evidence: Evidence, planted: Planted) -> tuple[str, str]:
     return "right", ""
 
 
-def named_place(evidence: Evidence, planted: Planted, *, of_sensor: bool) -> tuple[str, str]:
+def located_by(cell: Cell) -> str:
+    """Return the localizer that is asked: one that knows a velocity, where that is planted."""
+    return "hyperbolic" if cell.cause == "model" else "power-law"
+
+
+def named_place(
+    evidence: Evidence, planted: Planted, stage: str, *, of_sensor: bool
+) -> tuple[str, str]:
     """Return the cause named of a sensor, or of the place of a step."""
-    found = PlaceExplainer(evidence, 1.0, "power-law").account()
+    found = PlaceExplainer(evidence, 1.0, stage).account()
     if of_sensor and found.sensors:
         return _of_sensors(found, planted.channel)
     at_s = (planted.time_ns - evidence.start_ns) / 1e9
@@ -325,7 +336,8 @@ def named(cell: Cell, evidence: Evidence, planted: Planted) -> tuple[str, str]:
         return named_step(evidence, planted)
     if cell.asked == "picks":
         return named_pick(evidence, planted)
-    return named_place(evidence, planted, of_sensor=cell.cause in ("position", "swapped", "clock"))
+    of_sensor = cell.cause in ("position", "swapped", "clock")
+    return named_place(evidence, planted, located_by(cell), of_sensor=of_sensor)
 
 
 def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, str] | None:
@@ -337,9 +349,7 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
         return found
     if found[0] == "right" or not _right_without(cell, clean, planted, path):
         return None
-    if planted.state == "early" and not _picked_before(evidence, planted):
-        return None
-    if planted.state == "missed" and _state(evidence, planted) != "missed":
+    if not _acts(evidence, planted):
         return None
     for settings, wanted in ((planted.opened, True), (planted.tight, False)):
         if settings is not None:
@@ -358,6 +368,23 @@ def _state(evidence: Evidence, planted: Planted) -> str:
         for label, state in zip(answers.truth, states, strict=True)
         if label.channel == planted.channel and label.time_ns == planted.time_ns
     )
+
+
+def _acts(evidence: Evidence, planted: Planted) -> bool:
+    """Whether the pick became what the plant wants, by the score and the candidates alone."""
+    if planted.state == "early":
+        return _picked_before(evidence, planted)
+    if planted.state == "unseen":
+        return not any(_has_candidate(part, planted) for part in evidence.stages)
+    return not planted.state or _state(evidence, planted) == planted.state
+
+
+def _has_candidate(part: StageEvidence, planted: Planted) -> bool:
+    """Whether a stage has a candidate within 50 ms of an arrival on its channel."""
+    reach_ns = round(ANSWER_S * 1e9)
+    rows = part.between(planted.time_ns - reach_ns, planted.time_ns + reach_ns)
+    names = [part.spec.channels[c] for c in part.candidates.channel[rows]]
+    return part.spec.emits == "pick" and planted.channel in names
 
 
 def _picked_before(evidence: Evidence, planted: Planted) -> bool:
@@ -400,6 +427,8 @@ def _right_without(cell: Cell, clean: Clean, planted: Planted, path: Path) -> bo
         return (planted.origin_ns or planted.time_ns) in found_ns
     if cell.asked == "picks":
         return named_pick(clean.evidence, planted)[0] == "right"
+    if cell.cause == "model":
+        return named_place(clean.evidence, planted, located_by(cell), of_sensor=False)[0] == "right"
     return True  # only recordings whose every place is right are planted in
 
 

@@ -118,11 +118,13 @@ def silence(
     later = later if len(later) else rows
     peak, noise = (later[:, names.index(name)] for name in ("peak", "noise"))
     filtered = _db(float(peak.max()), float(noise.min()) * np.sqrt(2))
-    reached, other_ns = _own_value(part, channel, later[:, 0], (start_ns, end_ns))
-    cause, text = _reached(part, reached, floor, sought, recorded)
-    if cause == "quiet" and other_ns is not None and floor is not None:
-        off_ns = other_ns - (start_ns + end_ns) // 2
-        text = f"but for the candidate that comes {later_text(off_ns)}, {text}"
+    reached, other_ns = float(later[:, 0].max()), None
+    if floor is not None and reached > floor:
+        reached, other_ns = _own_value(part, channel, later[:, 0], (start_ns, end_ns))
+    but = ""
+    if other_ns is not None:
+        but = f" but for the candidate {later_text(other_ns - (start_ns + end_ns) // 2)}"
+    cause, text = _reached(part, reached, floor, sought, recorded, but)
     return Silence(cause, text, recorded, filtered)
 
 
@@ -147,7 +149,12 @@ def _own_value(
 
 
 def _reached(
-    part: StageEvidence, reached: float, floor: float | None, sought: str, recorded: float | None
+    part: StageEvidence,
+    reached: float,
+    floor: float | None,
+    sought: str,
+    recorded: float | None,
+    but: str,
 ) -> tuple[str, str]:
     """Return cause and sentence of what the decision function reached."""
     name, unit = part.spec.trace[0].name, part.spec.trace[0].unit
@@ -157,8 +164,8 @@ def _reached(
         return ("shape" if clear else "quiet"), f"{name} reached {reached:.3g}{unit}, not {sought}"
     value, least = told_apart(reached, floor, 3)
     if reached <= floor:
-        text = f"the signal never rose above the floor: {name} reached {value}{unit}, floor {least}"
-        return "quiet", text + unit
+        text = f"the signal never rose above the floor{but}: {name} reached {value}{unit}, "
+        return "quiet", f"{text}floor {least}{unit}"
     frame_ms = _frame_ns(part) / 1e6
     return "shape", (
         f"{name} reached {value}{unit} in a frame of {frame_ms:.0f} ms there, above the floor of "
