@@ -131,7 +131,8 @@ class Planted:
     state
         What must have become of the pick for the plant to have acted: ``early`` where what comes
         before the arrival was picked, ``missed`` where nothing answers it, ``unseen`` where there
-        is not even a candidate for it; empty stands for any.
+        is not even a candidate for it, though the decision function is above the floor; empty
+        stands for any.
     """
 
     take: Take
@@ -796,19 +797,19 @@ def second_shot(clean: Clean, rng: Rng) -> Planted | None:
 def swelling_channel(clean: Clean, rng: Rng) -> Planted | None:
     """Let a channel swell over a quarter of a second in the place of an arrival, as a hum does.
 
-    Its power doubles in every 10 ms and ever faster, so that it is above the floor of the picks all
-    the time, has no maximum of its own before its end, and is below their threshold there.
+    Its power more than doubles in every 10 ms, ever faster, so that it is above the floor of the
+    picks, has no maximum of its own before its end, and is below their threshold there.
     """
     take, arrival, channel = _arrival(clean, rng)
     at, n = take.index(arrival.time_ns), take.count(0.25)
     end = at + take.count(rng.uniform(0.06, 0.09))
     t = (np.arange(n) - n) / take.rate_hz
     weaken(take, arrival.time_ns, [channel], 0.0)
-    growth = rng.uniform(52, 58) * (t + 1.2 * t**2)
+    growth = rng.uniform(58, 64) * (t + t**2)
     after = np.arange(take.count(0.25)) / take.rate_hz
     size = np.exp(np.concatenate([growth, -after * 30]))
-    wave = np.cos(2 * np.pi * rng.uniform(700, 1100) * np.arange(len(size)) / take.rate_hz)
-    loud = 0.5 * np.abs(take.samples[:, channel]).max()
+    wave = np.cos(2 * np.pi * rng.uniform(1600, 1800) * np.arange(len(size)) / take.rate_hz)
+    loud = 20_000  # of 32 767, far above the noise for long enough
     take.samples[end - n : end - n + len(size), channel] += loud * size * wave
     return Planted(take, arrival.time_ns, arrival.channel, tight=("picks.ratio=2",), state="unseen")
 

@@ -375,8 +375,17 @@ def _acts(evidence: Evidence, planted: Planted) -> bool:
     if planted.state == "early":
         return _picked_before(evidence, planted)
     if planted.state == "unseen":
-        return not any(_has_candidate(part, planted) for part in evidence.stages)
+        seen = any(_has_candidate(part, planted) for part in evidence.stages)
+        return _is_above_floor(evidence, planted) and not seen
     return not planted.state or _state(evidence, planted) == planted.state
+
+
+def _is_above_floor(evidence: Evidence, planted: Planted) -> bool:
+    """Whether the decision function is above the floor in the frame of an arrival."""
+    part = next(part for part in evidence.stages if part.spec.trace)
+    frame = int(np.searchsorted(part.frames.time_ns, planted.time_ns, side="right")) - 1
+    channel = part.spec.channels.index(planted.channel)
+    return bool(part.frames.value[frame, channel, 0] > evidence.config.stage[0].parameters["floor"])
 
 
 def _has_candidate(part: StageEvidence, planted: Planted) -> bool:

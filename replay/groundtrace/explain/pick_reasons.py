@@ -16,8 +16,9 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..score.picks import ANSWER_S
 from .parts import accepted_picks
 from .readings import below, closeness, readings, timed
-from .reasons import filtered_text, silent
+from .reasons import silent, without_filter
 from .silence import FRAME_NS, silence
+from .unfiltered import passes_levels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -130,15 +131,20 @@ class Picking:
         candidates; NaN, so never little, where the candidates span no time.
         """
         c = part.candidates
-        true_ns = np.sort([x.time_ns for x in self.evidence.labels if x.kind == "pick"])
         strong = (c.channel == c.channel[row]) & (c.value[:, 0] >= c.value[row, 0])
-        times = c.time_ns[strong]
+        return self.rate_hz(part, strong) * 2 * off_s
+
+    def rate_hz(self, part: StageEvidence, rows: NDArray[np.bool_]) -> float:
+        """Return how many of some candidates come in a second away from true arrivals."""
+        c = part.candidates
+        true_ns = np.sort([x.time_ns for x in self.evidence.labels if x.kind == "pick"])
+        times = c.time_ns[rows]
         at = np.searchsorted(true_ns, times)
         before = np.abs(times - true_ns[np.maximum(at - 1, 0)])
         after = np.abs(times - true_ns[np.minimum(at, len(true_ns) - 1)])
         away = int((np.minimum(before, after) > ANSWER_S * NS_PER_S).sum())
         length_s = float(np.ptp(c.time_ns)) / NS_PER_S
-        return away / length_s * 2 * off_s if length_s > 0 else float("nan")
+        return away / length_s if length_s > 0 else float("nan")
 
     def is_chance(self, part: StageEvidence, row: int, off_s: float) -> bool:
         """Whether the nearest candidate may well lie beside a moment by chance: see :func:`chance`.
@@ -283,8 +289,8 @@ def _filtered(
 ) -> PickReason | None:
     """Say that the filter took an arrival out; None where nothing shows that.
 
-    Without it a candidate passes every level, is none that lies there by chance, and is nearer to
-    the arrival than any such that is left with the filter: those may be the same wave.
+    Without it a candidate passes every level, so near that chance seldom brings one, and nearer to
+    the arrival than any that is left with the filter: those may be the same wave.
     """
     source, signal = picking.traced(part), picking.evidence.unfiltered
     if signal is None or not source.spec.trace or not signal.at_hand:
@@ -295,19 +301,20 @@ def _filtered(
     if measured is None or found is None:
         return None
     off_ns = abs(found.time_ns - time_ns)
-    row = next(
-        int(r)
-        for r in measured.between(found.time_ns, found.time_ns)
-        if measured.candidates.channel[r] == number
-    )
-    if picking.is_chance(measured, row, off_ns / NS_PER_S):
+    passed = passes_levels(measured) & (measured.candidates.channel == number)
+    often = -np.expm1(-picking.rate_hz(measured, passed) * 2 * off_ns / NS_PER_S)
+    if not often <= CHANCE:
         return None
-    for left in _near(source, channel, time_ns, off_ns).tolist():
-        left_ns = abs(int(source.candidates.time_ns[left]) - time_ns)
-        if not picking.is_chance(source, left, left_ns / NS_PER_S):
-            return None
-    quiet = silence(source, number, time_ns - reach, time_ns + reach)
-    return PickReason("filter", filtered_text(source, found, quiet, time_ns))
+    near = [int(r) for r in _near(source, channel, time_ns, reach) if not source.accepted[r]]
+    left_ns = {r: abs(int(source.candidates.time_ns[r]) - time_ns) for r in near}
+    nearer = [r for r in near if left_ns[r] <= off_ns]
+    if not all(picking.is_chance(source, r, left_ns[r] / NS_PER_S) for r in nearer):
+        return None
+    if not near:
+        return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
+    told = _gate(source, min(near, key=lambda r: left_ns[r]), time_ns)
+    text = f"{without_filter(source, found, time_ns)}; with it {told.text}"
+    return PickReason("filter", text, told.readings)
 
 
 def _nothing_picked(

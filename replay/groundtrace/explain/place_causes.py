@@ -670,9 +670,9 @@ class PlaceJudge:
         left, most = float(least.loss[0]) * unit, _most_misfit(free, SURELY)
         if free > 0 and left > most:
             return "model", (
-                f"{noise} by the recording's own curve, but no place fits them as {own} reckons: the "
-                f"best leaves {left:.1f}, {most:.1f} at most are noise; its velocity or exponent is "
-                f"not theirs"
+                f"{noise} by the recording's own curve, but no place fits them as {own} reckons: "
+                f"the best leaves {left:.1f}, noise {most:.1f} at most: its velocity or exponent "
+                f"is not theirs"
             )
         if length_m <= self.healer.tolerance_m and not place_above <= REGION:
             return "model", (

@@ -447,7 +447,8 @@ def silent(
         found = signal.nearest(part, channel, time_ns - reach, time_ns + reach)
         if found is None:
             return quiet.cause, quiet.text
-        return "filter", filtered_text(part, found, quiet, time_ns)
+        levels = f"; {quiet.levels}" if quiet.levels else ""
+        return "filter", f"{without_filter(part, found, time_ns)}; {quiet.text}{levels}"
     if not quiet.levels or unfiltered_kind(stage) is None:
         return quiet.cause, quiet.text
     return quiet.cause, (
@@ -456,14 +457,13 @@ def silent(
     )
 
 
-def filtered_text(part: StageEvidence, found: Unmuted, quiet: Silence, time_ns: int) -> str:
-    """Say that the filter took something out: what is there without it, and what is left."""
+def without_filter(part: StageEvidence, found: Unmuted, time_ns: int) -> str:
+    """Say that the filter takes something out, by the candidate that is there without it."""
     first = part.spec.columns[0]
     unit = "" if first.unit == "1" else f" {first.unit}"
-    levels = f"; {quiet.levels}" if quiet.levels else ""
     return (
         f"{FILTERED}: without it a candidate {later_text(found.time_ns - time_ns)} passes every "
-        f"threshold ({first.name} {found.value:.4g}{unit}); {quiet.text}{levels}"
+        f"threshold ({first.name} {found.value:.4g}{unit})"
     )
 
 
