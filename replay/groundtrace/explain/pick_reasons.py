@@ -305,14 +305,17 @@ def _filtered(
     often = -np.expm1(-picking.rate_hz(measured, passed) * 2 * off_ns / NS_PER_S)
     if not often <= CHANCE:
         return None
-    near = [int(r) for r in _near(source, channel, time_ns, reach) if not source.accepted[r]]
-    left_ns = {r: abs(int(source.candidates.time_ns[r]) - time_ns) for r in near}
-    nearer = [r for r in near if left_ns[r] <= off_ns]
+    left_ns = {
+        int(r): abs(int(source.candidates.time_ns[r]) - time_ns)
+        for r in _near(source, channel, time_ns, reach)
+    }
+    nearer = [r for r in left_ns if left_ns[r] <= off_ns]
     if not all(picking.is_chance(source, r, left_ns[r] / NS_PER_S) for r in nearer):
         return None
-    if not near:
+    if not left_ns:
         return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
-    told = _gate(source, min(near, key=lambda r: left_ns[r]), time_ns)
+    nearest = min(left_ns, key=lambda r: left_ns[r])
+    told = _beside(picking, source, nearest, time_ns)
     text = f"{without_filter(source, found, time_ns)}; with it {told.text}"
     return PickReason("filter", text, told.readings)
 
@@ -345,9 +348,7 @@ def _nothing_picked(
     row = min(near.tolist(), key=lambda r: abs(int(source.candidates.time_ns[r]) - time_ns))
     off_s = (int(source.candidates.time_ns[row]) - time_ns) / NS_PER_S
     often = chance(picking.by_chance(source, row, abs(off_s)))
-    told = PickReason("quiet", f"{picking.stage} did not take it", readings(source, row))
-    if not source.accepted[row]:
-        told = _gate(source, row, time_ns)
+    told = _beside(picking, source, row, time_ns)
     text = (
         f"no candidate of its own: the nearest comes {timed(off_s)}, as near and strong a one by "
         f"chance {100 * often:.2g} % of the time: {told.text}"
@@ -421,6 +422,15 @@ def _gate(part: StageEvidence, row: int, time_ns: int) -> PickReason:
         f"(refractory {first.threshold * 1e3:.0f} ms)"
     )
     return PickReason("refractory", text, told)
+
+
+def _beside(picking: Picking, part: StageEvidence, row: int, time_ns: int) -> PickReason:
+    """Say what became of a candidate that is none of the arrival."""
+    if not part.accepted[row]:
+        return _gate(part, row, time_ns)
+    off_s = (int(part.candidates.time_ns[row]) - time_ns) / NS_PER_S
+    text = f"the candidate {timed(off_s)} passed every gate, and {picking.stage} did not take it"
+    return PickReason("quiet", text, readings(part, row))
 
 
 def _near(part: StageEvidence, channel: str, time_ns: int, reach: int) -> NDArray[np.intp]:

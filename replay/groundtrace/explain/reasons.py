@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from ..score import StepMatch, TimingPair
     from .evidence import Evidence, StageEvidence
-    from .silence import Silence
     from .unfiltered import Unmuted
 
 #: The cause of a miss, in one word; ``score`` and fleets count them.
