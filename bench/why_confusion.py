@@ -1,6 +1,6 @@
 """Which cause `why` names where one is planted: the confusion matrix of docs/why.md.
 
-    python bench/why_confusion.py [--rounds 5] [--half development|report|both] [--markdown]
+    python bench/why_confusion.py [--rounds 5] [--half development|report|both] [--only CELL]
 
 Recordings are simulated at waist, wrist, in rooms and on a line of geophones, each with one cause
 planted at one step, pick or place; all else in it is clean. A plant counts where the replay without
@@ -480,14 +480,14 @@ def matrix(outcomes: Sequence[Outcome], *, markdown: bool) -> None:
         cells_ = [["planted", *columns, "right"]]
         for row in rows:
             line = [counts[row, column] for column in columns]
-            cells_.append([row, *(str(n) if n else "" for n in line), share(own, row)])
+            planted = [o for o in own if o.planted == row]
+            cells_.append([row, *(str(n) if n else "" for n in line), share_of(planted)])
         _table(cells_, markdown=markdown)
 
 
-def share(outcomes: Sequence[Outcome], planted: str) -> str:
-    """Return how many of one cause are named so."""
-    own = [o for o in outcomes if o.planted == planted]
-    return f"{sum(o.named == o.planted for o in own)} of {len(own)}"
+def share_of(outcomes: Sequence[Outcome]) -> str:
+    """Return how many are named as they were planted."""
+    return f"{sum(o.named == o.planted for o in outcomes)} of {len(outcomes)}"
 
 
 def _table(rows: list[list[str]], *, markdown: bool) -> None:
@@ -504,6 +504,12 @@ def told(half: str, outcomes: Sequence[Outcome], *, markdown: bool) -> float:
     judged = [o for o in outcomes if o.named]
     right = sum(o.named == o.planted for o in judged)
     print(f"\n{half}: {right} of {len(judged)} named right ({100 * right / len(judged):.1f} %)")
+    misses = [o for o in judged if o.planted != "right"]
+    print(f"of those, without timing errors inside the tolerance: {share_of(misses)}")
+    scenes = dict.fromkeys(o.cell.scene.partition(",")[0] for o in judged)
+    for scene in scenes:
+        own = [o for o in judged if o.cell.scene.partition(",")[0] == scene]
+        print(f"  {scene}: {share_of(own)}")
     print(f"{sum(o.in_vain for o in outcomes)} plants had no effect and were drawn again")
     for o in outcomes:
         if not o.named:
@@ -518,7 +524,7 @@ def told(half: str, outcomes: Sequence[Outcome], *, markdown: bool) -> float:
 def main() -> int:
     """Print the matrices of the halves."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3, help="recordings of each cell and half")
+    parser.add_argument("--rounds", type=int, default=5, help="recordings of each cell and half")
     parser.add_argument("--half", choices=("development", "report", "both"), default="both")
     parser.add_argument("--only", default="", help="cells whose name contains this")
     parser.add_argument("--jobs", type=int, default=2)
