@@ -230,17 +230,18 @@ def missed(picking: Picking, channel: str, time_ns: int, first: Pick | None) -> 
 def _broken(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -> PickReason | None:
     """Say that the channel stood still or was clipped at an arrival; None where it was not.
 
-    Where there is a candidate at the arrival it is clipped only if it was before: what comes after
-    a wave may be its own doing, and did not hide it.
+    Where there is a candidate at the arrival it is clipped only if it was before as well: what
+    comes after a wave may be its own doing, and did not hide it.
     """
     source, reach = picking.traced(part), round(ANSWER_S * NS_PER_S)
     if not source.spec.trace:
         return None
     number = source.spec.channels.index(channel)
     quiet = silence(source, number, time_ns - reach, time_ns + reach)
-    if len(_near(source, channel, time_ns, round(picking.tolerance_s * NS_PER_S))):
+    at_arrival = _near(source, channel, time_ns, round(picking.tolerance_s * NS_PER_S))
+    if quiet.cause == "clipped" and len(at_arrival):
         before = silence(source, number, time_ns - reach - FRAME_NS, time_ns - FRAME_NS)
-        quiet = before if quiet.cause != "dead" else quiet
+        return PickReason(quiet.cause, quiet.text) if before.cause == "clipped" else None
     return PickReason(quiet.cause, quiet.text) if quiet.cause in {"dead", "clipped"} else None
 
 
