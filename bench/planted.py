@@ -128,6 +128,11 @@ class Planted:
         The step's time without the plant, where that is another; 0 where it is the same.
     expected
         What is to be named, where the plant has no word of its own.
+    state
+        What must have become of the pick for the plant to have acted: ``early`` where what comes
+        before the arrival was picked, ``missed`` where nothing answers it, ``unseen`` where there
+        is not even a candidate for it, though the decision function is above the floor; empty
+        stands for any.
     """
 
     take: Take
@@ -138,6 +143,7 @@ class Planted:
     settings: tuple[str, ...] = ()
     origin_ns: int = 0
     expected: str = ""
+    state: str = ""
 
 
 @dataclass(frozen=True)
@@ -556,13 +562,31 @@ def _step_in_room(clean: Clean, rng: Rng) -> tuple[Take, int, list[int]] | None:
 
 
 def soft_footfall(clean: Clean, rng: Rng) -> Planted | None:
-    """Let a step be so soft that it stays below the thresholds of the picks."""
+    """Let a step be so soft that it stays below the thresholds of the picks on all channels."""
     found = _step_in_room(clean, rng)
     if found is None:
         return None
     take, time_ns, channels = found
-    weaken(take, time_ns, channels, float(np.exp(rng.uniform(np.log(0.02), np.log(0.3)))))
+    wanted = float(np.exp(rng.uniform(np.log(2.0), np.log(5.0))))
+    for channel in channels:
+        kept = _kept(clean, channel, time_ns, 0.05, wanted * float(np.exp(rng.normal(0, 0.1))))
+        if kept is None:
+            return None
+        weaken(take, time_ns, [channel], kept)
     return Planted(take, time_ns, opened=("picks.ratio=2",), tight=("steps.min_channels=1",))
+
+
+def _kept(clean: Clean, channel: int, time_ns: int, reach_s: float, wanted: float) -> float | None:
+    """Return what to leave of an arrival so that it comes to a wanted ratio; None if not picked.
+
+    By the ratio that the first stage picked it with, which is one of powers. Drawn blindly, hardly
+    any would come between the floor and the threshold.
+    """
+    part = next(part for part in clean.evidence.stages if part.spec.trace)
+    reach_ns = round(reach_s * NS_PER_S)
+    rows = part.between(time_ns - reach_ns, time_ns + reach_ns)
+    rows = rows[(part.candidates.channel[rows] == channel) & part.accepted[rows]]
+    return float(np.sqrt(wanted / part.candidates.value[rows[0], 0])) if len(rows) else None
 
 
 def few_channels(clean: Clean, rng: Rng) -> Planted | None:
@@ -682,7 +706,7 @@ def knock_before(clean: Clean, rng: Rng) -> Planted:
     take, arrival, channel = _arrival(clean, rng)
     at = take.index(arrival.time_ns) - take.count(rng.uniform(0.004, 0.03))
     _knock(take, channel, at, rng)
-    return Planted(take, arrival.time_ns, arrival.channel)
+    return Planted(take, arrival.time_ns, arrival.channel, state="early")
 
 
 def _knock(take: Take, channel: int, at: int, rng: Rng) -> None:
@@ -724,10 +748,14 @@ def by_hand(clean: Clean, rng: Rng) -> Planted:
     return Planted(take, arrival.time_ns + late_ns, arrival.channel)
 
 
-def weak_arrival(clean: Clean, rng: Rng) -> Planted:
+def weak_arrival(clean: Clean, rng: Rng) -> Planted | None:
     """Let one arrival be weak on one channel."""
     take, arrival, channel = _arrival(clean, rng)
-    weaken(take, arrival.time_ns, [channel], float(np.exp(rng.uniform(np.log(0.004), np.log(0.2)))))
+    wanted = float(np.exp(rng.uniform(np.log(1.5), np.log(7.5))))
+    kept = _kept(clean, channel, arrival.time_ns, 0.002, wanted)
+    if kept is None:
+        return None
+    weaken(take, arrival.time_ns, [channel], kept)
     return Planted(take, arrival.time_ns, arrival.channel, opened=("picks.ratio=2",))
 
 
@@ -750,6 +778,42 @@ def held_off(clean: Clean, rng: Rng) -> Planted:
     return Planted(take, arrival.time_ns, arrival.channel, opened=("picks.refractory_s=0",))
 
 
+def second_shot(clean: Clean, rng: Rng) -> Planted | None:
+    """Let another shot follow 0.25 to 0.45 s after one, at the same place and twice as strong."""
+    take, arrival, _ = _arrival(clean, rng)
+    shots = sorted(x for x in take.labels if x.kind == "impact")
+    shot = max(x for x in shots if x.time_ns <= arrival.time_ns)
+    n, length = take.count(rng.uniform(0.25, 0.45)), take.count(0.3)
+    a = take.index(shot.time_ns)
+    take.samples[a + n : a + n + length] += 2 * take.samples[a : a + length].copy()
+    later_ns = round(n / take.rate_hz * NS_PER_S)
+    until_ns = min((x.time_ns for x in shots if x.time_ns > shot.time_ns), default=2**62)
+    own = [x for x in take.labels if shot.time_ns <= x.time_ns < until_ns]
+    take.labels += [replace(x, time_ns=x.time_ns + later_ns) for x in own]
+    opened = ("first-breaks.refractory_s=0",)
+    return Planted(take, arrival.time_ns + later_ns, arrival.channel, opened=opened, tight=None)
+
+
+def swelling_channel(clean: Clean, rng: Rng) -> Planted | None:
+    """Let a channel swell over a quarter of a second in the place of an arrival, as a hum does.
+
+    Its power more than doubles in every 10 ms, ever faster, so that it is above the floor of the
+    picks, has no maximum of its own before its end, and is below their threshold there.
+    """
+    take, arrival, channel = _arrival(clean, rng)
+    at, n = take.index(arrival.time_ns), take.count(0.25)
+    end = at + take.count(rng.uniform(0.06, 0.09))
+    t = (np.arange(n) - n) / take.rate_hz
+    weaken(take, arrival.time_ns, [channel], 0.0)
+    growth = rng.uniform(58, 64) * (t + t**2)
+    after = np.arange(take.count(0.25)) / take.rate_hz
+    size = np.exp(np.concatenate([growth, -after * 30]))
+    wave = np.cos(2 * np.pi * rng.uniform(1600, 1800) * np.arange(len(size)) / take.rate_hz)
+    loud = 20_000  # of 32 767, far above the noise for long enough
+    take.samples[end - n : end - n + len(size), channel] += loud * size * wave
+    return Planted(take, arrival.time_ns, arrival.channel, tight=("picks.ratio=2",), state="unseen")
+
+
 def dead_channel(clean: Clean, rng: Rng) -> Planted:
     """Let one channel stand still about an arrival."""
     take, arrival, channel = _arrival(clean, rng)
@@ -770,7 +834,7 @@ def heaved_channel(clean: Clean, rng: Rng) -> Planted:
     take, arrival, channel = _arrival(clean, rng)
     _heave(take, arrival.time_ns, [channel], rng)
     opened = ("picks.low_hz=0", "picks.high_hz=0")
-    return Planted(take, arrival.time_ns, arrival.channel, opened=opened)
+    return Planted(take, arrival.time_ns, arrival.channel, opened=opened, state="missed")
 
 
 def hole_at_arrival(clean: Clean, rng: Rng) -> Planted:
@@ -893,14 +957,29 @@ def scattered_arrivals(clean: Clean, rng: Rng) -> Planted:
     return Planted(take, step.time_ns)
 
 
+def wrong_velocity(clean: Clean, rng: Rng) -> Planted:
+    """Let the localizer reckon with waves 1.5 to 3 times as fast or slow as they are."""
+    take = clean.take.copy()
+    assert take.geometry is not None
+    assert take.geometry.medium.velocity_mps
+    step = take.steps()[int(rng.integers(1, len(take.steps()) - 1))]
+    factor = rng.uniform(1.5, 3.0) ** rng.choice([-1, 1])
+    velocity_mps = take.geometry.medium.velocity_mps * factor
+    settings = (f"hyperbolic.velocity_mps={velocity_mps:.1f}",)
+    return Planted(take, step.time_ns, settings=settings)
+
+
 def narrow_gate(clean: Clean, rng: Rng) -> Planted | None:
-    """Set the gate of the places so that it rejects the one that fits its arrivals least."""
+    """Set the gate of the places so narrow that it rejects the one that fits its arrivals as usual.
+
+    Of the one that fits least an arrival may be off too, which then is a second cause.
+    """
     located = next(part for part in clean.evidence.stages if part.spec.stage == "power-law")
     gate = [g.name for g in located.spec.gates].index("residual")
     value = located.gate_value[:, gate]
     if not len(value) or not located.accepted.all():
         return None
-    row = int(np.argmax(value))
+    row = int(np.argsort(value)[len(value) // 2])
     limit = float(value[row]) * rng.uniform(0.9, 0.99)
     settings = (f"power-law.max_residual_s={limit:.8f}",)
     return Planted(clean.take.copy(), int(located.candidates.time_ns[row]), settings=settings)

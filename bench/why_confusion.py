@@ -1,6 +1,6 @@
 """Which cause `why` names where one is planted: the confusion matrix of docs/why.md.
 
-    python bench/why_confusion.py [--rounds 5] [--half development|report|both] [--markdown]
+    python bench/why_confusion.py [--rounds 5] [--half development|report|both] [--only CELL]
 
 Recordings are simulated at waist, wrist, in rooms and on a line of geophones, each with one cause
 planted at one step, pick or place; all else in it is clean. A plant counts where the replay without
@@ -32,11 +32,13 @@ from groundtrace.explain import evidence_of
 from groundtrace.explain.arrivals import pick_account
 from groundtrace.explain.evidence import step_times
 from groundtrace.explain.measuring import EventList, in_processes
+from groundtrace.explain.parts import accepted_picks
 from groundtrace.explain.places import PlaceExplainer
 from groundtrace.explain.reasons import StepReasons
 from groundtrace.explain.unfiltered import with_recording
 from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline, with_settings
 from groundtrace.results import Provenance, Results
+from groundtrace.score.picks import ANSWER_S, RIGHT_S, pick_residuals
 from groundtrace.source import Source
 from groundtrace_codecs.recording import Recording
 
@@ -44,7 +46,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from groundtrace.explain import Evidence
+    from groundtrace.explain.evidence import StageEvidence
     from groundtrace.explain.places import FixAccount, PlaceAccount
+    from groundtrace_codecs.events import Pick
 
     Plant = Callable[[Clean, np.random.Generator], Planted | None]
 
@@ -168,6 +172,7 @@ def _rooms() -> list[Cell]:
         ("clipped", plants.overdriven_channel),
         ("gap", plants.hole_at_arrival),
         ("quiet", plants.no_arrival),
+        ("shape", plants.swelling_channel),
         ("false", plants.knock_elsewhere),
     ]
     fixes: list[tuple[str, Plant]] = [
@@ -180,6 +185,7 @@ def _rooms() -> list[Cell]:
         ("dead", plants.dead_at_place),
         ("arrivals", plants.weak_at_place),
         ("gate", plants.narrow_gate),
+        ("model", plants.wrong_velocity),
         ("together", plants.scattered_arrivals),
     ]
     return [
@@ -199,6 +205,7 @@ def _lines() -> list[Cell]:
         ("clock", plants.late_clock),
         ("latency", plants.by_hand),
         ("threshold", plants.weak_arrival),
+        ("refractory", plants.second_shot),
         ("dead", plants.dead_channel),
         ("clipped", plants.overdriven_channel),
         ("gap", plants.hole_at_arrival),
@@ -281,9 +288,16 @@ def named_pick(evidence: Evidence, planted: Planted) -> tuple[str, str]:
     return "right", ""
 
 
-def named_place(evidence: Evidence, planted: Planted, *, of_sensor: bool) -> tuple[str, str]:
+def located_by(cell: Cell) -> str:
+    """Return the localizer that is asked: one that knows a velocity, where that is planted."""
+    return "hyperbolic" if cell.cause == "model" else "power-law"
+
+
+def named_place(
+    evidence: Evidence, planted: Planted, stage: str, *, of_sensor: bool
+) -> tuple[str, str]:
     """Return the cause named of a sensor, or of the place of a step."""
-    found = PlaceExplainer(evidence, 1.0, "power-law").account()
+    found = PlaceExplainer(evidence, 1.0, stage).account()
     if of_sensor and found.sensors:
         return _of_sensors(found, planted.channel)
     at_s = (planted.time_ns - evidence.start_ns) / 1e9
@@ -322,7 +336,8 @@ def named(cell: Cell, evidence: Evidence, planted: Planted) -> tuple[str, str]:
         return named_step(evidence, planted)
     if cell.asked == "picks":
         return named_pick(evidence, planted)
-    return named_place(evidence, planted, of_sensor=cell.cause in ("position", "swapped", "clock"))
+    of_sensor = cell.cause in ("position", "swapped", "clock")
+    return named_place(evidence, planted, located_by(cell), of_sensor=of_sensor)
 
 
 def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, str] | None:
@@ -334,6 +349,8 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
         return found
     if found[0] == "right" or not _right_without(cell, clean, planted, path):
         return None
+    if not _acts(evidence, planted):
+        return None
     for settings, wanted in ((planted.opened, True), (planted.tight, False)):
         if settings is not None:
             again = replayed(cell, planted.take, path, [*planted.settings, *settings])
@@ -342,15 +359,68 @@ def tried(cell: Cell, clean: Clean, planted: Planted, path: Path) -> tuple[str, 
     return found
 
 
+def _state(evidence: Evidence, planted: Planted) -> str:
+    """Return what became of the pick of an arrival, by the score alone."""
+    answers = pick_residuals(evidence.labels, _picks(evidence))
+    states = answers.states()
+    return next(
+        state
+        for label, state in zip(answers.truth, states, strict=True)
+        if label.channel == planted.channel and label.time_ns == planted.time_ns
+    )
+
+
+def _acts(evidence: Evidence, planted: Planted) -> bool:
+    """Whether the pick became what the plant wants, by the score and the candidates alone."""
+    if planted.state == "early":
+        return _picked_before(evidence, planted)
+    if planted.state == "unseen":
+        seen = any(_has_candidate(part, planted) for part in evidence.stages)
+        return _is_above_floor(evidence, planted) and not seen
+    return not planted.state or _state(evidence, planted) == planted.state
+
+
+def _is_above_floor(evidence: Evidence, planted: Planted) -> bool:
+    """Whether the decision function is above the floor in the frame of an arrival."""
+    part = next(part for part in evidence.stages if part.spec.trace)
+    frame = int(np.searchsorted(part.frames.time_ns, planted.time_ns, side="right")) - 1
+    channel = part.spec.channels.index(planted.channel)
+    return bool(part.frames.value[frame, channel, 0] > evidence.config.stage[0].parameters["floor"])
+
+
+def _has_candidate(part: StageEvidence, planted: Planted) -> bool:
+    """Whether a stage has a candidate within 50 ms of an arrival on its channel."""
+    reach_ns = round(ANSWER_S * 1e9)
+    rows = part.between(planted.time_ns - reach_ns, planted.time_ns + reach_ns)
+    names = [part.spec.channels[c] for c in part.candidates.channel[rows]]
+    return part.spec.emits == "pick" and planted.channel in names
+
+
+def _picked_before(evidence: Evidence, planted: Planted) -> bool:
+    """Whether something 2 to 50 ms before an arrival is picked on its channel."""
+    early_s = [
+        (planted.time_ns - pick.time_ns) / 1e9
+        for pick in _picks(evidence)
+        if pick.channel == planted.channel
+    ]
+    return any(RIGHT_S < x <= ANSWER_S for x in early_s)
+
+
+def _picks(evidence: Evidence) -> list[Pick]:
+    """Return the picks of the last stage that picks."""
+    parts = [part for part in evidence.stages if part.spec.emits == "pick"]
+    return [
+        x for part in parts if part.spec.stage == parts[-1].spec.stage for x in accepted_picks(part)
+    ]
+
+
 def _is_found(cell: Cell, evidence: Evidence, planted: Planted) -> bool:
     """Whether a step is found, or an arrival picked in time.
 
     What a filter takes out of a slow rise is picked later without it: there any pick will do.
     """
     if cell.asked == "picks" and cell.cause == "filter":
-        at_s = (planted.time_ns - evidence.start_ns) / 1e9
-        bad = [b for b in pick_account(evidence).bad if b.channel == planted.channel]
-        return not any(b.state == "missed" and abs(b.time_s - at_s) < 1e-6 for b in bad)
+        return _state(evidence, planted) != "missed"
     ask = named_step if cell.asked == "steps" else named_pick
     return ask(evidence, planted)[0] == "right"
 
@@ -366,6 +436,8 @@ def _right_without(cell: Cell, clean: Clean, planted: Planted, path: Path) -> bo
         return (planted.origin_ns or planted.time_ns) in found_ns
     if cell.asked == "picks":
         return named_pick(clean.evidence, planted)[0] == "right"
+    if cell.cause == "model":
+        return named_place(clean.evidence, planted, located_by(cell), of_sensor=False)[0] == "right"
     return True  # only recordings whose every place is right are planted in
 
 
@@ -408,14 +480,14 @@ def matrix(outcomes: Sequence[Outcome], *, markdown: bool) -> None:
         cells_ = [["planted", *columns, "right"]]
         for row in rows:
             line = [counts[row, column] for column in columns]
-            cells_.append([row, *(str(n) if n else "" for n in line), share(own, row)])
+            planted = [o for o in own if o.planted == row]
+            cells_.append([row, *(str(n) if n else "" for n in line), share_of(planted)])
         _table(cells_, markdown=markdown)
 
 
-def share(outcomes: Sequence[Outcome], planted: str) -> str:
-    """Return how many of one cause are named so."""
-    own = [o for o in outcomes if o.planted == planted]
-    return f"{sum(o.named == o.planted for o in own)} of {len(own)}"
+def share_of(outcomes: Sequence[Outcome]) -> str:
+    """Return how many are named as they were planted."""
+    return f"{sum(o.named == o.planted for o in outcomes)} of {len(outcomes)}"
 
 
 def _table(rows: list[list[str]], *, markdown: bool) -> None:
@@ -432,6 +504,12 @@ def told(half: str, outcomes: Sequence[Outcome], *, markdown: bool) -> float:
     judged = [o for o in outcomes if o.named]
     right = sum(o.named == o.planted for o in judged)
     print(f"\n{half}: {right} of {len(judged)} named right ({100 * right / len(judged):.1f} %)")
+    misses = [o for o in judged if o.planted != "right"]
+    print(f"of those, without timing errors inside the tolerance: {share_of(misses)}")
+    scenes = dict.fromkeys(o.cell.scene.partition(",")[0] for o in judged)
+    for scene in scenes:
+        own = [o for o in judged if o.cell.scene.partition(",")[0] == scene]
+        print(f"  {scene}: {share_of(own)}")
     print(f"{sum(o.in_vain for o in outcomes)} plants had no effect and were drawn again")
     for o in outcomes:
         if not o.named:
@@ -446,7 +524,7 @@ def told(half: str, outcomes: Sequence[Outcome], *, markdown: bool) -> float:
 def main() -> int:
     """Print the matrices of the halves."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=3, help="recordings of each cell and half")
+    parser.add_argument("--rounds", type=int, default=5, help="recordings of each cell and half")
     parser.add_argument("--half", choices=("development", "report", "both"), default="both")
     parser.add_argument("--only", default="", help="cells whose name contains this")
     parser.add_argument("--jobs", type=int, default=2)

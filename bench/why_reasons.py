@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace.errors import PipelineError
 from groundtrace.explain import StepReasons
 from groundtrace.explain.measuring import measure_evidence
 from groundtrace.explain.unfiltered import with_recording
@@ -54,6 +55,7 @@ class Tally:
     """What was counted of a set."""
 
     recordings: int = 0
+    refused: int = 0
     truth: int = 0
     missed: int = 0
     pairs: int = 0
@@ -103,8 +105,12 @@ def violations(reasons: StepReasons) -> list[tuple[int, str]]:
 
 
 def judge(path: Path, pipeline: str, tally: Tally) -> None:
-    """Explain every miss of a recording, and add it up."""
-    evidence = measure_evidence(path, load_pipeline(pipeline))
+    """Explain every miss of a recording, and add it up; a pipeline may refuse its signals."""
+    try:
+        evidence = measure_evidence(path, load_pipeline(pipeline))
+    except PipelineError:
+        tally.refused += 1
+        return
     if not any(label.kind == "step" for label in evidence.labels) or not evidence.stages:
         return
     began = time.perf_counter()
@@ -137,7 +143,8 @@ def main() -> None:
                 judge(path, pipeline, tally)
         for pipeline, t in tallies.items():
             if not t.recordings:
-                print(f"{folder}, {pipeline}: no true steps")
+                refused = f", {t.refused} recordings refused" if t.refused else ""
+                print(f"{folder}, {pipeline}: no true steps{refused}")
                 continue
             causes = ", ".join(f"{n} {cause}" for cause, n in t.causes.most_common())
             print(

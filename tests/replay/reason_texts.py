@@ -99,6 +99,8 @@ class Claims:
             (rf"the detection {OFF} answers step (\d+)", self.taken_off),
             (rf"the signal never rose above the floor: (\w+) reached {NUMBER}{UNIT}, "
              rf"floor {NUMBER}{UNIT}", self.below_floor),
+            (rf"the signal never rose above the floor but for the candidate {OFF}: "
+             rf"(\w+) reached {NUMBER}{UNIT}, floor {NUMBER}{UNIT}", self.below_floor_but),
             (rf"(\w+) reached {NUMBER}{UNIT} in a frame of \d+ ms there, above the floor of "
              rf"{NUMBER}{UNIT}, but without (.*)",
              self.above_floor),
@@ -279,6 +281,14 @@ class Claims:
         assert float(reached) <= float(floor)
         assert np.isclose(float(floor), self.floor(part), rtol=1e-2)
         assert not self.rows(part, channel)
+
+    def below_floor_but(
+        self, part: StageEvidence, channel: int, off_ms: str, way: str, name: str, reached: str,
+        unit: str | None, floor: str, _: str | None,
+    ) -> None:  # fmt: skip
+        self.below_floor(part, channel, name, reached, unit, floor, _)
+        own = [r for r in self.at(part, off_ms, way) if part.candidates.channel[r] == channel]
+        assert any(part.candidates.value[r, 0] > self.floor(part) for r in own)
 
     def above_floor(
         self, part: StageEvidence, channel: int, name: str, reached: str, unit: str | None,

@@ -267,6 +267,9 @@ def assert_numbers_agree(fix: FixAccount, found: PlaceAccount, sensors: int) -> 
         assert float(among[1]) <= float(among[2]) + 0.05
     if worse := re.search(r"fits them (\d+\.\d) worse .* \((\d+\.\d+) allowed\)", text):
         assert float(worse[1]) > float(worse[2]) - 0.05
+    if left := re.search(r"the best leaves (\d+\.\d), noise (\d+\.\d) at most: its vel", text):
+        assert cause.cause == "model"
+        assert float(left[1]) > float(left[2]) - 0.05
     if sigma := re.search(r"one standard deviation is (\d+\.\d+) m", text):
         assert float(sigma[1]) == pytest.approx(fix.sigma_m, abs=0.0051)
     if scatter := re.search(

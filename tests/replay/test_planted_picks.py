@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from planted_rooms import STEPS, Room, why
 
@@ -205,6 +206,18 @@ def test_missed_picks_are_told_with_the_gate_they_failed(tmp_path: Path, capsys:
     assert missed
     assert {b["reason"]["cause"] for b in missed} == {"threshold"}
     assert all("< 900" in b["reason"]["text"] for b in missed)
+
+
+def test_a_wave_that_clips_its_own_channel_is_not_hidden_by_that(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    room = Room(channels=4)
+    loud = np.clip(room.samples[:, 2].astype(float) * 600, -32768, 32767)
+    room.samples[:, 2] = loud.astype(np.int16)
+    assert (np.abs(loud) >= 32767).sum() > 100
+    found = why(room.results(tmp_path, "picks.ratio=1000000"), capsys, *PICKS)
+    causes = {b["reason"]["cause"] for b in found["bad"] if b["channel"] == "G3"}
+    assert causes == {"threshold"}
 
 
 def test_a_false_pick_says_what_let_it_pass_and_the_missed_one_that_it_held_it_off(

@@ -16,8 +16,9 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..score.picks import ANSWER_S
 from .parts import accepted_picks
 from .readings import below, closeness, readings, timed
-from .reasons import silent
+from .reasons import silent, without_filter
 from .silence import FRAME_NS, silence
+from .unfiltered import passes_levels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
     from .evidence import Evidence, StageEvidence
     from .readings import GateReading
 
-#: A rejected candidate is of the arrival where fewer than so many as strong lie as near by chance:
-#: the usual 5 % of a test.
+#: A candidate beside an arrival is of it where chance brings one as near and as strong less often
+#: than so: the usual 5 % of a test.
 CHANCE = 0.05
 #: The cause of a bad pick, in one word.
 PICK_CAUSES = (
@@ -130,20 +131,55 @@ class Picking:
         candidates; NaN, so never little, where the candidates span no time.
         """
         c = part.candidates
-        true_ns = np.sort([x.time_ns for x in self.evidence.labels if x.kind == "pick"])
         strong = (c.channel == c.channel[row]) & (c.value[:, 0] >= c.value[row, 0])
-        times = c.time_ns[strong]
+        return self.rate_hz(part, strong) * 2 * off_s
+
+    def rate_hz(self, part: StageEvidence, rows: NDArray[np.bool_]) -> float:
+        """Return how many of some candidates come in a second away from true arrivals."""
+        c = part.candidates
+        true_ns = np.sort([x.time_ns for x in self.evidence.labels if x.kind == "pick"])
+        times = c.time_ns[rows]
         at = np.searchsorted(true_ns, times)
         before = np.abs(times - true_ns[np.maximum(at - 1, 0)])
         after = np.abs(times - true_ns[np.minimum(at, len(true_ns) - 1)])
         away = int((np.minimum(before, after) > ANSWER_S * NS_PER_S).sum())
         length_s = float(np.ptp(c.time_ns)) / NS_PER_S
-        return away / length_s * 2 * off_s if length_s > 0 else float("nan")
+        return away / length_s if length_s > 0 else float("nan")
+
+    def is_chance(self, part: StageEvidence, row: int, off_s: float) -> bool:
+        """Whether the nearest candidate may well lie beside a moment by chance: see :func:`chance`.
+
+        Where the count is not known, it may.
+        """
+        return not chance(self.by_chance(part, row, off_s)) <= CHANCE
 
     @property
     def within(self) -> str:
         """The tolerance as a phrase."""
         return f"tolerance {self.tolerance_s * 1e3:g} ms"
+
+
+def chance(count: float) -> float:
+    """Return how often the nearest of chance candidates is as remarkable as one, or more.
+
+    Parameters
+    ----------
+    count
+        How many as strong lie as near by chance: see :meth:`Picking.by_chance`.
+
+    Returns
+    -------
+    That count is how many lie so near, e, times which part of them is as strong, u. Of the nearest
+    of candidates that come at any time, independently, e has a negative exponential law and u any
+    value from 0 to 1, so that e u is at most the count with a probability of
+    1 - exp(-count) + count E1(count), E1 the exponential integral: more often than the count says,
+    as one may be strong and far or weak and near.
+    """
+    from scipy.special import exp1
+
+    if not count > 0:
+        return count
+    return float(-np.expm1(-count) + count * exp1(count))
 
 
 def missed(picking: Picking, channel: str, time_ns: int, first: Pick | None) -> PickReason:
@@ -174,8 +210,10 @@ def missed(picking: Picking, channel: str, time_ns: int, first: Pick | None) -> 
     broken = _broken(picking, part, channel, time_ns)
     if broken is not None:
         return broken
-    rejected = _rejected(picking, part, channel, time_ns) or _astray(
-        picking, part, channel, time_ns
+    rejected = (
+        _rejected(picking, part, channel, time_ns)
+        or _filtered(picking, part, channel, time_ns)
+        or _astray(picking, part, channel, time_ns)
     )
     if rejected is not None:
         return rejected
@@ -190,15 +228,21 @@ def missed(picking: Picking, channel: str, time_ns: int, first: Pick | None) -> 
 
 
 def _broken(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -> PickReason | None:
-    """Say that the channel stood still or was clipped at an arrival; None where it was not."""
+    """Say that the channel stood still or was clipped at an arrival; None where it was not.
+
+    Where there is a candidate at the arrival it is clipped only if it was before as well: what
+    comes after a wave may be its own doing, and did not hide it.
+    """
     source, reach = picking.traced(part), round(ANSWER_S * NS_PER_S)
     if not source.spec.trace:
         return None
     number = source.spec.channels.index(channel)
     quiet = silence(source, number, time_ns - reach, time_ns + reach)
     at_arrival = _near(source, channel, time_ns, round(picking.tolerance_s * NS_PER_S))
-    known = {"dead"} if len(at_arrival) else {"dead", "clipped"}
-    return PickReason(quiet.cause, quiet.text) if quiet.cause in known else None
+    if quiet.cause == "clipped" and len(at_arrival):
+        before = silence(source, number, time_ns - reach - FRAME_NS, time_ns - FRAME_NS)
+        return PickReason(quiet.cause, quiet.text) if before.cause == "clipped" else None
+    return PickReason(quiet.cause, quiet.text) if quiet.cause in {"dead", "clipped"} else None
 
 
 def _passed_over(
@@ -234,11 +278,47 @@ def _astray(picking: Picking, part: StageEvidence, channel: str, time_ns: int) -
             continue
         row = min(own, key=lambda r: abs(int(stage.candidates.time_ns[r]) - time_ns))
         off_s = (int(stage.candidates.time_ns[row]) - time_ns) / NS_PER_S
-        if picking.by_chance(stage, row, abs(off_s)) <= CHANCE:
+        if not picking.is_chance(stage, row, abs(off_s)):
             found = _gate(stage, row, time_ns)
             text = f"the nearest candidate comes {timed(off_s)}, {picking.within}: {found.text}"
             return PickReason("late" if off_s > 0 else "early", text, found.readings)
     return None
+
+
+def _filtered(
+    picking: Picking, part: StageEvidence, channel: str, time_ns: int
+) -> PickReason | None:
+    """Say that the filter took an arrival out; None where nothing shows that.
+
+    Without it a candidate passes every level, so near that chance seldom brings one, and nearer to
+    the arrival than any that is left with the filter: those may be the same wave.
+    """
+    source, signal = picking.traced(part), picking.evidence.unfiltered
+    if signal is None or not source.spec.trace or not signal.at_hand:
+        return None
+    number, reach = source.spec.channels.index(channel), round(ANSWER_S * NS_PER_S)
+    measured = signal.around(source, time_ns)
+    found = signal.nearest(source, number, time_ns - reach, time_ns + reach)
+    if measured is None or found is None:
+        return None
+    off_ns = abs(found.time_ns - time_ns)
+    passed = passes_levels(measured) & (measured.candidates.channel == number)
+    often = -np.expm1(-picking.rate_hz(measured, passed) * 2 * off_ns / NS_PER_S)
+    if not often <= CHANCE:
+        return None
+    left_ns = {
+        int(r): abs(int(source.candidates.time_ns[r]) - time_ns)
+        for r in _near(source, channel, time_ns, reach)
+    }
+    nearer = [r for r in left_ns if left_ns[r] <= off_ns]
+    if not all(picking.is_chance(source, r, left_ns[r] / NS_PER_S) for r in nearer):
+        return None
+    if not left_ns:
+        return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
+    nearest = min(left_ns, key=lambda r: left_ns[r])
+    told = _beside(picking, source, nearest, time_ns)
+    text = f"{without_filter(source, found, time_ns)}; with it {told.text}"
+    return PickReason("filter", text, told.readings)
 
 
 def _nothing_picked(
@@ -249,27 +329,30 @@ def _nothing_picked(
     source = picking.traced(part)
     number = source.spec.channels.index(channel)
     for stage in picking.before(part):
-        rows = _near(stage, channel, time_ns, reach)
-        off_ns = [int(stage.candidates.time_ns[r]) - time_ns for r in rows if stage.accepted[r]]
-        if off_ns:
-            off_s = min(off_ns, key=abs) / NS_PER_S
+        times = stage.candidates.time_ns
+        rows = [int(r) for r in _near(stage, channel, time_ns, reach) if stage.accepted[r]]
+        if rows:
+            row = min(rows, key=lambda r: abs(int(times[r]) - time_ns))
+            off_s = (int(times[row]) - time_ns) / NS_PER_S
             text = (
                 f"{stage.spec.stage} picked {timed(off_s)}, {picking.within}, and "
                 f"{picking.stage} took none"
             )
             if abs(off_s) <= picking.tolerance_s:
                 return PickReason("dropped", text)
+            if picking.is_chance(stage, row, abs(off_s)):
+                continue
             return PickReason("late" if off_s > 0 else "early", text)
-    rows = _near(source, channel, time_ns, reach)
-    if not len(rows):
+    near = _near(source, channel, time_ns, reach)
+    if not len(near):
         return PickReason(*silent(picking.evidence, source, number, time_ns, reach))
-    row = min(rows.tolist(), key=lambda r: abs(int(source.candidates.time_ns[r]) - time_ns))
+    row = min(near.tolist(), key=lambda r: abs(int(source.candidates.time_ns[r]) - time_ns))
     off_s = (int(source.candidates.time_ns[row]) - time_ns) / NS_PER_S
-    count = picking.by_chance(source, row, abs(off_s))
-    told = _gate(source, row, time_ns)
+    often = chance(picking.by_chance(source, row, abs(off_s)))
+    told = _beside(picking, source, row, time_ns)
     text = (
-        f"no candidate of its own: the nearest, as strong as {count:.2g} that lie so near by "
-        f"chance, comes {timed(off_s)}: {told.text}"
+        f"no candidate of its own: the nearest comes {timed(off_s)}, as near and strong a one by "
+        f"chance {100 * often:.2g} % of the time: {told.text}"
     )
     return PickReason("quiet", text, told.readings)
 
@@ -340,6 +423,15 @@ def _gate(part: StageEvidence, row: int, time_ns: int) -> PickReason:
         f"(refractory {first.threshold * 1e3:.0f} ms)"
     )
     return PickReason("refractory", text, told)
+
+
+def _beside(picking: Picking, part: StageEvidence, row: int, time_ns: int) -> PickReason:
+    """Say what became of a candidate that is none of the arrival."""
+    if not part.accepted[row]:
+        return _gate(part, row, time_ns)
+    off_s = (int(part.candidates.time_ns[row]) - time_ns) / NS_PER_S
+    text = f"the candidate {timed(off_s)} passed every gate, and {picking.stage} did not take it"
+    return PickReason("quiet", text, readings(part, row))
 
 
 def _near(part: StageEvidence, channel: str, time_ns: int, reach: int) -> NDArray[np.intp]:

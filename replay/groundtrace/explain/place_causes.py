@@ -651,6 +651,14 @@ class PlaceJudge:
                 f"at the {kind} than at its best place ({REGION:g} allowed): its velocity or "
                 f"exponent is not theirs"
             )
+        free = len(heard) - (hyperbolic if model.slope is not None else power_law).UNKNOWNS
+        left, most = float(least.loss[0]) * unit, _most_misfit(free, SURELY)
+        if free > 0 and left > most:
+            return "model", (
+                f"{noise} by the recording's own curve, but no place fits them as {own} reckons: "
+                f"the best leaves {left:.1f}, noise {most:.1f} at most: its velocity or exponent "
+                f"is not theirs"
+            )
         if length_m <= self.healer.tolerance_m and not place_above <= REGION:
             return "model", (
                 f"{noise} by the recording's own curve, which fits them {place_above:.1f} worse "

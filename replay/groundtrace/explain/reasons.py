@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from ..pipeline import StageConfig
     from ..score import StepMatch, TimingPair
     from .evidence import Evidence, StageEvidence, Unmuted
-    from .silence import Silence
 
 #: The cause of a miss, in one word; ``score`` and fleets count them.
 CAUSES = (
@@ -323,16 +322,21 @@ def _lacking(
     time_ns: int,
     reach: int,
 ) -> tuple[str, str, tuple[str, ...]]:
-    """Say what the missing channels of a group of picks lack; broken ones are the cause."""
+    """Say what the missing channels of a group of picks lack.
+
+    A step is named by its coincidence where too few channels felt it. Those that are broken, lose
+    it to the filter, or are held off by the refractory gate, as which only a candidate is that
+    passes every level, say nothing against that: they are the cause where they would be enough.
+    """
     missing = missing_channels(evidence, part, time_ns, reach, _span_of_group(part, row))
     names = tuple(f"{m.channel} {m.text}" for m in missing)
     if first.gate != "channels":
         return "coincidence", below(first), names
     text = f"picked on {first.value:g} of {first.threshold:g} channels needed"
     cause = "coincidence"
-    for broken in ("dead", "clipped", "filter"):
-        if first.value + sum(m.cause == broken for m in missing) >= first.threshold:
-            cause = broken
+    for other in ("refractory", "dead", "clipped", "filter"):
+        if first.value + sum(m.cause == other for m in missing) >= first.threshold:
+            cause = other
     source, signal = _upstream(evidence, part), evidence.unfiltered
     filtered = cause == "coincidence" and any(m.cause == "filter" for m in missing)
     if filtered and source is not None and signal is not None:
@@ -443,7 +447,8 @@ def silent(
         found = signal.nearest(part, channel, time_ns - reach, time_ns + reach)
         if found is None:
             return quiet.cause, quiet.text
-        return "filter", _filtered_text(part, found, quiet, time_ns)
+        levels = f"; {quiet.levels}" if quiet.levels else ""
+        return "filter", f"{without_filter(part, found, time_ns)}; {quiet.text}{levels}"
     if not quiet.levels or unfiltered_kind(stage) is None:
         return quiet.cause, quiet.text
     return quiet.cause, (
@@ -462,13 +467,13 @@ def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
     return worker
 
 
-def _filtered_text(part: StageEvidence, found: Unmuted, quiet: Silence, time_ns: int) -> str:
+def without_filter(part: StageEvidence, found: Unmuted, time_ns: int) -> str:
+    """Say that the filter takes something out, by the candidate that is there without it."""
     first = part.spec.columns[0]
     unit = "" if first.unit == "1" else f" {first.unit}"
-    levels = f"; {quiet.levels}" if quiet.levels else ""
     return (
         f"{FILTERED}: without it a candidate {later_text(found.time_ns - time_ns)} passes every "
-        f"threshold ({first.name} {found.value:.4g}{unit}); {quiet.text}{levels}"
+        f"threshold ({first.name} {found.value:.4g}{unit})"
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detectors.frames import FRAME_S
+from ..score.step_timing import later_text
 from .readings import told_apart
 
 if TYPE_CHECKING:
@@ -117,13 +118,43 @@ def silence(
     later = later if len(later) else rows
     peak, noise = (later[:, names.index(name)] for name in ("peak", "noise"))
     filtered = _db(float(peak.max()), float(noise.min()) * np.sqrt(2))
-    reached = float(later[:, 0].max())
-    cause, text = _reached(part, reached, floor, sought, recorded)
+    reached, other_ns = float(later[:, 0].max()), None
+    if floor is not None and reached > floor:
+        reached, other_ns = _own_value(part, channel, later[:, 0], (start_ns, end_ns))
+    but = ""
+    if other_ns is not None:
+        but = f" but for the candidate {later_text(other_ns - (start_ns + end_ns) // 2)}"
+    cause, text = _reached(part, reached, floor, sought, recorded, but)
     return Silence(cause, text, recorded, filtered)
 
 
+def _own_value(
+    part: StageEvidence, channel: int, values: NDArray[np.float64], span: tuple[int, int]
+) -> tuple[float, int | None]:
+    """Return what the decision function reached in frames about a span, and whose is left out [ns].
+
+    A frame at the edge holds what lies beside the span too. Where its largest value is that of a
+    candidate outside, it is that one's, and says nothing of the span.
+    """
+    around = round(LAG_AFTER_S * NS_PER_S)
+    rows = part.between(span[0] - around, span[1] + around)
+    times = part.candidates.time_ns[rows]
+    outside = (part.candidates.channel[rows] == channel) & ((times < span[0]) | (times > span[1]))
+    times, peaks = times[outside], part.candidates.value[rows[outside], 0].astype(np.float64)
+    own = ~np.isin(values, peaks)
+    reached = float(values[own].max()) if own.any() else float(values.max())
+    if reached >= values.max():
+        return reached, None
+    return reached, int(times[peaks == values.max()][0])
+
+
 def _reached(
-    part: StageEvidence, reached: float, floor: float | None, sought: str, recorded: float | None
+    part: StageEvidence,
+    reached: float,
+    floor: float | None,
+    sought: str,
+    recorded: float | None,
+    but: str,
 ) -> tuple[str, str]:
     """Return cause and sentence of what the decision function reached."""
     name, unit = part.spec.trace[0].name, part.spec.trace[0].unit
@@ -133,8 +164,8 @@ def _reached(
         return ("shape" if clear else "quiet"), f"{name} reached {reached:.3g}{unit}, not {sought}"
     value, least = told_apart(reached, floor, 3)
     if reached <= floor:
-        text = f"the signal never rose above the floor: {name} reached {value}{unit}, floor {least}"
-        return "quiet", text + unit
+        text = f"the signal never rose above the floor{but}: {name} reached {value}{unit}, "
+        return "quiet", f"{text}floor {least}{unit}"
     frame_ms = _frame_ns(part) / 1e6
     return "shape", (
         f"{name} reached {value}{unit} in a frame of {frame_ms:.0f} ms there, above the floor of "

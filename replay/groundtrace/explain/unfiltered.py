@@ -105,8 +105,7 @@ class Unfiltered:
         if found is None:
             return None
         rows = found.between(start_ns, end_ns)
-        levels = [i for i, gate in enumerate(found.spec.gates) if gate.name != "refractory"]
-        passed = found.margin[:, levels].min(axis=1, initial=0.0) >= 0
+        passed = passes_levels(found)
         own = [r for r in rows if found.candidates.channel[r] == channel and passed[r]]
         if not own:
             return None
@@ -225,6 +224,13 @@ class Unfiltered:
         events += list(stage.flush())
         found = stage_evidence(events, [spec.stage])
         return found[0] if found else None
+
+
+def passes_levels(part: StageEvidence) -> NDArray[np.bool_]:
+    """Return which candidates pass all gates but a refractory time, which is none of the signal."""
+    levels = [i for i, gate in enumerate(part.spec.gates) if gate.name != "refractory"]
+    passed: NDArray[np.bool_] = part.margin[:, levels].min(axis=1, initial=0.0) >= 0
+    return passed
 
 
 def _longest_flat(values: NDArray[Any], least_corner: float) -> int:
