@@ -164,6 +164,8 @@ def test_objects_are_frozen(walk: gt.Results) -> None:
     ):
         with pytest.raises(AttributeError):
             setattr(each, name, None)
+    with pytest.raises(ValueError, match="read-only"):
+        walk.steps.time_s[0] = 0.0
 
 
 def test_a_moment_is_drawn_with_its_gates(walk: gt.Results) -> None:

@@ -25,16 +25,15 @@ from .analysis import (
     Kind,
     Miss,
     Question,
-    Score,
     evidence_with,
     explained,
     misses_of,
-    scored,
 )
 from .files import existing
 from .known_truth import scored_truth_of
 from .markup import html_table
 from .pipelines import Pipeline
+from .scores import Score, scored
 from .tables import EventTable, table_of
 
 if TYPE_CHECKING:
