@@ -7,7 +7,7 @@ dataclass, ``document`` is what ``--json`` prints of them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -311,6 +311,8 @@ class Explanation:
         What was found, with everything that belongs to it.
     warnings
         What the replay warned of.
+    start_ns, sha256, places
+        Of the recording: its first sample [ns], its bytes, and where it may be.
 
     Examples
     --------
@@ -325,7 +327,8 @@ class Explanation:
     answer: Answer
     warnings: tuple[Warned, ...] = ()
     start_ns: int = 0
-    places: tuple[Path, ...] = field(default=(), repr=False)
+    sha256: str = ""
+    places: tuple[Path, ...] = ()
 
     @property
     def details(self) -> Details:
@@ -439,7 +442,7 @@ class Explanation:
         Error
             Where it explains no one moment, or the recording is not at hand.
         """
-        from .plots import plot_moment
+        from .plots import plot_moment, recording_at
 
         if self.answer.time_ns is None:
             raise RecordingError(
@@ -447,7 +450,8 @@ class Explanation:
                 f"everything; why(STEP) explains one"
             )
         chain: tuple[Chain, ...] = getattr(self.details, "chain", ())
-        return plot_moment(self.recording, self.time_s, chain, self.text, self.places)
+        recording = recording_at(self.recording, self.sha256, self.places)
+        return plot_moment(recording, self.time_s, chain, self.text)
 
     def __repr__(self) -> str:
         if self.answer.time_ns is None:
