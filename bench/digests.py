@@ -32,8 +32,8 @@ from groundtrace_recordings import path_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: Fields of documents that hold wall time, or what is installed.
-VOLATILE = frozenset({"versions", "groundtrace", "measured_s", "decided_s", "seconds"})
+#: Fields of documents that are of a run, not of a result.
+VOLATILE = frozenset({"measured_s", "decided_s", "recorded_s_per_s"})
 
 
 #: What ``why`` explains beside what it does of itself.

@@ -18,15 +18,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from groundtrace_codecs.errors import Error
 
-    from .api.analysis import Comparison, Explanation, Score, Sweep
+    from .api.analysis import Comparison, Explanation, Sweep
     from .api.comparing import compare, sweep
+    from .api.in_memory import replay
     from .api.pictures import show
     from .api.pipelines import Pipeline, pipelines
     from .api.recording import Recording, Stream, recordings
     from .api.recording import open_recording as open  # noqa: A004
     from .api.results import Results
     from .api.results import load_results as load
-    from .api.session import replay
+    from .api.scores import Score
     from .api.tables import EventTable
 
     __version__: str
@@ -62,7 +63,7 @@ _LAZY = {
     "Pipeline": (".api.pipelines", "Pipeline"),
     "Recording": (".api.recording", "Recording"),
     "Results": (".api.results", "Results"),
-    "Score": (".api.analysis", "Score"),
+    "Score": (".api.scores", "Score"),
     "Stream": (".api.recording", "Stream"),
     "Sweep": (".api.analysis", "Sweep"),
     "compare": (".api.comparing", "compare"),
@@ -70,7 +71,7 @@ _LAZY = {
     "open": (".api.recording", "open_recording"),
     "pipelines": (".api.pipelines", "pipelines"),
     "recordings": (".api.recording", "recordings"),
-    "replay": (".api.session", "replay"),
+    "replay": (".api.in_memory", "replay"),
     "show": (".api.pictures", "show"),
     "sweep": (".api.comparing", "sweep"),
 }

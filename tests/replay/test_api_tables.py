@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import sys
 from types import ModuleType
 from typing import Any
@@ -164,6 +165,8 @@ def test_objects_are_frozen(walk: gt.Results) -> None:
     ):
         with pytest.raises(AttributeError):
             setattr(each, name, None)
+    with pytest.raises(ValueError, match="read-only"):
+        walk.steps.time_s[0] = 0.0
 
 
 def test_a_moment_is_drawn_with_its_gates(walk: gt.Results) -> None:
@@ -205,3 +208,17 @@ def test_with_a_widget_results_in_memory_are_shown_by_the_viewer(
     monkeypatch.setattr(pictures, "load", lambda *_: viewer)
     assert gt.show(walk, height=500, at=7.5) == "widget"
     assert calls == [(len(walk.steps), 500, 7.5)]
+
+
+def test_a_recording_that_is_not_at_hand_is_not_drawn_and_another_of_its_name_neither(
+    walk: gt.Results,
+) -> None:
+    rec = shutil.copy(walk.recording_path, "walk.mcap")
+    gt.replay(rec, "waist-steps", {"steps.swing": 1.5}, out="walk.results.mcap")
+    loaded = gt.load("walk.results.mcap")
+    why = loaded.why(1)
+    why.plot()
+    shutil.copy(gt.recordings.get("room-walk"), "walk.mcap")
+    for draw in (why.plot, lambda: pictures.draw(loaded)):
+        with pytest.raises(gt.Error, match="expected the recording to draw, found no file of its"):
+            draw()

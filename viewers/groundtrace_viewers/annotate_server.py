@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
 from groundtrace.api.fitting import fitting_pipeline
-from groundtrace.api.known_truth import unheard
+from groundtrace.api.reports import unheard
 from groundtrace.api.session import replay_to_files, terminable
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import Results, file_sha256, read_results
@@ -30,7 +30,7 @@ from .web import listen, page_app, run
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.api.known_truth import Report
+    from groundtrace.api.reports import Report
 
     #: Shows how much of a total, in a unit, is done of what is named.
     Progress = Callable[[float, str, str], AbstractContextManager[Callable[[float], None]]]

@@ -10,7 +10,7 @@ import msgspec
 
 from groundtrace.annotate import to_json
 from groundtrace.annotate.exchange import item_of
-from groundtrace.api.known_truth import unheard
+from groundtrace.api.reports import unheard
 from groundtrace.appearing import appearing
 from groundtrace.score.html import score_page
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace.api.known_truth import Report
+    from groundtrace.api.reports import Report
 
     from .share_sources import Sources
 

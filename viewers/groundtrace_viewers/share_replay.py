@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace.api.known_truth import unheard
+from groundtrace.api.reports import unheard
 from groundtrace.api.session import replay_to_files
 from groundtrace.results import read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
@@ -18,7 +18,7 @@ from .recipe import written_recipe
 from .serve import quiet_environment, viewer_program
 
 if TYPE_CHECKING:
-    from groundtrace.api.known_truth import Report
+    from groundtrace.api.reports import Report
     from groundtrace.results import Results
 
     from .share_sources import Sources

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.annotate import annotated, kept_in
-from groundtrace.api.known_truth import scored_truth_of, unheard
+from groundtrace.api.known_truth import scored_truth_of
+from groundtrace.api.reports import unheard
 from groundtrace.errors import AnnotationError
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import read_results
@@ -25,7 +26,7 @@ from .verdict import TOLERANCE_S
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.api.known_truth import Report
+    from groundtrace.api.reports import Report
     from groundtrace.pipeline import PipelineConfig
     from groundtrace.results import Results
     from groundtrace.score import Score, StepMatch

@@ -9,13 +9,13 @@ from groundtrace_codecs.mcap.remote import is_url
 
 from ..errors import RecordingError
 from ..results import file_sha256, read_results
-from .known_truth import unheard
+from .reports import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..results import Provenance
-    from .known_truth import Report
+    from .reports import Report
 
 
 def existing(path: Path, what: str = "a recording") -> Path:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from ..errors import AnnotationError, RecordingError
 from ..results import file_sha256, replayed_labels
 from ..score.truth import scored_truth
+from .reports import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -25,9 +26,7 @@ if TYPE_CHECKING:
 
     from ..results import Results
     from ..score.truth import ScoredTruth
-
-    #: Takes a line that a person should read.
-    Report = Callable[[str], None]
+    from .reports import Report
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,10 +36,6 @@ class _Source:
     name: str
     labels: tuple[Label, ...] = ()
     annotations: tuple[Annotation, ...] = ()
-
-
-def unheard(_line: str) -> None:
-    """Take a line that nobody reads."""
 
 
 def scored_truth_of(

@@ -7,6 +7,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..explain.measuring import recording_in
 from ..plugins import load
 from ..results import ResultsSink
 from ..sinks import Session
@@ -52,7 +55,8 @@ def show(results: Results, *, at: float | None = None, height: int = 720) -> Any
     with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
         path = results.path or save(results, Path(folder, "shown.results.mcap"))
         view = load("views", "notebook")
-        return view(path, recording=results.recording_path, height=height, at_s=at)
+        recording = recording_in(results.places, results.decided.provenance.sha256)
+        return view(path, recording=recording, height=height, at_s=at)
 
 
 def draw(results: Results, at: float | None = None) -> Any:
@@ -67,12 +71,12 @@ def draw(results: Results, at: float | None = None) -> Any:
     -------
     A ``matplotlib.figure.Figure``.
     """
-    recording = recording_at(results.name, (results.recording_path,))
-    start_ns = results.decided.provenance.start_ns
+    origin = results.decided.provenance
+    recording = recording_at(results.name, origin.sha256, results.places)
     matching = results.matching
     steps = results.steps
     missed = [] if matching is None else matching.truth_ns[matching.missed].tolist()
-    missed_s = [(time_ns - start_ns) / 1e9 for time_ns in missed]
+    missed_s = [(time_ns - origin.start_ns) / NS_PER_S for time_ns in missed]
     if at is None:
         at = next(iter([*missed_s, *steps.time_s.tolist()]), 0.0)
     pyplot = needed("matplotlib.pyplot", "show")

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from groundtrace_codecs.mcap.remote import is_url
+
 from ..errors import RecordingError
+from ..explain.measuring import recording_in
 from .recording import Recording, open_recording
 from .tables import needed
 
@@ -22,43 +25,46 @@ AROUND_S = 2.0
 PASSED, FAILED, TRUE = "#2a7f3f", "#c0392b", "#555555"
 
 
-def recording_at(name: str, places: Sequence[Path]) -> Recording:
-    """Return the recording, from the first place where it is.
+def recording_at(name: str, sha256: str, places: Sequence[Path]) -> Recording:
+    """Return the recording, from the first place that holds it.
+
+    Parameters
+    ----------
+    name, sha256
+        Of the recording.
+    places
+        Where it may be; a URL is taken as it is.
 
     Raises
     ------
     RecordingError
         Where it is nowhere.
     """
-    path = next((place for place in places if place.is_file()), None)
+    url = next((place for place in places if is_url(place)), None)
+    path = url or recording_in(places, sha256)
     if path is None:
-        raise RecordingError(f"{name}: expected the recording to draw, found no such file")
+        raise RecordingError(f"{name}: expected the recording to draw, found no file of its bytes")
     return open_recording(path)
 
 
-def plot_moment(
-    name: str, time_s: float, chain: Sequence[Chain], text: str, places: Sequence[Path]
-) -> Any:
+def plot_moment(recording: Recording, time_s: float, chain: Sequence[Chain], text: str) -> Any:
     """Draw the signal about a moment with its candidates, and below the gates of the nearest.
 
     Parameters
     ----------
-    name
-        Of the recording.
+    recording
+        The recording.
     time_s
         The moment [s since the first sample].
     chain
         Candidates about it.
     text
         What stands above.
-    places
-        Where the recording may be.
 
     Returns
     -------
     Two ``matplotlib.axes.Axes``, as an array: signal, gates.
     """
-    recording = recording_at(name, places)
     pyplot = needed("matplotlib.pyplot", "plot")
     _, axes = pyplot.subplots(2, 1, figsize=(9, 5), height_ratios=(3, 2), layout="constrained")
     topics = {stream.topic for stream in recording.streams}
@@ -66,7 +72,7 @@ def plot_moment(
     draw_signal(axes[0], recording, topic, time_s)
     for link in chain:
         axes[0].axvline(link.time_s, color=PASSED if link.accepted else FAILED, lw=1)
-    axes[0].set_title(text or f"{name} at {time_s:.3f} s", loc="left", fontsize="medium")
+    axes[0].set_title(text or f"{recording.name} at {time_s:.3f} s", loc="left", fontsize="medium")
     nearest = min(chain, key=lambda link: abs(link.time_s - time_s), default=None)
     _draw_gates(axes[1], nearest)
     return axes

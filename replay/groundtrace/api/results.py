@@ -25,16 +25,16 @@ from .analysis import (
     Kind,
     Miss,
     Question,
-    Score,
     evidence_with,
     explained,
     misses_of,
-    scored,
 )
 from .files import existing
 from .known_truth import scored_truth_of
 from .markup import html_table
 from .pipelines import Pipeline
+from .recording import recordings
+from .scores import Score, scored
 from .tables import EventTable, table_of
 
 if TYPE_CHECKING:
@@ -80,6 +80,13 @@ class Results:
     def name(self) -> str:
         """File name of the recording."""
         return self.decided.provenance.recording
+
+    @property
+    def places(self) -> tuple[Path, ...]:
+        """Where the recording may be: beside the results, in this folder, or bundled."""
+        bundled = (recordings.get(name) for name in recordings)
+        there = (Path(self.recording_path.name), *(p for p in bundled if p.name == self.name))
+        return tuple(dict.fromkeys((self.recording_path, *there)))
 
     @cached_property
     def pipeline(self) -> Pipeline:
@@ -250,8 +257,8 @@ class Results:
         )
         evidence = self.evidence(truth)
         found = explained(evidence, self.decided.name, asked)
-        origin, places = self.decided.provenance, (self.recording_path,)
-        return Explanation(self.name, found, self.decided.warnings, origin.start_ns, places)
+        origin, warned = self.decided.provenance, self.decided.warnings
+        return Explanation(self.name, found, warned, origin.start_ns, origin.sha256, self.places)
 
     @cached_property
     def misses(self) -> tuple[Miss, ...]:

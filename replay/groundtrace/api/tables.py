@@ -44,7 +44,7 @@ class EventTable:
     name
         What its rows are: ``steps``, ``picks``, ...
     columns
-        Arrays of shape (n,) by their names, in the order of the columns; not to be written to.
+        Arrays of shape (n,) by their names, in the order of the columns; read only.
 
     Examples
     --------
@@ -58,6 +58,12 @@ class EventTable:
 
     name: str
     columns: Mapping[str, NDArray[Any]]
+
+    def __post_init__(self) -> None:
+        columns = {name: column.view() for name, column in self.columns.items()}
+        for column in columns.values():
+            column.flags.writeable = False
+        object.__setattr__(self, "columns", columns)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
-from ..api.analysis import score_document, scored
+from ..api.scores import score_document, scored
 from ..appearing import write_text
 from ..results import read_results
 from ..score.picks import RIGHT_S
