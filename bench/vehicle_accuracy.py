@@ -20,8 +20,7 @@ import numpy as np
 
 from groundtrace.pipeline import PipelineConfig, build_pipeline, load_pipeline
 from groundtrace.score import score_passes
-from groundtrace.score.places import true_places
-from groundtrace.score.ways import HOLD_S
+from groundtrace.score.places import HOLD_S, true_places
 from groundtrace.simulate import VehicleOptions, simulate_vehicle
 from groundtrace_codecs.events import Pass, Presence, TrackPoint
 

@@ -15,7 +15,6 @@ import argparse
 import numpy as np
 
 from groundtrace.simulate import VehicleOptions, simulate_vehicle
-from groundtrace.vehicles.api import Site
 from groundtrace.vehicles.medium import ranges
 
 NEAR_M, REACH_M, EXPONENT, CELL_M = 45.0, 150.0, 1.5, 0.25
@@ -49,7 +48,7 @@ def information(
 def bound(count: int, coherence_m: float, draws: int = 200) -> tuple[float, float]:
     """Return the median and 90 % of the mean error across [m] that the bound allows."""
     rng, drawn = np.random.default_rng(5), np.random.default_rng(0)
-    sensors = Site.of(simulate_vehicle(VehicleOptions(spacing_m=15)).geometry).places
+    sensors = simulate_vehicle(VehicleOptions(spacing_m=15)).geometry.stations().places
     errors = []
     for _ in range(count):
         rng.uniform(3, 15)

@@ -27,13 +27,7 @@ from groundtrace.annotate.journal import FORMAT, VERSION, Action, Change, Header
 from groundtrace.commands import main
 from groundtrace.errors import GroundtraceError
 from groundtrace.pipeline import build_pipeline, named_pipelines, parse_pipeline
-from groundtrace_codecs.annotations import (
-    Annotation,
-    RecordingKey,
-    Sidecar,
-    read_sidecar,
-    write_sidecar,
-)
+from groundtrace_codecs.annotations import Annotation, RecordingKey, Sidecar, read_sidecar
 from groundtrace_codecs.errors import CodecError, FormatError
 from groundtrace_codecs.event_codec import events_of
 from groundtrace_codecs.geometry import Geometry
@@ -53,6 +47,7 @@ from groundtrace_codecs.mcap import McapFile, MemoryBytes
 from groundtrace_codecs.mcap.records import CHUNK, DATA_END
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.truth import read_truth_csv
+from groundtrace_codecs.writer import write_sidecar
 from groundtrace_recordings import maps, path_of
 
 if TYPE_CHECKING:

@@ -89,6 +89,17 @@ class Sidecar:
     journal: str
     actions: int
 
+    def metadata(self) -> dict[str, str]:
+        """Return what the metadata record :data:`SIDECAR` says of it."""
+        return {
+            "version": VERSION,
+            "recording": self.key.name,
+            "sha256": self.key.sha256,
+            "start_ns": str(self.key.start_ns),
+            "journal": self.journal,
+            "actions": str(self.actions),
+        }
+
 
 def sidecar_path(recording: Path) -> Path:
     """Return where the annotations of a recording are."""
@@ -194,32 +205,6 @@ def _number(values: dict[str, str], name: str, path: Path) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) < 20) or int(text) >= _INT64_LIMIT:
         raise SchemaError(f"{path.name}: {name}: expected a whole number, found {text[:40]!r}")
     return int(text)
-
-
-def write_sidecar(path: Path, sidecar: Sidecar) -> None:
-    """Write a sidecar so that at any moment the old or the new one is there, whole.
-
-    Raises
-    ------
-    CodecError
-        Where it cannot be written.
-    """
-    from .writer import RecordingWriter
-
-    key = sidecar.key
-    values = {
-        "version": VERSION,
-        "recording": key.name,
-        "sha256": key.sha256,
-        "start_ns": str(key.start_ns),
-        "journal": sidecar.journal,
-        "actions": str(sidecar.actions),
-    }
-    fresh = path.with_name(f"{path.name}.new")
-    with RecordingWriter(fresh, force=True) as writer:
-        writer.add_metadata(SIDECAR, values)
-        writer.add_annotations(sidecar.annotations)
-    replace_durably(fresh, path)
 
 
 def replace_durably(fresh: Path, path: Path) -> None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
-from .description import PREVIEW_KEY, STREAM_KEY, placed, stream_from_json
+from .description import PREVIEW_KEY, STREAM_KEY, stream_from_json
 from .errors import CodecError, SchemaError
+from .geometry import placed
 from .mcap import MessageTable
 from .readable import pass_over, readable
 from .schemas.cdr import CdrDecoder

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .description import PREVIEW_KEY
 from .errors import CodecError, NoRoomError
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from .encoders import Output, Packet
     from .mcap import ChannelRecord, Message, Schema
 
 TOOL = "groundtrace"
@@ -31,6 +31,27 @@ def tool_version() -> str:
     with suppress(PackageNotFoundError):
         return version(TOOL)
     return "0"
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """An MCAP channel to be written: topic, message type and metadata."""
+
+    topic: str
+    schema: str
+    schema_encoding: str
+    schema_data: bytes = field(repr=False)
+    encoding: str
+    metadata: tuple[tuple[str, str], ...] = ()
+
+
+class Packet(NamedTuple):
+    """One message to be written; times in ns."""
+
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
 
 
 class _Growing:

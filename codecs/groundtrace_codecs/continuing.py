@@ -16,7 +16,7 @@ from .site import TRANSFORM_TOPIC
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from .encoders import Output
+    from .container import Output
     from .writer import RecordingWriter
 
 

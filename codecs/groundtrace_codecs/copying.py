@@ -6,8 +6,8 @@ import heapq
 from typing import TYPE_CHECKING
 
 from .annotations import ANNOTATIONS_TOPIC, encode_annotation, in_order
-from .container import Container
-from .encoders import Packet, protobuf_output
+from .container import Container, Packet
+from .encoders import protobuf_output
 from .errors import CodecError, FormatError
 from .label_codec import label_channels
 from .mcap import McapFile

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from .errors import SchemaError
 from .signals import Stream
-
-if TYPE_CHECKING:
-    from .geometry import Geometry
 
 #: Channel metadata: JSON of the stream the channel carries.
 STREAM_KEY = "groundtrace.stream"
@@ -48,14 +44,3 @@ def stream_from_json(text: str, topic: str, place: str) -> Stream:
             f"channels at {stream.rate_hz} Hz"
         )
     return replace(stream, topic=topic)
-
-
-def placed(stream: Stream, geometry: Geometry | None) -> Stream:
-    """Return the stream with the positions its geometry gives to channels of the same name."""
-    if geometry is None:
-        return stream
-    where = {s.channel: (s.x, s.y, s.z) for s in geometry.sensors}
-    channels = tuple(
-        replace(c, position_m=where.get(c.name, c.position_m)) for c in stream.channels
-    )
-    return replace(stream, channels=channels)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import heapq
 import math
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from .container import Output, Packet
 from .description import PREVIEW_KEY, STREAM_KEY, stream_json
 from .schemas.cdr_template import CdrTemplate
 from .schemas.msgs import ros2msg
@@ -39,27 +40,6 @@ IMU_MAX_HZ = 500.0
 _IMU = "sensor_msgs/Imu"
 _ARRAY = "std_msgs/Float64MultiArray"
 _U32 = (1 << 32) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class Output:
-    """An MCAP channel to be written: topic, message type and metadata."""
-
-    topic: str
-    schema: str
-    schema_encoding: str
-    schema_data: bytes = field(repr=False)
-    encoding: str
-    metadata: tuple[tuple[str, str], ...] = ()
-
-
-class Packet(NamedTuple):
-    """One message to be written; times in ns."""
-
-    log_ns: int
-    publish_ns: int
-    sequence: int
-    data: bytes
 
 
 class Encoder(Protocol):

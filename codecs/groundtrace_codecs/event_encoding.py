@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from .container import Output, Packet
 from .description import SPEC_KEY
-from .encoders import Output, Packet, protobuf_output
+from .encoders import protobuf_output
 from .event_codec import TOPICS, candidates_topic, spec_json, trace_topic
 from .event_mirror import mirror
 from .events import CandidateBlock, Disturbance, Gap, Presence, StageSpec, TraceBlock

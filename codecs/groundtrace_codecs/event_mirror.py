@@ -6,8 +6,8 @@ import math
 from functools import cache
 from typing import TYPE_CHECKING
 
+from .container import Output, Packet
 from .description import ROLE_KEY
-from .encoders import Output, Packet
 from .events import (
     Bearing,
     Disagreement,

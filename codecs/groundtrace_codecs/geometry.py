@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 
 from .errors import SchemaError
 from .geometry_toml import UNKNOWN_UNIT, geometry_table, geometry_text
 from .signals import SEISMIC_QUANTITIES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from .signals import Stream
 
+    Array = NDArray[np.float64]
+
+#: Name of the attachment that holds a recording's geometry.
+SITE_NAME = "site.json"
+#: Sensors no further apart are at one place [m].
+_SAME_M = 0.01
+#: Stations are in a line where they stray from it by less than this part of its length.
+_STRAIGHT = 0.1
 #: So many names are listed.
 _LISTED = 8
 
@@ -110,12 +122,39 @@ class Geometry:
         """What to write behind a length: ``m``, or ``units`` where the unit is unknown."""
         return "units" if self.unit == UNKNOWN_UNIT else "m"
 
+    def clock_offsets(self, channels: Iterable[str]) -> Array:
+        """Return how far the clock of each channel is ahead, 0 where unknown, shape (n,) [s]."""
+        ahead = {s.channel: s.clock_offset_s for s in self.sensors}
+        return np.array([ahead.get(name, 0.0) for name in channels], np.float64)
+
+    def stations(self) -> Stations:
+        """Return the stations: the sensors of one place are one."""
+        names: list[str] = []
+        places: list[tuple[float, float]] = []
+        of_channel: dict[str, int] = {}
+        for sensor in self.sensors:
+            here = (sensor.x, sensor.y)
+            apart = [np.hypot(here[0] - x, here[1] - y) for x, y in places]
+            index = next((i for i, d in enumerate(apart) if d < _SAME_M), len(places))
+            if index == len(places):
+                names.append(sensor.name)
+                places.append(here)
+            of_channel[sensor.channel] = index
+        velocity = self.medium.velocity_mps
+        return Stations(
+            tuple(names),
+            np.array(places, np.float64).reshape(-1, 2),
+            of_channel,
+            np.array(self.road, np.float64).reshape(-1, 2),
+            float("inf") if velocity is None else velocity,
+        )
+
     def to_json(self) -> bytes:
         """Return the geometry as the JSON of a recording's ``site.json``."""
         return msgspec.json.encode(self)
 
     @classmethod
-    def from_json(cls, data: bytes, place: str = "site.json") -> Geometry:
+    def from_json(cls, data: bytes, place: str = SITE_NAME) -> Geometry:
         """Read a recording's ``site.json``.
 
         Raises
@@ -147,6 +186,85 @@ class Geometry:
     def to_toml(self) -> str:
         """Return the geometry as a TOML that :meth:`from_toml` reads as the same."""
         return geometry_text(msgspec.to_builtins(self))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stations:
+    """Stations, a road beside them, and the ground.
+
+    Attributes
+    ----------
+    names
+        Of the stations; a station of three axes is one.
+    places
+        Shape (n, 2) [m].
+    of_channel
+        The station of each channel, by index.
+    road
+        Shape (k, 2): corners of the road in its forward direction [m]; k is 0 where none is known.
+    velocity_mps
+        Of the waves [m/s]; inf where unknown.
+    """
+
+    names: tuple[str, ...]
+    places: Array
+    of_channel: dict[str, int]
+    road: Array
+    velocity_mps: float
+
+    def along_road(self) -> tuple[Array, Array]:
+        """Return how far along the road each station is, and how far from it, shapes (n,) [m].
+
+        Without a road: along the line through the stations, from the first on, and 0.
+        """
+        if len(self.road) < 2:
+            along = _axis(self.places)
+            way = (self.places - self.places[0]) @ along
+            return way * (1 if way[-1] >= 0 else -1), np.zeros(len(way))
+        found = [_projected(place, self.road) for place in self.places]
+        return np.array([a for a, _ in found]), np.array([d for _, d in found])
+
+    def in_line(self) -> bool:
+        """Return whether the stations are in a line along the road, as they are beside one."""
+        if len(self.names) < 2:
+            return True
+        centred = self.places - self.places.mean(axis=0)
+        spread = np.linalg.svd(centred, compute_uv=False)
+        straight = len(spread) < 2 or spread[1] < _STRAIGHT * spread[0]
+        if len(self.road) < 2:
+            return bool(straight)
+        along, _ = self.along_road()
+        length = float(np.linalg.norm(self.places[:, None] - self.places, axis=2).max())
+        return bool(straight and np.ptp(along) > 0.7 * length)
+
+
+def _axis(places: Array) -> Array:
+    centred = places - places.mean(axis=0)
+    return np.asarray(np.linalg.svd(centred)[2][0])
+
+
+def _projected(place: Array, road: Array) -> tuple[float, float]:
+    """Return the way along the corners of a road to its point nearest to a place; the distance."""
+    best, gone = (0.0, float("inf")), 0.0
+    for a, b in pairwise(road):
+        length = float(np.hypot(*(b - a)))
+        part = float(np.clip((place - a) @ (b - a) / length**2, 0, 1)) if length else 0.0
+        away = float(np.hypot(*(place - a - part * (b - a))))
+        if away < best[1]:
+            best = gone + part * length, away
+        gone += length
+    return best
+
+
+def placed(stream: Stream, geometry: Geometry | None) -> Stream:
+    """Return the stream with the positions its geometry gives to channels of the same name."""
+    if geometry is None:
+        return stream
+    where = {s.channel: (s.x, s.y, s.z) for s in geometry.sensors}
+    channels = tuple(
+        replace(c, position_m=where.get(c.name, c.position_m)) for c in stream.channels
+    )
+    return replace(stream, channels=channels)
 
 
 def geometry_warnings(geometry: Geometry | None, streams: Sequence[Stream]) -> list[str]:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 #: Kinds a truth table may hold; ``walking``, ``ignore``, ``count`` and ``idle`` (movement that is
 #: no walking) are spans; ``trailing`` is the second contact of a side step, no step of its own.
@@ -86,6 +90,11 @@ class Label:
         if first_ns >= end_ns or self.kind == "count":
             return None
         return replace(self, time_ns=first_ns, end_ns=end_ns)
+
+
+def has_vehicles(labels: Iterable[Label]) -> bool:
+    """Return whether truth has vehicles: they pass stations, and steps have no places."""
+    return any(x.kind == "pass" for x in labels)
 
 
 def as_truth(label: Label) -> Label:

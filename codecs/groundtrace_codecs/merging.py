@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from .annotations import ANNOTATIONS_TOPIC
 from .container import Container
 from .errors import CodecError, FormatError
+from .geometry import SITE_NAME
 from .label_codec import TRUTH_TOPIC, decode_label, label_channels
 from .merge_part import ORIGIN_KEY, Part
 from .merge_record import MERGE, clocks_record
-from .recording import SITE_NAME
 from .retiming import Retimed, retimed
 from .rewriting import appearing
 from .said_labels import Said

@@ -12,7 +12,7 @@ from .annotations import annotations_of
 from .batches import batches
 from .channels import ChannelReader, Stamped, reader_for
 from .errors import CodecError
-from .geometry import Geometry
+from .geometry import SITE_NAME, Geometry
 from .label_codec import TRUTH_TOPIC, labels_of
 from .lags import lags_of
 from .mcap import Damage, McapFile
@@ -29,9 +29,8 @@ if TYPE_CHECKING:
     from .lags import Lag
     from .mcap import ByteSource, Message
 
-__all__ = ["SITE_NAME", "OtherTopic", "Recording", "Stamped"]
+__all__ = ["OtherTopic", "Recording", "Stamped"]
 
-SITE_NAME = "site.json"
 #: Log time over which messages are decoded together; blocks come out in order of log time.
 BATCH_NS = NS_PER_S // 4
 #: How much later or earlier than seen at its start a channel may be logged after its samples.

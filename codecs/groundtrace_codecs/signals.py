@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 NS_PER_S = 1_000_000_000
+#: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
+FIRST_DATE_NS = 315_532_800_000_000_000
 
 #: Quantities a seismic channel may carry, whatever its sensor and digitiser.
 SEISMIC_QUANTITIES = frozenset(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .container import Output, Packet
 from .description import ROLE_KEY
-from .encoders import Output, Packet
 from .schemas.protobuf import descriptor_set, set_time
 
 if TYPE_CHECKING:

@@ -6,20 +6,13 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from .annotations import ANNOTATIONS_TOPIC, encode_annotation
-from .container import CHUNK_BYTES, TOOL, Container, tool_version
-from .encoders import (
-    Encoder,
-    Output,
-    Packet,
-    encoders_for,
-    merged_pieces,
-    protobuf_output,
-)
+from .annotations import ANNOTATIONS_TOPIC, SIDECAR, encode_annotation, replace_durably
+from .container import CHUNK_BYTES, TOOL, Container, Output, Packet, tool_version
+from .encoders import Encoder, encoders_for, merged_pieces, protobuf_output
 from .errors import CodecError
 from .event_encoding import encode_event
+from .geometry import SITE_NAME
 from .label_codec import TRUTH_TOPIC, encode_label
-from .recording import SITE_NAME
 from .schemas.waveform import FORMATS
 from .site import transforms
 
@@ -27,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from types import TracebackType
 
-    from .annotations import Annotation
+    from .annotations import Annotation, Sidecar
     from .events import Event
     from .geometry import Geometry
     from .labels import Label
@@ -280,6 +273,21 @@ def write_recording(
         for attachment in attachments:
             writer.add_attachment(*attachment)
         writer.add_metadata("recording", _origin(start_ns))
+
+
+def write_sidecar(path: Path, sidecar: Sidecar) -> None:
+    """Write a sidecar so that at any moment the old or the new one is there, whole.
+
+    Raises
+    ------
+    CodecError
+        Where it cannot be written.
+    """
+    fresh = path.with_name(f"{path.name}.new")
+    with RecordingWriter(fresh, force=True) as writer:
+        writer.add_metadata(SIDECAR, sidecar.metadata())
+        writer.add_annotations(sidecar.annotations)
+    replace_durably(fresh, path)
 
 
 def _origin(start_ns: int) -> dict[str, str]:

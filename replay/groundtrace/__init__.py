@@ -8,9 +8,6 @@ __all__ = ["__version__"]
 def __getattr__(name: str) -> str:
     if name != "__version__":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib.metadata import PackageNotFoundError, version
+    from .version import installed_version
 
-    try:
-        return version("groundtrace")
-    except PackageNotFoundError:  # run from a source tree that is not installed
-        return "0+unknown"
+    return installed_version()

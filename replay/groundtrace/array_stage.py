@@ -14,7 +14,6 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .array_method import Window
 from .gates import Carry, decided_block, gate_specs
-from .localizer_stage import clock_offsets
 from .recall import Recall
 from .stage import PluginStage, accepted_events
 
@@ -133,7 +132,7 @@ class ArrayStage(PluginStage["ArrayMethod"]):
             round(s * NS_PER_S) for s in (p.before_s, p.after_s, self.window_s)
         )
         stream = block.stream.select(columns)
-        ahead_s = clock_offsets([c.name for c in stream.channels], self.geometry)
+        ahead_s = self.geometry.clock_offsets(c.name for c in stream.channels)
         recall = Recall(stream, before, after, window, ahead_s)
         return _Run(columns, recall, self.kind(self.parameters))
 

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
-
 from .compiled import compiled
 
 if TYPE_CHECKING:
@@ -24,6 +22,7 @@ def time_since_passed(
     alive: NDArray[np.bool_],
     spacing_s: float,
     before: NDArray[np.int64],
+    ns_per_s: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return for every candidate the time since the last of its channel that passed [s], (n,).
 
@@ -35,6 +34,8 @@ def time_since_passed(
         A candidate passes where at least this time is over.
     before
         Shape (2 * k,): k channels of which one passed before, and when the last one did.
+    ns_per_s
+        Of all these times.
 
     Returns
     -------
@@ -54,7 +55,7 @@ def time_since_passed(
     for i in range(len(time_ns)):
         own = channel[i]
         if last_ns[own] != NEVER:
-            since_s[i] = (time_ns[i] - last_ns[own]) / NS_PER_S
+            since_s[i] = (time_ns[i] - last_ns[own]) / ns_per_s
         if alive[i] and since_s[i] >= spacing_s:
             last_ns[own] = time_ns[i]
     return since_s, last_ns

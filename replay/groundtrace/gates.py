@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, GateSpec
+from groundtrace_codecs.signals import NS_PER_S
 
 from .later import Later
 
@@ -207,6 +208,7 @@ class Refractory:
             alive,
             threshold,
             np.array([*last, *last.values()], np.int64),
+            NS_PER_S,
         )
         for channel, time_ns in enumerate(times.tolist()):
             if time_ns != gate_kernels.NEVER:

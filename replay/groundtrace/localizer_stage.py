@@ -70,12 +70,6 @@ def placed_channels(
     return {s.channel: index for index, s in enumerate(placed)}, positions
 
 
-def clock_offsets(channels: Iterable[str], geometry: Geometry) -> NDArray[np.float64]:
-    """Return how far the clock of each channel is ahead, 0 where unknown, shape (n,) [s]."""
-    ahead = {s.channel: s.clock_offset_s for s in geometry.sensors}
-    return np.array([ahead.get(name, 0.0) for name in channels], np.float64)
-
-
 def first_arrivals(
     picks: Iterable[Pick],
     channels: Mapping[str, int],
@@ -192,7 +186,7 @@ class LocalizerStage(PluginStage["Localizer"]):
             medium = self.geometry.medium
             room = outline if len(outline) else None
             lacking = worker.start(Site(positions, room, medium, self.geometry.length_unit))
-        ahead = clock_offsets(places, self.geometry)
+        ahead = self.geometry.clock_offsets(places)
         self._runs[source.topic] = _Run(worker, spec, places, ahead, lacking)
         if not lacking:
             yield spec

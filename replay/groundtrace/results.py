@@ -15,8 +15,8 @@ import msgspec
 from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
-from . import __version__
 from .errors import RecordingError
+from .version import installed_version
 from .warned import warnings_of
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Provenance:
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
     found = {name: version(name) for name in PACKAGES if name != "groundtrace"}
-    return {"python": platform.python_version(), "groundtrace": __version__} | found
+    return {"python": platform.python_version(), "groundtrace": installed_version()} | found
 
 
 def file_sha256(path: Path) -> str:

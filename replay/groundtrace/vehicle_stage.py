@@ -12,7 +12,6 @@ from groundtrace_codecs.geometry import Geometry
 from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit
 from .stage import PluginStage
-from .vehicles.api import Site
 from .vehicles.joining import CycleJoin
 
 if TYPE_CHECKING:
@@ -97,7 +96,7 @@ class VehicleStage(PluginStage["VehicleWorker"]):
         self._run, self._told = copy.deepcopy(saved)
 
     def _begin(self, topic: str) -> _Run | None:
-        site = Site.of(self.geometry)
+        site = self.geometry.stations()
         if len(site.names) < self.kind.least_stations:
             return None
         worker = self.kind(self.parameters)
@@ -114,7 +113,7 @@ class VehicleStage(PluginStage["VehicleWorker"]):
         elif not self._told and self.allowed(block.spec.topic):
             self._told = True
             text = f"expected a geometry with places of {self.kind.least_stations} or more stations"
-            found = len(Site.of(self.geometry).names) or "none"
+            found = len(self.geometry.stations().names) or "none"
             text = f"{block.spec.topic}: no {self.kind.emits}: {text}, found {found}"
             yield Note(int(block.time_ns[0]), text, "WARN", self.name)
 

@@ -18,7 +18,6 @@ from groundtrace_codecs.annotations import (
     decode_annotation,
     encode_annotation,
     read_sidecar,
-    write_sidecar,
 )
 from groundtrace_codecs.copying import copy_with_annotations
 from groundtrace_codecs.errors import CodecError, SchemaError
@@ -26,6 +25,7 @@ from groundtrace_codecs.label_codec import decode_label, encode_label
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.truth import read_truth, write_truth_csv
+from groundtrace_codecs.writer import write_sidecar
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,8 +17,7 @@ from groundtrace_codecs.importers.guess import Guess, guess_map
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import Imported
-    from groundtrace_codecs.importers.maps import ColumnMap, ImportMap
+    from groundtrace_codecs.importers.api import ColumnMap, Imported, ImportMap
 
 G0 = 9.80665
 

@@ -233,7 +233,7 @@ def test_without_rosbags_the_error_names_the_command(
 
 
 def test_a_map_has_no_place_with_a_bag(tmp_path: Path) -> None:
-    from groundtrace_codecs.importers.maps import ColumnMap, ImportMap, StreamMap
+    from groundtrace_codecs.importers.api import ColumnMap, ImportMap, StreamMap
 
     column = ColumnMap("a", "seismic", "count")
     map_ = ImportMap("ros", (StreamMap("/s", (column,)),), rate_hz=1.0)

@@ -10,20 +10,21 @@ from vehicle_runs import replayed, road
 
 from groundtrace.pipeline import build_pipeline, load_pipeline
 from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle, Site
+from groundtrace.vehicles.api import Cycle
 from groundtrace.vehicles.crossings import Way, crossing_of, lines_of
 from groundtrace.vehicles.lines import Course
-from groundtrace.vehicles.road_places import along_road, in_line
 from groundtrace.vehicles.runs import RunCollector, RunLimits
 from groundtrace_codecs.events import Pass
-from groundtrace_codecs.geometry import Geometry, Sensor
+from groundtrace_codecs.geometry import Geometry, Sensor, Stations
 
 STATIONS = VehicleOptions(layout="stations", passes=2, seed=3, duration_s=60)
 
 
-def site(*places: tuple[str, float, float], along: tuple[tuple[float, float], ...] = ()) -> Site:
+def site(
+    *places: tuple[str, float, float], along: tuple[tuple[float, float], ...] = ()
+) -> Stations:
     sensors = tuple(Sensor(name, name, x, y) for name, x, y in places)
-    return Site.of(Geometry(sensors=sensors, road=along))
+    return Geometry(sensors=sensors, road=along).stations()
 
 
 def test_stations_with_a_recorder_each_pass_as_those_of_one() -> None:
@@ -45,9 +46,9 @@ def test_stations_with_a_recorder_each_pass_as_those_of_one() -> None:
 
 def test_axes_of_one_place_are_one_station() -> None:
     sensors = [Sensor("S1", f"S1{axis}", 1.0, 2.0, axis=axis) for axis in "xyz"]
-    found = Site.of(Geometry(sensors=(*sensors, Sensor("S2", "S2", 5.0, 2.0))))
+    found = Geometry(sensors=(*sensors, Sensor("S2", "S2", 5.0, 2.0))).stations()
     assert found.names == ("S1", "S2")
-    assert found.stations == {"S1x": 0, "S1y": 0, "S1z": 0, "S2": 1}
+    assert found.of_channel == {"S1x": 0, "S1y": 0, "S1z": 0, "S2": 1}
 
 
 def test_antennas_are_lines_by_their_names() -> None:
@@ -69,16 +70,16 @@ def test_a_line_is_crossed_only_across(velocity: tuple[float, float], crossed: b
 
 def test_stations_beside_a_road_are_told_from_antennas_across_it() -> None:
     along = ((-50.0, 5.0), (100.0, 5.0))
-    assert in_line(site(("S1", 0, 0), ("S2", 20, 0), ("S3", 40, 1), along=along))
-    assert not in_line(site(("A1", 0, 0), ("A2", 0, 20), ("A3", 0, 40), along=along))
-    assert not in_line(
-        site(("A1", 0, 0), ("A2", 20, 0), ("B1", 0, 20), ("B2", 20, 20), along=along)
-    )
+    assert site(("S1", 0, 0), ("S2", 20, 0), ("S3", 40, 1), along=along).in_line()
+    assert not site(("A1", 0, 0), ("A2", 0, 20), ("A3", 0, 40), along=along).in_line()
+    assert not site(
+        ("A1", 0, 0), ("A2", 20, 0), ("B1", 0, 20), ("B2", 20, 20), along=along
+    ).in_line()
 
 
 def test_places_along_a_bent_road_are_along_its_corners() -> None:
     bent = ((0.0, 0.0), (10.0, 0.0), (10.0, 30.0))
-    way, away = along_road(site(("S1", 4, 2), ("S2", 13, 20), along=bent))
+    way, away = site(("S1", 4, 2), ("S2", 13, 20), along=bent).along_road()
     assert way == pytest.approx([4, 30])
     assert away == pytest.approx([2, 3])
 

@@ -10,7 +10,7 @@ from vehicle_powers import LAW
 from vehicle_runs import replayed, told
 
 from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle, Site
+from groundtrace.vehicles.api import Cycle
 from groundtrace.vehicles.course_worker import (
     CourseFinder,
     CourseParameters,
@@ -125,7 +125,7 @@ def test_a_run_of_any_powers_at_a_row_ends_without_an_error(seed: int) -> None:
         CycleCourseFinder(CycleCourseParameters()),
         CurveFinder(CurveParameters()),
     ):
-        worker.start(Site.of(nodes(*map(tuple, PLACES.tolist()))), "course")
+        worker.start(nodes(*map(tuple, PLACES.tolist())).stations(), "course")
         for time_s, power, floor in zip(times, powers, floors, strict=True):
             worker.take(Cycle(round(time_s * 1e9), power, floor, 0 * floor, floor > 0))
         found = worker.finish()

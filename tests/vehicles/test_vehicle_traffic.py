@@ -82,7 +82,7 @@ def test_scatter_is_found_shared_or_not() -> None:
     own = fluctuating(mean, rng, FREEDOM)
     for powers, shared in ((own, 0.0), (own[:, :1] * mean, 0.95)):
         observed = RoadPowers(np.arange(2000.0), powers, 0.01 * mean, ALONG, OFFSETS, 1.5, 1.0)
-        scatter = scatter_of(observed, mean)
+        scatter = scatter_of(observed.powers, observed.noise, observed.known, mean)
         assert scatter.variance == pytest.approx(2 / FREEDOM, rel=0.15)
         assert scatter.shared == pytest.approx(shared, abs=0.1)
         assert scatter.lasting < 0.1

@@ -11,7 +11,7 @@ from vehicle_powers import ANTENNAS, LAW, fluctuating
 from vehicle_runs import replayed
 
 from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle, Site
+from groundtrace.vehicles.api import Cycle
 from groundtrace.vehicles.course_worker import (
     CourseFinder,
     CourseParameters,
@@ -103,7 +103,7 @@ def followed(stage: type[RunWorker], parameters: object, powers: Observed) -> li
     """Return the notes of one run of cycles."""
     sensors = tuple(Sensor(f"S{i}", f"S{i}", x, y) for i, (x, y) in enumerate(ANTENNAS))
     worker = stage(parameters)
-    worker.start(Site.of(Geometry(sensors=sensors)), "course")
+    worker.start(Geometry(sensors=sensors).stations(), "course")
     for time_s, power in zip(powers.times_s, powers.powers, strict=True):
         floors = np.full(len(power), FLOOR)
         cycle = Cycle(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)

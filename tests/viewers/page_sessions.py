@@ -38,24 +38,44 @@ def write_walk(path: Path) -> Path:
 @contextmanager
 def serving(recording: Path, *options: str) -> Iterator[Served]:
     """Run ``groundtrace annotate --serve`` until the block ends."""
+    asked = ("annotate", str(recording), "--serve", "--no-browser", *options)
+    with running(recording.parent, *asked) as (process, url):
+        yield Served(url, url.partition("token=")[2], port_of(url), process)
+
+
+@contextmanager
+def showing(recording: Path, *options: str) -> Iterator[Served]:
+    """Run ``groundtrace replay --web`` until the block ends."""
+    asked = ("replay", str(recording), "--web", *options)
+    with running(recording.parent, *asked, ends_with=130) as (process, url):
+        yield Served(url, "", port_of(url), process)
+
+
+def port_of(url: str) -> int:
+    """Return the port of a page on this machine."""
+    return int(url.split(":")[2].split("/")[0])
+
+
+@contextmanager
+def running(
+    folder: Path, *asked: str, ends_with: int = 0
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a command that serves a page, which it says on stderr, until the block ends."""
     program = "from groundtrace.commands import main; main()"
-    asked = ["annotate", str(recording), "--serve", "--no-browser", *options]
     process = subprocess.Popen(
         [sys.executable, "-c", program, *asked],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
-        cwd=recording.parent,
+        cwd=folder,
         text=True,
     )
     try:
-        url = _url(process)
-        token, port = url.partition("token=")[2], int(url.split(":")[2].split("/")[0])
-        yield Served(url, token, port, process)
+        yield process, _url(process)
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-            assert process.wait(20) == 0, "Ctrl-C ends it cleanly"
+            assert process.wait(20) == ends_with, "Ctrl-C ends it cleanly"
         if process.stderr is not None:
             process.stderr.close()
 

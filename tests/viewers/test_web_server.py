@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import psutil
 import pytest
 import rerun as rr
-from page_sessions import Served, serving, write_walk
+from page_sessions import Served, serving, showing, write_walk
 
 from groundtrace.annotate import Annotations, stored
 from groundtrace_viewers.errors import ViewerError
@@ -64,6 +64,16 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def served(recording: Path) -> Iterator[Served]:
     with serving(recording, "--author", "ada") as running:
         yield running
+
+
+def test_a_replay_for_the_web_is_served_until_ctrl_c(recording: Path) -> None:
+    with showing(recording) as page:
+        (server,) = psutil.Process(page.process.pid).children()
+        moments = ask(page, "/moments.json").document
+        assert (moments["recording"], moments["truth"]) == ("walk.mcap", True)
+        assert {event["kind"] for event in moments["events"]} >= {"step"}
+        assert ask(page, "/replay.rrd").body[:4] == b"RRF2"
+    assert not server.is_running()
 
 
 def test_it_listens_on_this_machine_only(served: Served) -> None:

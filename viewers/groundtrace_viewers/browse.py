@@ -8,13 +8,32 @@ import sys
 from typing import TYPE_CHECKING
 
 from .errors import ViewerError
-from .serve import quiet_environment
+from .serve import LOOPBACK, free_port, quiet_environment
 from .viewer_files import fetch
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from .moments import Moments
+    from .sink import RerunSink
+
+
+def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
+    """Serve a replay that has ended, taken for the web, to browsers on this machine.
+
+    Returns
+    -------
+    The address of its page, and the server, which serves until it is terminated.
+
+    Raises
+    ------
+    ViewerError
+        Where there is no such replay, or the page does not come up.
+    """
+    if shown.path is None:
+        raise ViewerError("page: expected a replay with a file, found none")
+    port = free_port()
+    return f"http://{LOOPBACK}:{port}", serve_web(shown.path, port, shown.moments)
 
 
 def serve_web(path: Path, port: int, moments: Moments) -> subprocess.Popen[bytes]:

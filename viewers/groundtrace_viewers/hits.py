@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizer_stage import clock_offsets, first_arrivals, placed_channels
+from groundtrace.localizer_stage import first_arrivals, placed_channels
 from groundtrace.localizers.location import LEAST_PICKS
 from groundtrace.localizers.outline import outline_of
 from groundtrace.localizers.regions import borders, corners
@@ -101,7 +101,7 @@ class RegionLog:
         self._window_s = window_s
         self._colour = colour
         self._channels, self._positions = placed_channels(picking.channels, geometry)
-        self._offsets = clock_offsets(self._channels, geometry)
+        self._offsets = geometry.clock_offsets(self._channels)
         self._outline = np.array(geometry.outline, np.float64)
         shown = {s.channel: s.name for s in geometry.sensors}
         self._names = [shown[channel] for channel in self._channels]

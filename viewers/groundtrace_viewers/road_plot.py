@@ -52,18 +52,15 @@ class RoadPlot:
     """
 
     def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
-        from groundtrace.vehicles.api import Site
-        from groundtrace.vehicles.road_places import along_road
-
         self._timeline = timeline
         self._session = session
         self._passes: list[Pass] = []
         self._begun = False
         geometry = session.geometry
-        self._site = Site.of(geometry) if geometry is not None else None
+        self._site = geometry.stations() if geometry is not None else None
         self._along: dict[str, float] = {}
         if self._site is not None and self._site.names:
-            along, _ = along_road(self._site)
+            along, _ = self._site.along_road()
             self._along = dict(zip(self._site.names, along.tolist(), strict=True))
         signs = signs_of(geometry, colours) if geometry is not None else []
         self._shades = {sign.name: sign.colour for sign in signs}
@@ -110,10 +107,8 @@ class RoadPlot:
             return
         way = true_ways(self._session.labels).get(name)
         if len(self._site.road) > 1 and way is not None:
-            from groundtrace.vehicles.road_places import along_road
-
             times = way.times_ns
-            along, _ = along_road(replace(self._site, places=way.places))
+            along, _ = replace(self._site, places=way.places).along_road()
         else:
             passes = vehicles(self._session.labels)[name]
             known = [

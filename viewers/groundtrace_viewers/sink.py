@@ -14,12 +14,11 @@ from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .blueprint import blueprint
-from .browse import serve_web
 from .errors import ViewerError
 from .full_rate import FullRate, planned
 from .identity import stream_of
 from .replay import Replay
-from .serve import LOOPBACK, connect, data_url, free_port, open_viewer
+from .serve import connect, data_url, free_port, open_viewer
 from .timeline import TIMELINE
 
 if TYPE_CHECKING:
@@ -32,13 +31,15 @@ if TYPE_CHECKING:
     from groundtrace.sinks import Session
     from groundtrace_codecs.events import Event
 
+    from .moments import Moments
+
 
 #: What is taken from the viewer's pipe at once, at most.
 PIECE_BYTES = 1 << 20
 
 
 class RerunSink:
-    """Shows a replay on a Rerun timeline: in a file, in the native viewer or in a browser.
+    """Shows a replay on a Rerun timeline: in a file, in the native viewer, or for a browser's page.
 
     Parameters
     ----------
@@ -47,9 +48,10 @@ class RerunSink:
     spawn
         Start the native viewer and show the replay while it runs.
     web
-        When the replay ends, serve it to browsers on this machine; :attr:`url` says where.
+        Keep what a page needs that shows the replay when it has ended: its file and its
+        :attr:`moments`, which :func:`~.browse.serve_replay` serves.
     port
-        Of the viewer's data server (``spawn``) or of the page (``web``); 0 chooses a free one.
+        Of the viewer's data server (``spawn``); 0 chooses a free one.
     channels
         Whose spectrograms are shown; empty takes the first seismic channel's.
     full_rate
@@ -61,9 +63,9 @@ class RerunSink:
     Attributes
     ----------
     viewer
-        The process started by ``spawn`` or ``web``, else None.
-    url
-        Address of the page with ``web``, else empty.
+        The process started by ``spawn``, else None.
+    path
+        The ``.rrd``, a temporary one with ``web`` where none was given; else None.
 
     Raises
     ------
@@ -87,8 +89,7 @@ class RerunSink:
         if path is None and web:
             path = Path(tempfile.mkdtemp(prefix="groundtrace-")) / "replay.rrd"
         self.viewer: subprocess.Popen[bytes] | None = None
-        self.url = ""
-        self._path = path
+        self.path = path
         self._spawn = spawn
         self._web = web
         self._port = port or free_port()
@@ -125,8 +126,8 @@ class RerunSink:
         if self._spawn:
             self.viewer = open_viewer(["--expect-data-soon"], self._port)
             viewers.append(rr.GrpcSink(data_url(self._port)))
-        growing = _growing(self._path) if self._path is not None else None
-        self._outlet = Outlet(recording, growing, *viewers, name=self._path)
+        growing = _growing(self.path) if self.path is not None else None
+        self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
         plan = planned(self._full_rate, session)
         self._replay = Replay(
@@ -170,16 +171,25 @@ class RerunSink:
         self._replay.close()
         self._send_layout(follow=False)
         outlet.finish()
-        if self._path is not None:
-            _growing(self._path).replace(self._path)
+        if self.path is not None:
+            _growing(self.path).replace(self.path)
         if self._spawn:
             self._go_to_first_event()
-        if self._web and self._path is not None and self._session is not None:
-            from .moments import moments_of_session
 
-            moments = moments_of_session(self._session, self._events, self._opens_ns)
-            self.viewer = serve_web(self._path, self._port, moments)
-            self.url = f"http://{LOOPBACK}:{self._port}"
+    @property
+    def moments(self) -> Moments:
+        """What a page of the replay can jump to; with ``web``, once it has ended.
+
+        Raises
+        ------
+        ViewerError
+            Before a replay, or without ``web``.
+        """
+        from .moments import moments_of_session
+
+        if self._session is None or not self._web:
+            raise ViewerError("viewer: expected a replay for the web, found none")
+        return moments_of_session(self._session, self._events, self._opens_ns)
 
     @property
     def _opens_ns(self) -> int | None:

@@ -8,11 +8,10 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
-from groundtrace.commands.output import FIRST_DATE_NS
 from groundtrace.score import timing_pairs
 from groundtrace.score.report import last_word
 from groundtrace.score.step_timing import answers_text
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
 from .verdict import TOLERANCE_S
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .api import Imported, Importer
-from .maps import ImportMap, load_map
+from .api import Imported, Importer, ImportMap
+from .maps import load_map
 from .registry import choose, importers
 from .run import ImportReport, import_recording
 

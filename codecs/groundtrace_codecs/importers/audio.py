@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import Source
-    from .maps import ImportMap, StreamMap
+    from .api import ImportMap, Source, StreamMap
 
 _SUFFIXES = frozenset({".wav", ".flac", ".w64", ".rf64"})
 #: Encoding to the type soundfile reads, the bits it puts below the sample, and our format.

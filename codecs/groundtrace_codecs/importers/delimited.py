@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import Imported
-    from .maps import ImportMap
-    from .time_map import TimeMap
+    from .api import Imported, ImportMap, TimeMap
 
 _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from .api import TimeUnit
     from .guess_table import RawTable
-    from .time_map import TimeUnit
 
 _WORD = re.compile(
     r"(?i)(^|[^a-z])(t|ts|time|times|zeit|epoch|timestamp|\w*time\w*|sec\w*|elapsed)"

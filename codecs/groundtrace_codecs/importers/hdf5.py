@@ -12,8 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from .api import Imported
-    from .maps import ImportMap
+    from .api import Imported, ImportMap
 
 #: The signature may follow a user block; MATLAB 7.3 writes one of 512 bytes.
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from .api import Source
-    from .maps import ImportMap
+    from .api import ImportMap, Source
 
 #: Type of a line, its topic, quantity and unit.
 SENSORS = {

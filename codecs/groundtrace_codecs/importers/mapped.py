@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import Source
-    from .maps import ColumnMap, ImportMap, StreamMap
-    from .time_map import CounterMap, TimeMap
+    from .api import ColumnMap, CounterMap, ImportMap, Source, StreamMap, TimeMap
 
 #: Name of the metadata record that says by topic what a device's counter tells of its samples.
 CLOCKS = "groundtrace.counters"

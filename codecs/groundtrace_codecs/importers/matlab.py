@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import Imported
-    from .maps import ImportMap
-    from .time_map import TimeMap
+    from .api import Imported, ImportMap, TimeMap
 
 #: Level 5: version and order of bytes at the end of the header; the text before is free.
 _VERSIONS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from .api import Imported
-    from .maps import ImportMap
+    from .api import Imported, ImportMap
 
 _NPY = b"\x93NUMPY"
 _ZIP = b"PK\x03\x04"

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .orientation_map import OrientationMap
+    from .api import OrientationMap
     from .references import Reference
 
     Array = NDArray[np.float64]

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from .api import Imported
+    from .api import Imported, ImportMap
     from .delimited import TextFile
-    from .maps import ImportMap
 
 #: Files that say more about those beside them, by the folder they are in.
 _BESIDE = ("Metadata.csv", "Annotation.csv", "meta/time.csv")

@@ -12,17 +12,16 @@ import numpy as np
 from ..errors import SchemaError
 from ..signals import Channel
 from ..units import to_quantity
+from .api import ColumnMap, ImportMap, StreamMap, TimeMap
 from .delimited import TextTable
-from .maps import ColumnMap, ImportMap, StreamMap
 from .sampled import MAX_NS, Sampled
-from .time_map import TimeMap
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..labels import Label
+    from .api import TimeUnit
     from .delimited import TextFile
-    from .time_map import TimeUnit
 
 PLACEMENT = "phone"
 #: First part of the topic of each quantity.

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from ..geometry import Geometry
     from ..labels import Label
     from ..signals import SignalBlock, Stream
-    from .api import Imported
-    from .maps import ImportMap
+    from .api import Imported, ImportMap
 
 _ROS1 = b"#ROSBAG V"
 _SQLITE = b"SQLite format 3\0"

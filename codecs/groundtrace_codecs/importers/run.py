@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ..signals import SignalBlock, Stream
-    from .api import Imported, Importer, Source
-    from .maps import ImportMap
+    from .api import Imported, Importer, ImportMap, Source
 
 
 class Listener(Protocol):

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from .api import Source
-    from .maps import ImportMap
+    from .api import ImportMap, Source
     from .station_xml import Stations
 
 _SUFFIXES = frozenset(

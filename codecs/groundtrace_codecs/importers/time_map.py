@@ -1,70 +1,16 @@
-"""The part of a map that describes times: columns, counters, zones, time scales."""
+"""The check of what a map says of times: columns, counters, zones, time scales."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
-
-import msgspec
+from typing import TYPE_CHECKING
 
 from ..errors import SchemaError
 
 if TYPE_CHECKING:
-    from .maps import ImportMap, StreamMap
-
-#: Units a time may have; ``iso`` reads ISO 8601, ``sample`` counts samples of the first stream.
-TimeUnit = Literal["s", "ms", "us", "ns", "iso"]
-#: Time scales: UTC as in unix times; GPS and TAI count leap seconds.
-TimeScale = Literal["utc", "gps", "tai"]
+    from .api import ImportMap, StreamMap
 
 #: Formats whose files know their own rate.
 _TIMED = frozenset({"audio"})
-
-
-class TimeMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a stream's sample times are.
-
-    Attributes
-    ----------
-    column
-        As in :class:`.maps.ColumnMap`.
-    unit
-        Of the times.
-    even
-        True: samples were taken evenly between the first and the last time, whatever the times
-        between say (receivers that stamp whole packets).
-    wraps
-        The time, in ``unit``, at which the device begins again at 0, such as 4294967296 for the
-        micros() of an Arduino.
-    """
-
-    column: str | int
-    unit: TimeUnit = "s"
-    even: bool = False
-    wraps: int | None = None
-
-
-class CounterMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The device's own count of packets or samples, one for each row.
-
-    With ``time`` it tells which samples are missing or double, and the times become the line of
-    time against counter; with ``rate_hz`` it gives the times.
-
-    Attributes
-    ----------
-    column
-        As in :class:`.maps.ColumnMap`.
-    modulus
-        What it wraps around at: 256 for 8 bits, 65536 for 16; None where it does not.
-    """
-
-    column: str | int
-    modulus: int | None = None
-
-
-class StartMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where the file itself says when it starts: ISO 8601 text or unix seconds."""
-
-    column: str
 
 
 def check_time(map_: ImportMap, stream: StreamMap, place: str) -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from ..errors import FormatError, SchemaError
 from ..signals import Channel
 from ..units import to_quantity
+from .api import ImportMap
 from .delimited import TextTable
-from .maps import ImportMap
 from .sampled import Sampled, together
 from .xsens_time import PacketTimes, packet_times
 

@@ -8,13 +8,7 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
-from groundtrace_codecs.annotations import (
-    Annotation,
-    Sidecar,
-    in_order,
-    sidecar_path,
-    write_sidecar,
-)
+from groundtrace_codecs.annotations import Annotation, Sidecar, in_order, sidecar_path
 from groundtrace_codecs.errors import CodecError
 
 from ..errors import AnnotationError
@@ -265,6 +259,8 @@ class Annotations:
         self._write_sidecar()
 
     def _write_sidecar(self) -> None:
+        from groundtrace_codecs.writer import write_sidecar
+
         journal = self._writer.journal if self._writer is not None else self._begun
         kept = Sidecar(self.key, self.items, journal.header.id, len(journal.actions))
         try:

@@ -206,9 +206,9 @@ def application() -> App:
 
 
 def _version() -> str:
-    from .. import __version__
+    from ..version import installed_version
 
-    return __version__
+    return installed_version()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

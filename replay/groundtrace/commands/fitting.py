@@ -28,11 +28,9 @@ def fitting_pipeline(recording: Recording) -> str | None:
 
 def _beside_a_road(geometry: Geometry) -> str:
     """Return the pipeline for vehicles: passes at stations in a line beside it, else tracks."""
-    from ..vehicles.api import Site
-    from ..vehicles.road_places import in_line
-
-    site = Site.of(geometry)
-    return "vehicle-passes" if len(site.names) < 3 or in_line(site) else "vehicle-tracks"
+    stations = geometry.stations()
+    few = len(stations.names) < 3
+    return "vehicle-passes" if few or stations.in_line() else "vehicle-tracks"
 
 
 def default_pipeline(recording: Recording) -> str:

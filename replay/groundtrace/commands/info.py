@@ -15,14 +15,14 @@ from groundtrace_codecs.importers.plausible import UnitWatch
 from groundtrace_codecs.label_codec import TRUTH_TOPIC
 from groundtrace_codecs.mcap.remote import is_url
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
 from ..source import Source
 from .info_clocks import clock_lines
 from .info_document import DamageInfo, GapInfo, GuessInfo, RecordingInfo, StreamInfo
 from .info_faults import absences, fault_of, print_faults
 from .info_lines import print_gaps, print_guesses, stream_row
-from .output import FIRST_DATE_NS, existing, print_json, print_table, progress
+from .output import existing, print_json, print_table, progress
 from .truth import annotations_to_show
 
 if TYPE_CHECKING:

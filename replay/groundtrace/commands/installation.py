@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 
 from ..errors import PluginError
 from ..plugins import GROUPS, load, plugins
+from ..version import installed_version
 from . import is_known
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
@@ -60,13 +61,11 @@ class Installation:
 
 def look_at_installation() -> Installation:
     """Find out what is installed."""
-    from .. import __version__
-
     needed, extras = _requirements()
     viewer, broken = _viewer(), _broken_plugins()
     missing = any(package.version is None for package in needed)
     return Installation(
-        groundtrace=__version__,
+        groundtrace=installed_version(),
         python=platform.python_version(),
         platform=platform.platform(terse=True),
         packages=needed,

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from ..warned import Warned
 
-#: Epoch times before this are boot clocks, not dates [ns]: 1980-01-01.
-FIRST_DATE_NS = 315_532_800_000_000_000
 
 #: What a copy does to a recording whose clock was set back.
 SET_BACK = (

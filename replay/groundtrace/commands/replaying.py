@@ -186,7 +186,8 @@ def replay(
         say_stopped(keeper, session, at_s)
     if at_s is not None or (keeper.stop.asked and not resumable):
         raise KeyboardInterrupt
-    _stay_with_the_page(shown, web=web)
+    if web:
+        _stay_with_the_page(shown)
 
 
 def _bundled() -> Path:
@@ -287,8 +288,12 @@ def _shown(session: Session, span_ns: tuple[int | None, int | None]) -> Session:
     return replace(session, shown_ns=(first_ns, last_ns))
 
 
-def _stay_with_the_page(sink: Any, *, web: bool) -> None:
-    """Keep serving until the user stops."""
-    if web:
-        say(f"serving {sink.url} (Ctrl-C ends it)")
-        sink.viewer.wait()
+def _stay_with_the_page(shown: Any) -> None:
+    """Serve what was shown to browsers until the user stops."""
+    url, server = load("servers", "web")(shown)
+    say(f"serving {url} (Ctrl-C ends it)")
+    try:
+        server.wait()
+    finally:
+        server.terminate()
+        server.wait()

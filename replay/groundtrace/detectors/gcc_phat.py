@@ -19,7 +19,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..array_method import ArrayParameters
 from ..gates import Candidates, Carry, Level
-from ..localizer_stage import clock_offsets, placed_channels
+from ..localizer_stage import placed_channels
 from ..parameters import gate, measured
 from ..recall import whole_samples
 from .filters import corner
@@ -190,7 +190,7 @@ class GccPhat:
         # of the axes at one place, the one that localizers take
         taken = placed_channels(names, geometry)[0]
         self._compared = np.array([name in taken or name not in known for name in names])
-        self._ahead_s = clock_offsets(names, geometry)
+        self._ahead_s = geometry.clock_offsets(names)
         self._band: Band | None = None
         return names if self._compared.sum() >= 3 else ()
 

@@ -15,7 +15,6 @@ from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
 from ..score.step_matching import TrueSteps
-from ..vehicles.api import Site
 from .bootstrap import Verdicts
 
 if TYPE_CHECKING:
@@ -66,8 +65,8 @@ def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -
         return StepTruth(steps)
     stations = {}
     if evidence.geometry is not None:
-        site = Site.of(evidence.geometry)
-        stations = {channel: site.names[index] for channel, index in site.stations.items()}
+        site = evidence.geometry.stations()
+        stations = {channel: site.names[index] for channel, index in site.of_channel.items()}
     times: dict[str, list[int]] = {}
     true = [x for x in labels if x.kind == "pass"]
     left_out = ignored(labels, np.array([x.time_ns for x in true], np.int64))

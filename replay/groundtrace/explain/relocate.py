@@ -17,7 +17,7 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Candidates, decided_block
-from ..localizer_stage import clock_offsets, first_arrivals, place_candidate, placed_channels
+from ..localizer_stage import first_arrivals, place_candidate, placed_channels
 from ..localizers.api import Site
 from ..parameters import build
 from ..pipeline import STAGE_GROUPS
@@ -223,7 +223,7 @@ class Relocator:
         """Gather the arrivals of each step; only picks of its window are looked at."""
         ordered = sorted(picks, key=lambda pick: pick.time_ns)
         times = np.array([pick.time_ns for pick in ordered], np.int64)
-        window_s, ahead = self.parameters.window_s, clock_offsets(self.channels, self.geometry)
+        window_s, ahead = self.parameters.window_s, self.geometry.clock_offsets(self.channels)
         first = np.searchsorted(times, step_ns, side="left")
         last = np.searchsorted(times, step_ns + round(window_s * NS_PER_S), side="right")
         rows = [

@@ -12,7 +12,6 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..score import assign
 from ..score.passes import PASS_TOLERANCE_S
-from ..vehicles.api import Site
 from .candidates import Chain, links
 from .readings import below, closeness, readings
 
@@ -242,5 +241,5 @@ def _stations(evidence: Evidence) -> dict[str, str]:
     """Return the station of each channel."""
     if evidence.geometry is None:
         return {}
-    site = Site.of(evidence.geometry)
-    return {channel: site.names[index] for channel, index in site.stations.items()}
+    site = evidence.geometry.stations()
+    return {channel: site.names[index] for channel, index in site.of_channel.items()}

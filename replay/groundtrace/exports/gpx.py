@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
-from .. import __version__
+from ..version import installed_version
 from .api import Written
 from .placed import (
     DIGITS,
@@ -40,7 +40,8 @@ class GpxExporter:
     def write(self, material: Material, kinds: Sequence[str], path: Path) -> Written:
         """Write waypoints, then tracks: the order that the format wants."""
         earth = earth_of(material)
-        root = Element("gpx", xmlns=NAMESPACE, version="1.1", creator=f"groundtrace {__version__}")
+        creator = f"groundtrace {installed_version()}"
+        root = Element("gpx", xmlns=NAMESPACE, version="1.1", creator=creator)
         steps, without = placed_steps(material)
         counts = dict.fromkeys(kinds, 0)
         if "steps" in kinds:

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
-from ..commands.output import FIRST_DATE_NS
 from .kinds import KINDS
 from .many import write_tables
 

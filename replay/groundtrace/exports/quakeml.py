@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Pick
 
-from .. import __version__
+from ..version import installed_version
 from .api import Written
 from .kinds import events_of_kind
 from .obspy_quietly import obspy_part
@@ -49,7 +49,7 @@ class QuakeMlExporter:
             resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/event/1"),
             picks=made,
             event_descriptions=[event.EventDescription(text=f"picks of {material.name}")],
-            creation_info=event.CreationInfo(author="groundtrace", version=__version__),
+            creation_info=event.CreationInfo(author="groundtrace", version=installed_version()),
         )
         catalog = event.Catalog(
             [whole], resource_id=event.ResourceIdentifier(f"{_PUBLISHER}/catalog/1")

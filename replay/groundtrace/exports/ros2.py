@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.container import Container
-from groundtrace_codecs.encoders import Output, Packet
+from groundtrace_codecs.container import Container, Output, Packet
 from groundtrace_codecs.schemas.msgs import ros2msg
 from groundtrace_codecs.schemas.ros import KINDS, RosWriter
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from groundtrace_codecs.signals import NS_PER_S
-
-from ..commands.output import FIRST_DATE_NS
+from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
 
 def iso_utc(time_ns: int, digits: int = 9) -> str | None:

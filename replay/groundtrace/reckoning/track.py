@@ -161,6 +161,7 @@ class Track:
             (noise.drift, noise.wander, noise.length, noise.way),
             knots.columns,
             knots.count,
+            NS_PER_S,
         )
         knots.count += more
         before = knots.moment(-3)

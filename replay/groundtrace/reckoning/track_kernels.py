@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
-
 from ..compiled import compiled, in_place
 from ..heading.compass_kernels import wrapped
 from ..heading.rotation_kernels import carry, identity
@@ -175,6 +173,7 @@ def strides(
     noise: Noise,
     knots: Columns,
     count: int,
+    ns_per_s: int,
 ) -> None:
     """Go steps, in place; one that is lost is turned first where the compass says something.
 
@@ -196,6 +195,8 @@ def strides(
     knots, count
         Columns, as :class:`.knots.Knots` has them, which take two knots of each step, and how many
         there are.
+    ns_per_s
+        Of all times.
     """
     time_ns, shown, predicted, predicted_spread, pose, spread, transition = knots
     drift, wander, error, way = noise
@@ -208,7 +209,7 @@ def strides(
             repeats = 1.0
         if row[RESTED] > 0:
             rest(state, covariance, row[RESTED], drift)
-        elapsed_s = max(0, times[i] - time_ns[at - 1]) / NS_PER_S
+        elapsed_s = max(0, times[i] - time_ns[at - 1]) / ns_per_s
         wait(state, covariance, elapsed_s, wander, transition[at], room)
         if row[RESTED] > 0:
             transition[at, :, DRIFT] = 0.0

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: How many metres weigh as much as the whole tolerance in time, where several could match.
 METRES_PER_TOLERANCE = 1.0
+#: Truth is straight between two of its waypoints that are no further apart [s].
+HOLD_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +114,33 @@ def true_places(labels: Sequence[Label]) -> Places:
             target = np.array([row[3] for row in rows], np.str_)
             return Places(time_ns[kept], xy[kept], target[kept])
     return Places(np.empty(0, np.int64), np.empty((0, 2)), np.empty(0, np.str_))
+
+
+def places_at(truth: Places, time_ns: NDArray[np.int64]) -> Places:
+    """Return where all vehicles are at times, straight between waypoints; times without are out.
+
+    Parameters
+    ----------
+    truth
+        Waypoints.
+    time_ns
+        Shape (m,).
+    """
+    times = np.unique(time_ns)
+    rows: list[tuple[int, float, float, str]] = []
+    for name in truth.names():
+        found = truth.of(name).at(times, HOLD_S, 0.0)
+        rows += [
+            (int(t), float(x), float(y), name)
+            for t, (x, y) in zip(times, found, strict=True)
+            if not np.isnan(x)
+        ]
+    rows.sort()
+    return Places(
+        np.array([row[0] for row in rows], np.int64),
+        np.array([row[1:3] for row in rows], np.float64).reshape(-1, 2),
+        np.array([row[3] for row in rows], np.str_),
+    )
 
 
 def found_places(events: Sequence[Fix | TrackPoint]) -> Places:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .places import found_places, match_places, true_places
-from .ways import has_vehicles, places_at
+from groundtrace_codecs.labels import has_vehicles
+
+from .places import found_places, match_places, places_at, true_places
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

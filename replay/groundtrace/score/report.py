@@ -17,6 +17,7 @@ from groundtrace_codecs.events import (
     StepEvent,
     TrackPoint,
 )
+from groundtrace_codecs.labels import has_vehicles
 
 from ..errors import RecordingError
 from ..trackers.api import SMOOTHED
@@ -30,7 +31,6 @@ from .step_matching import match_steps
 from .step_words import compare_words
 from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
-from .ways import has_vehicles
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.labels import has_vehicles
 from groundtrace_codecs.signals import NS_PER_S
 
-from .places import true_places
+from .places import HOLD_S, true_places
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from .places import Places
 
     Array = NDArray[np.float64]
-
-#: Truth is straight between two of its waypoints that are no further apart [s].
-HOLD_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +48,6 @@ class WayScore:
     speed_median_mps: float
 
 
-def has_vehicles(labels: Sequence[Label]) -> bool:
-    """Return whether truth has vehicles: they pass stations, and steps have no places."""
-    return any(x.kind == "pass" for x in labels)
-
-
 def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> WayScore | None:
     """Score the track points of one stage against the ways of vehicles.
 
@@ -76,35 +69,6 @@ def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> WayScor
         across_p90_m=float(np.percentile(across, 90)),
         along_median_m=float(np.median(along)),
         speed_median_mps=float(np.median(speed)),
-    )
-
-
-def places_at(truth: Places, time_ns: NDArray[np.int64]) -> Places:
-    """Return where all vehicles are at times, straight between waypoints; times without are out.
-
-    Parameters
-    ----------
-    truth
-        Waypoints.
-    time_ns
-        Shape (m,).
-    """
-    from .places import Places
-
-    times = np.unique(time_ns)
-    rows: list[tuple[int, float, float, str]] = []
-    for name in truth.names():
-        found = truth.of(name).at(times, HOLD_S, 0.0)
-        rows += [
-            (int(t), float(x), float(y), name)
-            for t, (x, y) in zip(times, found, strict=True)
-            if not np.isnan(x)
-        ]
-    rows.sort()
-    return Places(
-        np.array([row[0] for row in rows], np.int64),
-        np.array([row[1:3] for row in rows], np.float64).reshape(-1, 2),
-        np.array([row[3] for row in rows], np.str_),
     )
 
 

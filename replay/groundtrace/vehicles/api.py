@@ -15,68 +15,18 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event, Quantity
-    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.geometry import Stations
 
     from ..detector import Emits
     from ..gates import Gate
 
     Array = NDArray[np.float64]
 
-#: Sensors no further apart are at one place [m].
-_SAME_M = 0.01
 #: Stations no further off the line through them than this part of their length are in a row. At a
 #: distance d beside the row the power at one that is e off differs from that of the mirror image by
 #: 3 e / d (n = 1.5), less than the third by which a power errs where e < d / 9; d is taken to be a
 #: quarter of the length.
 _ROW = 1 / 36
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Site:
-    """Stations, a road beside them, and the ground.
-
-    Attributes
-    ----------
-    names
-        Of the stations; a station of three axes is one.
-    places
-        Shape (n, 2) [m].
-    stations
-        The station of each channel, by index.
-    road
-        Shape (k, 2): corners of the road in its forward direction [m]; k is 0 where none is known.
-    velocity_mps
-        Of the waves [m/s]; inf where unknown.
-    """
-
-    names: tuple[str, ...]
-    places: Array
-    stations: dict[str, int]
-    road: Array
-    velocity_mps: float
-
-    @classmethod
-    def of(cls, geometry: Geometry) -> Site:
-        """Return the stations of a geometry: the sensors of one place are one."""
-        names: list[str] = []
-        places: list[tuple[float, float]] = []
-        stations: dict[str, int] = {}
-        for sensor in geometry.sensors:
-            here = (sensor.x, sensor.y)
-            apart = [np.hypot(here[0] - x, here[1] - y) for x, y in places]
-            index = next((i for i, d in enumerate(apart) if d < _SAME_M), len(places))
-            if index == len(places):
-                names.append(sensor.name)
-                places.append(here)
-            stations[sensor.channel] = index
-        velocity = geometry.medium.velocity_mps
-        return cls(
-            tuple(names),
-            np.array(places, np.float64).reshape(-1, 2),
-            stations,
-            np.array(geometry.road, np.float64).reshape(-1, 2),
-            float("inf") if velocity is None else velocity,
-        )
 
 
 def line_through(places: Array) -> tuple[Array, Array]:
@@ -136,7 +86,7 @@ class VehicleWorker(Protocol):
 
     def __init__(self, parameters: Any) -> None: ...
 
-    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin; return the names of the candidates' channels."""
 
     def take(self, cycle: Cycle) -> Candidates:

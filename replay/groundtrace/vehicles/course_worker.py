@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Stations
 
     from ..detector import Emits
     from ..gates import Candidates, Gate
-    from .api import Cycle, Site
+    from .api import Cycle
     from .courses import Observed
     from .rides import Ride
 
@@ -135,7 +136,7 @@ class RunWorker(ABC):
         self._origin_ns = 0
         self._found: tuple[Ride, ...] = ()
 
-    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin without a run."""
         p = self.parameters
         self.site, self._stage = site, stage

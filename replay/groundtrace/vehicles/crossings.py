@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import Site
+    from groundtrace_codecs.geometry import Stations
+
     from .lines import Course
 
     Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ class Way:
     origin_ns: int
 
 
-def lines_of(site: Site, text: str = "") -> tuple[Line, ...]:
+def lines_of(site: Stations, text: str = "") -> tuple[Line, ...]:
     """Return the lines of a site, and the one told as ``x,y x,y`` [m].
 
     Stations whose names differ by their number alone, as A1 to A3, are an antenna; its line goes

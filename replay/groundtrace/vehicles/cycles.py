@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Standard deviation of a power over its mean, from the paper's experiments.
+RELATIVE_SIGMA = 1 / 3
 #: A cycle counts from this part of its samples on, at the ends of a run.
 _LEAST_PART = 0.5
 

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_codecs.geometry import Stations
 
-    from .api import Site
 
 #: A channel that is silent for longer is not waited for [ns].
 _PATIENCE_NS = 30 * NS_PER_S
@@ -35,9 +35,9 @@ class CycleJoin:
         The stations.
     """
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, site: Stations) -> None:
         self.site = site
-        self._latest = dict.fromkeys(site.stations, -(2**63))
+        self._latest = dict.fromkeys(site.of_channel, -(2**63))
         self._waiting: dict[int, tuple[NDArray[np.float64], NDArray[np.bool_]]] = {}
         self._past: int | None = None
 
@@ -45,7 +45,7 @@ class CycleJoin:
         """Take the cycles of one topic; yield those that are complete."""
         names = [c.name for c in block.spec.columns]
         columns = [names.index(name) for name in ("power", "floor", "floor_sigma")]
-        stations = [self.site.stations.get(name) for name in block.spec.channels]
+        stations = [self.site.of_channel.get(name) for name in block.spec.channels]
         for row in range(len(block)):
             channel = int(block.channel[row])
             station = stations[channel]

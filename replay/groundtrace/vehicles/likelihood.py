@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..localizers.location import Location
+from .cycles import RELATIVE_SIGMA
 from .medium import PowerLaw, ranges
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Standard deviation of a power over its mean, from the paper's experiments.
-RELATIVE_SIGMA = 1 / 3
 #: Refinements about the best node, each so many times as fine.
 REFINEMENTS, FINER = 4, 4
 

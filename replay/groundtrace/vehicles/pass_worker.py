@@ -16,7 +16,6 @@ from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of
 from .passes import PassFinder
-from .road_places import along_road
 from .roads import Road
 from .traffic import driven
 from .traffic_model import RoadPowers
@@ -27,10 +26,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Stations
 
     from ..detector import Emits
     from ..gates import Candidates
-    from .api import Cycle, Site
+    from .api import Cycle
     from .passes import StationPass
     from .traffic import Driven
 
@@ -97,12 +97,12 @@ class StationPasses:
     def __init__(self, parameters: PassParameters) -> None:
         self.parameters = parameters
 
-    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with the stations in the order of the geometry."""
         p = self.parameters
         self._site, self._stage = site, stage
         self._finder = PassFinder(p.exponent, p.smooth_s, p.least_over_floor)
-        self._along, self._offsets = along_road(site)
+        self._along, self._offsets = site.along_road()
         reach_m = float(np.ptp(self._along))
         self._quiet_ns = round((reach_m / p.slowest_mps + 2 * p.smooth_s) * NS_PER_S)
         self._cycles: list[Cycle] = []

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal
 
-from .likelihood import RELATIVE_SIGMA
+from .cycles import RELATIVE_SIGMA
 from .medium import EXPONENT
 from .scoring import Fitted, fit_powers, usable
 

@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Stations
 
     from ..detector import Emits
     from ..gates import Candidates
     from ..localizers.location import Location
-    from .api import Cycle, Site
+    from .api import Cycle
     from .likelihood import Surface
 
 _PLUGIN = "vehicle-likelihood"
@@ -73,7 +74,7 @@ class LikelihoodPlaces:
         self.parameters = parameters
         self._found: tuple[int, Location, Surface] | None = None
 
-    def start(self, site: Site, stage: str) -> tuple[str, ...]:
+    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with a lattice about the stations."""
         p = self.parameters
         self._site, self._stage = site, stage

@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from .api import line_through
 from .courses import fit_course, vehicle_power
 from .crossings import crossing_of
-from .likelihood import RELATIVE_SIGMA
+from .cycles import RELATIVE_SIGMA
 from .lines import Course, through
 from .medium import ranges
 from .runs import heard_span, near_span, part_of

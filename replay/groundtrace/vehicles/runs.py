@@ -16,7 +16,9 @@ from .medium import PowerLaw
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .api import Cycle, Site
+    from groundtrace_codecs.geometry import Stations
+
+    from .api import Cycle
 
 #: Power over the noise from which a station hears a vehicle on its way [1].
 _HEARD = 2.0
@@ -85,7 +87,7 @@ class RunCollector:
         return run
 
 
-def observed_of(run: list[Cycle], site: Site, exponent: float) -> Observed:
+def observed_of(run: list[Cycle], site: Stations, exponent: float) -> Observed:
     """Return the powers of a run; times count from its first cycle [s].
 
     A cycle is as long as the shortest step between two.

@@ -16,7 +16,8 @@ from scipy.special import digamma, polygamma
 
 from ..trackers.kalman import Motion as Step
 from ..trackers.rts import smoothed
-from .likelihood import RELATIVE_SIGMA, CyclePlace, less_noise
+from .cycles import RELATIVE_SIGMA
+from .likelihood import CyclePlace, less_noise
 from .lines import Course
 from .medium import ranges
 from .scoring import usable
@@ -215,8 +216,8 @@ def scatter_about(observed: Observed, path: Path) -> float:
     """Return the standard deviation of powers over their mean on a path from powers.
 
     As of powers that are independent from cycle to cycle: where they stay off the path for longer,
-    as under fading, each tells less. At least :data:`~groundtrace.vehicles.likelihood.
-    RELATIVE_SIGMA`, since a path that follows its powers leaves little.
+    as under fading, each tells less. At least :data:`~.cycles.RELATIVE_SIGMA`,
+    since a path that follows its powers leaves little.
     """
     mean, _ = _linearised(observed, path.states)
     used = usable(observed.powers)

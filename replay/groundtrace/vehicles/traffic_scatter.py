@@ -15,8 +15,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from .traffic_model import RoadPowers
-
     Array = NDArray[np.float64]
 
 #: Cycles with a mean above so many times the noise tell the scatter.
@@ -74,13 +72,22 @@ def rooted(ratio: Array) -> Array:
     return np.asarray(3 * (np.cbrt(ratio) - 1))
 
 
-def scatter_of(observed: RoadPowers, mean: Array) -> Scatter:
-    """Return the scatter of powers about a mean of shape (c, n), by quantiles.
+def scatter_of(powers: Array, noise: Array, known: NDArray[np.bool_], mean: Array) -> Scatter:
+    """Return the scatter of powers about a mean, by quantiles.
 
     A few cycles in which the mean is wrong, as a vehicle lacks, tell little in it.
+
+    Parameters
+    ----------
+    powers, noise
+        Shape (c, n): noise included, and of the noise alone [unit^2].
+    known
+        Shape (c, n): where there is a power.
+    mean
+        Shape (c, n) [unit^2].
     """
-    clear = observed.known & (mean > _CLEAR * observed.noise)
-    off = np.where(clear, rooted(np.where(clear, observed.powers, 1.0) / mean), np.nan)
+    clear = known & (mean > _CLEAR * noise)
+    off = np.where(clear, rooted(np.where(clear, powers, 1.0) / mean), np.nan)
     if clear.sum() < _FEWEST:
         return Scatter()
     spread = _spread(off[clear])

@@ -86,7 +86,8 @@ def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[Told, .
             groups[number] = fit.vehicles
             fits.append((stretch, fit))
         everyone = [v for group in groups for v in group]
-        scatter = scatter_of(observed, _mean(observed, everyone, slice(None)))
+        mean = _mean(observed, everyone, slice(None))
+        scatter = scatter_of(observed.powers, observed.noise, observed.known, mean)
         if sweep < _SWEEPS:
             groups = _groups(observed, everyone)
     told = [one for _, fit in fits for one in _told(observed, fit)]
