@@ -202,7 +202,7 @@ def test_without_a_usable_checkpoint_results_are_not_written_over(capsys: Captur
 def test_a_stage_whose_state_cannot_be_kept_is_said_and_nothing_else_is_lost(
     capsys: Capture, stopped_at: StoppedAt, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace.stage.DetectorStage.save", lambda _: lambda: None)
+    monkeypatch.setattr("groundtrace.stage.StageRunner.save", lambda _: lambda: None)
     stopped_at(1)
     ran = replay(capsys, WALK, "--to", 4)
     assert ran.code == 130

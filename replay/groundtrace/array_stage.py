@@ -168,7 +168,7 @@ class ArrayStage(PluginStage["ArrayMethod"]):
             if run.worker.emits == "bearing":
                 yield from _bearings(block)
             else:
-                yield from accepted_events(block, run.worker.emits)
+                yield from accepted_events(block)
 
 
 def _bearings(block: CandidateBlock) -> Iterator[Bearing]:

@@ -11,12 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Pick, StepEvent, TraceBlock
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Fix,
+    Gap,
+    Pick,
+    Presence,
+    StepEvent,
+    TraceBlock,
+)
 from groundtrace_codecs.signals import SignalBlock
 
 from .detector import Curve
 from .parameters import describe
-from .stage import DetectorStage
+from .stage import StageConfig, StageRunner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -25,7 +33,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Event
 
-    from .detector import Detector
+    from .stage import Stage
 
 #: Block sizes whose decisions must equal those of the whole.
 BLOCK_SIZES = (7, 200, 2000)
@@ -88,7 +96,7 @@ class ToldCurves:
         """The topics of which something was told."""
         return set(self._pieces)
 
-    def take(self, stage: DetectorStage, topic: str) -> None:
+    def take(self, stage: StageRunner, topic: str) -> None:
         """Keep what is new: a detector that holds nothing back tells its last piece again."""
         curve, known = stage.curve(topic), self._pieces.get(topic, [])
         if curve is None or not len(curve.time_ns):
@@ -105,7 +113,7 @@ class ToldCurves:
 
 
 def run(
-    stage: DetectorStage, items: Iterable[SignalBlock | Gap], curves: ToldCurves | None = None
+    stage: StageRunner, items: Iterable[SignalBlock | Gap], curves: ToldCurves | None = None
 ) -> Outcome:
     """Feed items to a stage and flush it; keep in ``curves`` the decision functions it tells."""
     told = ToldCurves() if curves is None else curves
@@ -144,7 +152,7 @@ def _events_key(events: tuple[Pick | StepEvent | Fix, ...]) -> list[tuple[Any, .
 
 
 def check_detector(
-    kind: type[Detector],
+    kind: type[Stage],
     items: Sequence[SignalBlock | Gap],
     parameters: Any = None,
     block_sizes: Sequence[int] = BLOCK_SIZES,
@@ -181,11 +189,11 @@ def check_detector(
     return whole
 
 
-def _stage(kind: type[Detector], parameters: Any) -> DetectorStage:
-    return DetectorStage("detector", "detector", kind, parameters)
+def _stage(kind: type[Stage], parameters: Any) -> StageRunner:
+    return StageRunner(StageConfig("detector"), kind, parameters)
 
 
-def check_description(kind: type[Detector]) -> None:
+def check_description(kind: type[Stage]) -> None:
     """Check that parameters are documented, gates have one each, columns are named."""
     named = {info.name: info for info in describe(kind.Parameters)}
     for gate in kind.gates:
@@ -196,7 +204,7 @@ def check_description(kind: type[Detector]) -> None:
     assert kind.__doc__, "expected a docstring"
 
 
-def check_gates(kind: type[Detector], found: Outcome) -> None:
+def check_gates(kind: type[Stage], found: Outcome) -> None:
     """Check that candidates have all margins and are accepted just where all are passed."""
     expected = (len(found.times), len(kind.gates))
     assert found.margins.shape == expected, f"margins: expected {expected}"
@@ -204,7 +212,7 @@ def check_gates(kind: type[Detector], found: Outcome) -> None:
     assert np.array_equal(passed, found.accepted), "accepted: expected where all margins are >= 0"
     order = np.lexsort((found.channels, found.times))
     assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
-    if kind.emits != "presence":  # which is told in spans
+    if Presence not in kind.gives:  # which is told in spans
         assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
 
 
@@ -221,7 +229,7 @@ def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:
 
 
 def check_state(
-    kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap], whole: Outcome
+    kind: type[Stage], parameters: Any, items: Sequence[SignalBlock | Gap], whole: Outcome
 ) -> None:
     """Check that a stage saved in the middle and restored elsewhere goes on as before."""
     parts = list(rechunked(items, 200))
@@ -233,7 +241,7 @@ def check_state(
     assert_same(whole, outcome([*events, *second.flush()]), "saved and restored")
 
 
-def check_faults(kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap]) -> None:
+def check_faults(kind: type[Stage], parameters: Any, items: Sequence[SignalBlock | Gap]) -> None:
     """Check that empty, not finite, still, clipped and gapped input has a defined outcome."""
     blocks = [item for item in items if isinstance(item, SignalBlock)]
     nothing = run(_stage(kind, parameters), [b.slice(0, 0) for b in blocks])
@@ -247,7 +255,7 @@ def check_faults(kind: type[Detector], parameters: Any, items: Sequence[SignalBl
     check_gap(kind, parameters, blocks)
 
 
-def check_gap(kind: type[Detector], parameters: Any, blocks: Sequence[SignalBlock]) -> None:
+def check_gap(kind: type[Stage], parameters: Any, blocks: Sequence[SignalBlock]) -> None:
     """Check that a detector starts anew after a gap that is not bridged."""
     block = max(blocks, key=len)
     half = len(block) // 2

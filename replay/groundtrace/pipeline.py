@@ -18,8 +18,10 @@ from .errors import PipelineError, did_you_mean
 from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
 from .plugins import find
+from .stage import StageConfig as StageConfig
+from .stage import StageRunner, emitted
 from .track_check import TrackCheck
-from .wiring import Before
+from .wiring import Before, wired
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
 
-    from .stage import Stage
+    from .passing import Taking
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
@@ -49,33 +51,6 @@ STAGE_GROUPS = (
     "vehicles",
     "ratios",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class StageConfig:
-    """One ``[[stage]]`` of a pipeline.
-
-    Attributes
-    ----------
-    use
-        Name of the registered plugin.
-    name
-        Name in this pipeline; the plugin's where empty.
-    topics
-        Patterns of topics it may run on; empty means all that fit.
-    parameters
-        Values that differ from the plugin's defaults.
-    """
-
-    use: str
-    name: str = ""
-    topics: tuple[str, ...] = ()
-    parameters: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def key(self) -> str:
-        """The name that settings use."""
-        return self.name or self.use
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,7 +190,7 @@ class Pipeline:
     def __init__(
         self,
         config: PipelineConfig,
-        stages: Sequence[Stage],
+        stages: Sequence[Taking],
         resolved: str,
         check: TrackCheck | None = None,
     ) -> None:
@@ -247,6 +222,8 @@ class Pipeline:
             for stage in self.stages:
                 if isinstance(stage, ArrayStage):
                     stage.remember(item)
+                elif isinstance(stage, StageRunner) and stage.buffers:
+                    stage.buffer(item)
         born = [Made(event) for event in begun]
         whole = Made(item, list(born))
         pass_on([*born, whole], self.stages[1:])
@@ -295,17 +272,32 @@ def build_pipeline(
         An unknown plugin, key, type or value out of range, or a localizer or tracker without what
         it needs before it, in one line.
     """
-    stages: list[Stage] = []
+    stages: list[Taking] = []
     before = Before(config.placements)
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
     lines += [] if config.stage else ["stage = []"]
-    for stage in config.stage:
-        group, kind = find(STAGE_GROUPS, stage.use)
+    used = [find(STAGE_GROUPS, stage.use) for stage in config.stage]
+    kinds = [kind for _, kind in used]
+    for index, (stage, (group, kind)) in enumerate(zip(config.stage, used, strict=True)):
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         given = (stage.key, stage.use, kind, parameters, stage.topics)
-        stages.append(before.stage(group, given, geometry, labels))
-        before.add(group, stage.key, kind.emits, parameters)
+        if hasattr(kind, "gives"):
+            sources = wired(stage, kind, list(zip(config.stage, kinds, strict=True))[:index])
+            runner = StageRunner(
+                stage,
+                kind,
+                parameters,
+                sources,
+                geometry,
+                labels,
+                placements=config.placements,
+                window_s=before.window_s,
+            )
+            stages.append(runner)
+        else:
+            stages.append(before.stage(group, given, geometry, labels))
+        before.add(group, stage.key, emitted(kind), parameters)
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
     check = TrackCheck(config.application, before.tracking, metric=metric)
@@ -314,8 +306,8 @@ def build_pipeline(
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
     lines = ["", "[[stage]]", f"name = {_toml(stage.key)}", f"use = {_toml(stage.use)}"]
-    if stage.topics:
-        lines.append(f"topics = {_toml(list(stage.topics))}")
+    names = {"topics": stage.topics, "source": stage.source}
+    lines += [f"{key} = {_toml(list(given))}" for key, given in names.items() if given]
     lines.append("[stage.parameters]")
     lines += [
         f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}"

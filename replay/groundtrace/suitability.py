@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.geometry import geometry_warnings
+from groundtrace_codecs.signals import SignalBlock
 
 from .errors import PipelineError
 from .pipeline import (
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
     from .placement import PlacementGuess
     from .source import Readable
+    from .stage import Stage
 
 #: The pipeline without stages, which fits everything.
 SIGNALS = "signals"
@@ -119,9 +121,16 @@ def _wanted(config: PipelineConfig) -> list[_Wanted]:
         group, kind = find(STAGE_GROUPS, stage.use)
         own = getattr(kind, "quantities", None)
         quantities = _WANTED_BY_GROUP.get(group, ()) if not own else (frozenset(own),)
+        quantities = _quantities(kind) if hasattr(kind, "gives") else quantities
         if quantities:
             found.append((stage, quantities))
     return found
+
+
+def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
+    """Return the sets of quantities of each of which a stage needs a channel."""
+    needs = [need for need in kind.takes if need.kind is SignalBlock and need.required]
+    return tuple(need.quantities for need in needs if need.quantities)
 
 
 def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
@@ -189,7 +198,7 @@ def _asks(stage: StageConfig) -> bool:
 
 def _wanted_by(stage: StageConfig) -> _Wanted:
     _, kind = find(STAGE_GROUPS, stage.use)
-    return stage, (frozenset(getattr(kind, "quantities", ())),)
+    return stage, _quantities(kind)
 
 
 def _guesses(recording: Readable, topics: Sequence[str]) -> dict[str, PlacementGuess | None]:

@@ -1,12 +1,15 @@
-"""Which stage of a pipeline takes from which, and the stages made accordingly."""
+"""Which stage of a pipeline takes from which."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from groundtrace_codecs.events import Gap, Presence
+from groundtrace_codecs.labels import Label
+from groundtrace_codecs.signals import SignalBlock
+
 from .array_stage import ArrayStage
-from .associator_stage import AssociatorStage
 from .bearing_stage import BearingStage
 from .comparison_stage import ComparisonStage
 from .errors import PipelineError
@@ -15,7 +18,7 @@ from .inertial.stage import NavigatorStage
 from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
 from .reckoning.stage import ReckoningStage
-from .stage import DetectorStage
+from .stage import EVENT_NAMES
 from .step_type_stage import StepTypeStage
 from .track_check import Tracking
 from .tracker_stage import TrackerStage
@@ -26,12 +29,91 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from groundtrace_codecs.geometry import Geometry
-    from groundtrace_codecs.labels import Label
 
-    from .stage import Stage
+    from .passing import Taking
+    from .stage import Input, Stage, StageConfig
 
     #: Name, plugin, class, parameters and topics of a stage.
     Given = tuple[str, str, type[Any], Any, tuple[str, ...]]
+
+
+#: What is said of a stage that gives a kind of event.
+GIVING = {kind: f"gives {name}s" for kind, name in EVENT_NAMES.items()}
+GIVING[Presence] = "hears vehicles"
+
+
+def wire(
+    stages: Sequence[StageConfig], kinds: Sequence[type[Stage]]
+) -> tuple[Mapping[Input, tuple[str, ...]], ...]:
+    """Return whom each input of each stage takes from.
+
+    In the order of the pipeline each takes from the last earlier stage that gives what it takes, or
+    as the input says, or from those that the stage names as its ``source``.
+
+    Raises
+    ------
+    PipelineError
+        Where what a stage takes is not given before it, or a source is named that does not give it.
+    """
+    return tuple(
+        wired(stage, kind, list(zip(stages, kinds, strict=True))[:index])
+        for index, (stage, kind) in enumerate(zip(stages, kinds, strict=True))
+    )
+
+
+def wired(
+    stage: StageConfig, kind: type[Stage], before: Sequence[tuple[StageConfig, Any]]
+) -> dict[Input, tuple[str, ...]]:
+    """Return whom the inputs of a stage take from, of the stages before it."""
+    found: dict[Input, tuple[str, ...]] = {}
+    missing = []
+    for need in kind.takes:
+        if need.kind is Label and set(kind.Parameters.__dataclass_fields__) >= {"updates"}:
+            continue
+        if need.kind in (SignalBlock, Gap):
+            continue
+        wanted = need.of or need.kind
+        giving = [one.key for one, other in before if _gives(other, wanted)]
+        named = _named(stage, kind, giving)
+        if need.every and len(giving) < 2:
+            there = ", ".join(giving) or "none"
+            raise PipelineError(f"{stage.key}: expected two localizers before it, found {there}")
+        if need.required and not giving:
+            missing.append(GIVING[wanted])
+        found[need] = named or _of(giving, need)
+    if missing:
+        raise PipelineError(
+            f"{stage.key}: expected a stage that {' and one that '.join(missing)} before it, found "
+            f"none"
+        )
+    return found
+
+
+def _of(giving: Sequence[str], need: Input) -> tuple[str, ...]:
+    """Return those of the stages that give something from which an input takes it."""
+    if need.every:
+        return tuple(giving)
+    return tuple(giving[:1] if need.first else giving[-1:])
+
+
+def _named(stage: StageConfig, kind: type[Stage], giving: Sequence[str]) -> tuple[str, ...]:
+    """Return the sources that a stage names of those that give what it takes."""
+    if "source" not in kind.Parameters.__dataclass_fields__:
+        return tuple(name for name in stage.source if name in giving)
+    wanted = stage.parameters.get("source", "")
+    if not giving or wanted not in ("", *giving):
+        expected = f"one of {', '.join(giving)}" if giving else "a localizer"
+        raise PipelineError(
+            f"{stage.key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
+        )
+    return (wanted,) if wanted else tuple(name for name in stage.source if name in giving)
+
+
+def _gives(kind: Any, event: type[Any]) -> bool:
+    """Return whether a stage gives a type of event."""
+    if hasattr(kind, "gives"):
+        return event in kind.gives
+    return EVENT_NAMES.get(event) == kind.emits
 
 
 @dataclass(slots=True)
@@ -64,11 +146,9 @@ class Before:
 
     def stage(
         self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
-    ) -> Stage:
+    ) -> Taking:
         """Return the stage of a plugin, taking from the stages before it."""
         key, _, _, parameters, _ = given
-        if group == "associators":
-            return AssociatorStage(*given, source=self.picking)
         if group == "classifiers":
             return StepTypeStage(*given, stepping=self.stepped(key))
         if group == "arrays":
@@ -100,9 +180,9 @@ class Before:
             start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
             stepping = self.stepped(key)
             return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
-        return DetectorStage(*given, placements=self.placements)
+        raise AssertionError(group)
 
-    def _localizer(self, given: Given, geometry: Geometry | None) -> Stage:
+    def _localizer(self, given: Given, geometry: Geometry | None) -> Taking:
         """Return the stage of a localizer, by what it takes."""
         if getattr(given[2], "takes", "pick") == "bearing":
             pointing, stepping = self.pointed(given[0]), self.stepping

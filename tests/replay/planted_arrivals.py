@@ -14,6 +14,7 @@ from groundtrace.gates import Candidates, gate_specs
 from groundtrace.parameters import build
 from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
 from groundtrace.plugins import find
+from groundtrace.stage import emitted
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.labels import SIMULATOR, Label
@@ -140,7 +141,7 @@ def _part(stage: Any, channels: tuple[str, ...], time_ns: Any, channel: Any) -> 
     parameters = build(kind.Parameters, stage.parameters, stage.key)
     gates = gate_specs(kind.gates, parameters)
     spec = StageSpec(
-        stage.key, stage.use, TOPIC, channels, tuple(kind.columns), gates, (), kind.emits
+        stage.key, stage.use, TOPIC, channels, tuple(kind.columns), gates, (), emitted(kind)
     )
     count = len(time_ns)
     value = np.ones((count, len(spec.columns)), np.float32)

@@ -10,7 +10,7 @@ import pytest
 from groundtrace.conformance import BLOCK_SIZES, assert_same, rechunked, run
 from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
 from groundtrace.plugins import load, plugins
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner, wanted_quantities
 from groundtrace_codecs.events import CandidateBlock, Gap, TraceBlock
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
@@ -73,7 +73,7 @@ def signals(quantities: frozenset[str]) -> list[SignalBlock]:
 @pytest.mark.parametrize("name", DETECTORS)
 def test_no_candidate_of_a_detector_is_before_the_first_sample(name: str) -> None:
     kind = load("detectors", name)
-    for block in signals(kind.quantities):
+    for block in signals(wanted_quantities(kind)):
         whole = run(_stage(kind), [block])
         assert (whole.times >= 0).all()
         assert (whole.trace_times >= 0).all()
@@ -87,7 +87,7 @@ def test_no_candidate_of_a_detector_is_before_the_first_sample(name: str) -> Non
 def test_no_candidate_after_a_gap_is_before_the_first_sample_after_it(name: str) -> None:
     kind = load("detectors", name)
     late_ns = 100 * NS_PER_S
-    for block in signals(kind.quantities):
+    for block in signals(wanted_quantities(kind)):
         gap = Gap(block.topic, block.end_ns, late_ns, "missing", 1800)
         second = SignalBlock(block.stream, late_ns, 0, block.samples)
         times = run(_stage(kind), [block, gap, second]).times
@@ -115,5 +115,5 @@ def _times(event: Any) -> list[int]:
     return [event.time_ns] if hasattr(event, "time_ns") else []
 
 
-def _stage(kind: Any) -> DetectorStage:
-    return DetectorStage("d", "d", kind, kind.Parameters())
+def _stage(kind: Any) -> StageRunner:
+    return StageRunner(StageConfig("d", "d"), kind, kind.Parameters())

@@ -11,6 +11,7 @@ from groundtrace.parameters import describe
 from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
 from groundtrace.plugins import load, plugins
 from groundtrace.source import Source
+from groundtrace.stage import emitted, wanted_quantities
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
@@ -45,9 +46,9 @@ def site(name: str) -> Geometry | None:
 
 
 def fitting(kind: Any) -> str:
-    if kind.emits == "presence":
+    if emitted(kind) == "presence":
         return "vehicle"
-    return "walker" if "acceleration" in kind.quantities else "room"
+    return "walker" if "acceleration" in wanted_quantities(kind) else "room"
 
 
 @pytest.mark.parametrize("name", DETECTORS)
@@ -78,9 +79,9 @@ def _one_run(items: list[Any]) -> list[SignalBlock]:
 
 
 def _stages(kind: Any) -> Any:
-    from groundtrace.stage import DetectorStage
+    from groundtrace.stage import StageConfig, StageRunner
 
-    return lambda: DetectorStage("d", "d", kind, kind.Parameters())
+    return lambda: StageRunner(StageConfig("d", "d"), kind, kind.Parameters())
 
 
 def _events(stage: Any, items: list[Any]) -> list[Any]:

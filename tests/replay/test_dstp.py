@@ -16,7 +16,7 @@ from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters, vertex
 from groundtrace.detectors.sensor_evidence import Evidence, Heights
 from groundtrace.gates import Candidates, decide
 from groundtrace.source import Source
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of
@@ -33,7 +33,7 @@ MASSES = ("{0}_{1}", "{0}_non{1}", "{0}_{1}_ignorance")
 
 def detected(walk: Walk, parameters: BeliefParameters | None = None) -> Outcome:
     parameters = parameters or BeliefParameters()
-    return run(DetectorStage("steps", "dstp", BeliefDetector, parameters), [walk.block])
+    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), [walk.block])
 
 
 @cache
@@ -44,7 +44,7 @@ def recorded() -> tuple[SignalBlock | Gap, ...]:
 
 def bundled(parameters: BeliefParameters) -> Outcome:
     """What is found in the walk that ships with us, whose steps are of many heights."""
-    return run(DetectorStage("steps", "dstp", BeliefDetector, parameters), recorded())
+    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), recorded())
 
 
 def seconds(outcome: Outcome) -> NDArray[np.float64]:

@@ -8,14 +8,16 @@ from walking_blocks import START_NS, waist
 
 from groundtrace.conformance import check_detector, run
 from groundtrace.detectors.rest_swing import SwingDetector, SwingParameters, extreme
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 GATES = [gate.name for gate in SwingDetector.gates]
 
 
 def detected(walk, **changes):
-    stage = DetectorStage("steps", "rest-swing", SwingDetector, SwingParameters(**changes))
+    stage = StageRunner(
+        StageConfig("rest-swing", "steps"), SwingDetector, SwingParameters(**changes)
+    )
     return run(stage, [walk.block])
 
 

@@ -14,7 +14,7 @@ from groundtrace.detectors.zupt import (
     ZeroVelocityParameters,
     ZeroVelocityStatistic,
 )
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 LEAD = ZeroVelocityParameters().lead_s
@@ -22,7 +22,9 @@ LEAD = ZeroVelocityParameters().lead_s
 
 def detected(walk: Walk, **changes: float):
     parameters = ZeroVelocityParameters(**changes)
-    return run(DetectorStage("steps", "zupt", ZeroVelocityDetector, parameters), [walk.block])
+    return run(
+        StageRunner(StageConfig("zupt", "steps"), ZeroVelocityDetector, parameters), [walk.block]
+    )
 
 
 def statistic_of(samples: np.ndarray, window: int, p: ZeroVelocityParameters) -> np.ndarray:

@@ -15,6 +15,7 @@ from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
 from ..score.step_matching import TrueSteps
+from ..stage import emitted
 from .bootstrap import Verdicts
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ class Truth(Protocol):
 
 def counted_kind(config: PipelineConfig) -> CountedKind:
     """Return what a sweep of a pipeline counts; steps where it has nothing else."""
-    emitted = {getattr(find(STAGE_GROUPS, s.use)[1], "emits", "") for s in config.stage}
-    return next((kind for kind in reversed(KINDS) if kind in emitted), "step")
+    given = {emitted(find(STAGE_GROUPS, s.use)[1]) for s in config.stage}
+    return next((kind for kind in reversed(KINDS) if kind in given), "step")
 
 
 def noun_of(kind: CountedKind) -> str:
