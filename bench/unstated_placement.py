@@ -58,12 +58,11 @@ class Unstated:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
-        log_ns: int | None = None,
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield its blocks."""
         wanted = topics or [stream.topic for stream in self.streams]
-        found = self._recording.blocks(wanted, start_ns, stop_ns, log_ns, joined_ns)
+        found = self._recording.blocks(wanted, start_ns, stop_ns, joined_ns)
         for stamped in found:
             unstated = replace(stamped.block.stream, placement="")
             yield stamped._replace(block=replace(stamped.block, stream=unstated))

@@ -19,7 +19,7 @@ import numpy as np
 from groundtrace.vehicles import lines, positions, ratios
 from groundtrace.vehicles.courses import Observed, fit_course
 from groundtrace.vehicles.likelihood import CyclePlace
-from groundtrace.vehicles.medium import Geophone, PowerLaw, local_exponent, ranges
+from groundtrace.vehicles.medium import Geophone, PowerLaw, clamped, ranges
 from groundtrace.vehicles.passes import PassFinder
 from groundtrace.vehicles.roads import Road, associate
 from groundtrace.vehicles.search import Search
@@ -46,6 +46,31 @@ KNOWN_PLACES = {
 #: Antennas of the courses [m], and what a course may be off in the median [m].
 ANTENNAS = np.array([(x, y) for y in (0.0, 30.0) for x in (0.0, 15.0, 30.0)])
 TARGET_M = 1.0
+#: Of the integral in (2), evenly over the logarithm of frequency; and from how far below to how far
+#: above the natural frequency it reaches.
+NODES, SPAN = 4096, 1e6
+
+
+def received_power(distance_m: np.ndarray, geophone: Geophone, loss_spm: float) -> np.ndarray:
+    """Return the power (2) of white noise of density N0 / 2 = 1, with the prefactor 1 / r."""
+    r = clamped(distance_m)
+    log_f = np.linspace(*np.log(geophone.natural_hz * np.array([1 / SPAN, SPAN])), NODES)
+    f = np.exp(log_f)
+    density = np.abs(geophone.response(f)) ** 2 * f  # f d(ln f) = d f
+    amplitude = r[:, None] ** -0.5 * np.exp(-np.pi * loss_spm * f * r[:, None])  # (1)
+    return np.asarray(np.trapezoid(density * amplitude**2, log_f, axis=1))
+
+
+def local_exponent(distance_m: np.ndarray, geophone: Geophone, loss_spm: float) -> np.ndarray:
+    """Return -d ln P / d ln r of (2), the n of (4) that holds about each distance.
+
+    1 of it is the prefactor's; the paper takes the rest, the integral's, for 0.5 everywhere.
+    """
+    step = 1e-3
+    near, far = (
+        received_power(distance_m * np.exp(sign * step), geophone, loss_spm) for sign in (-1, 1)
+    )
+    return np.asarray(np.log(near / far) / (2 * step))
 
 
 def exponents() -> None:

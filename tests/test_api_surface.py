@@ -34,10 +34,9 @@ SURFACE = {
         Annotations Conflict Merge Stored Truth annotated conflicts from_json kept_in stored to_json
         truth_of_annotations""",
     "groundtrace.belief": """
-        Criterion Frame RULES Rule appriou_1 appriou_2 bayesian belief certain check_masses conflict
-        decision dempster discount disjunctive dubois_prade dubois_prade_model florea graded
-        ignorance neighbour over_ignorance pignistic plausibility scores simple_support smets
-        specialised trapezoid yager""",
+        Criterion Frame RULES Rule belief conflict decision dempster discount disjunctive
+        dubois_prade florea graded over_ignorance pignistic plausibility scores smets specialised
+        trapezoid yager""",
     "groundtrace.conformance": """
         BLOCK_SIZES FAULTS Outcome TOLERANCE ToldCurves assert_same assert_same_curves
         check_description check_detector check_faults check_gap check_gates check_state outcome

@@ -243,7 +243,7 @@ def test_a_replay_can_show_what_lies_around_a_miss(missing: Path, capsys: Captur
         "walk.mcap: --at-miss: expected one of the 21 missed steps, found 22"
     )
     assert run(capsys, *replay, "--at-miss", 1, "--from", 3).error == (
-        "--at-miss: expected no --from, --to, --rate, --no-viewer or --resume with it"
+        "--at-miss: expected no --from, --to, --rate or --no-viewer with it"
     )
     without_truth(Path("bare.mcap"))
     assert run(

@@ -120,11 +120,6 @@ class Container:
     ending
         What the file's name ends in while it grows.
 
-    Attributes
-    ----------
-    messages
-        Number of messages written.
-
     Raises
     ------
     CodecError
@@ -154,7 +149,6 @@ class Container:
         self._mcap = McapWriter(self._file, compression, _LEVELS, chunk_bytes, profile, library)
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[Output, int] = {}
-        self.messages = 0
 
     def channel(self, output: Output) -> int:
         """Return the id of a channel, registered at its first use."""
@@ -169,23 +163,9 @@ class Container:
             self._channels[output] = channel_id
         return channel_id
 
-    @property
-    def growing(self) -> Path:
-        """The file while it grows."""
-        return self._partial
-
-    @property
-    def outputs(self) -> tuple[Output, ...]:
-        """The channels registered by :meth:`channel`, in the order of their ids."""
-        return tuple(self._channels)
-
-    def settle(self) -> int:
-        """End the chunks in progress; return how many bytes hold everything written so far.
-
-        A channel that has no message yet is not among it.
-        """
+    def flush(self) -> None:
+        """End the chunks in progress."""
         self._mcap.flush()
-        return self._file.tell()
 
     def send(self, output: Output, packet: Packet) -> None:
         """Write one message.
@@ -203,7 +183,6 @@ class Container:
         self._mcap.add_message(
             self.channel(output), packet.log_ns, packet.data, packet.publish_ns, packet.sequence
         )
-        self.messages += 1
 
     def copy_channel(self, channel: ChannelRecord, schema: Schema | None) -> int:
         """Register a channel of another file, and return its id in this one."""
@@ -232,7 +211,6 @@ class Container:
             message.publish_time,
             message.sequence,
         )
-        self.messages += 1
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""

@@ -201,7 +201,6 @@ class Recording:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
-        log_ns: int | None = None,
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
         """Yield blocks of all streams in order of log time, then of channel id.
@@ -217,9 +216,6 @@ class Recording:
         start_ns, stop_ns
             Sample times ``[start_ns, stop_ns)``; None = no bound. Messages are looked for where
             their channel's first messages were logged after their samples, and 2 s around.
-        log_ns
-            Messages logged before are left alone, for going on; a multiple of the log time over
-            which messages are put together.
         joined_ns
             Log time over which messages of all kinds are put together, those that continue each
             other into one block; 0 = as said above.
@@ -241,8 +237,6 @@ class Recording:
         high = None if stop_ns is None else stop_ns + max(g.high_ns for g in lags) + SLACK_NS
         if high is not None and self._clock is not None:
             high += self._clock.latest_ns
-        if log_ns is not None:
-            low = log_ns if low is None else max(low, log_ns)
         if start_ns is None and stop_ns is None and len(wanted) == len(self.streams):
             yield from self._decoded(readers, low, high, joined_ns)
             return

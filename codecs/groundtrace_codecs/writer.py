@@ -43,8 +43,6 @@ class RecordingWriter:
         Replace an existing file.
     chunk_bytes
         Length at which a chunk is ended, before compression.
-    ending
-        What the file's name ends in while it grows.
 
     Raises
     ------
@@ -59,10 +57,9 @@ class RecordingWriter:
         compression: str = "zstd",
         force: bool = False,
         chunk_bytes: int = CHUNK_BYTES,
-        ending: str = "partial",
     ) -> None:
         #: The file underneath.
-        self.container = Container(Path(path), compression, force, chunk_bytes, ending=ending)
+        self.container = Container(Path(path), compression, force, chunk_bytes)
         self.path = self.container.path
         self._streams: dict[str, tuple[Stream, tuple[Encoder, ...]]] = {}
         self._geometry: Geometry | None = None
@@ -215,7 +212,7 @@ class RecordingWriter:
         """Write what is held back, and end the chunks in progress."""
         for encoder in (e for _, encoders in self._streams.values() for e in encoders):
             self._send(encoder.output, encoder.flush())
-        self.container.settle()
+        self.container.flush()
 
 
 def write_recording(

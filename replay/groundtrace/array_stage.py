@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -113,14 +112,6 @@ class ArrayStage(PluginStage["ArrayMethod"]):
     def flush(self) -> Iterator[Event]:
         """Yield nothing: no step is held back."""
         yield from ()
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._runs)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs = copy.deepcopy(saved)
 
     def _prepared(self, block: SignalBlock) -> _Run | None:
         columns = block.stream.columns_of(self.kind.quantities)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -86,14 +85,6 @@ class BearingStage(PluginStage["Crossing"]):
     def flush(self) -> Iterator[Event]:
         """Yield nothing: no step is held back."""
         yield from ()
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._run)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._run = copy.deepcopy(saved)
 
     def _begin(self, source: StageSpec) -> _Run:
         from .direction.bearings import placed

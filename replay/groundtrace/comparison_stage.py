@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -86,14 +85,6 @@ class ComparisonStage(PluginStage["Comparison"]):
         """Compare the fixes of the last step."""
         if self._run is not None:
             yield from self._decide(self._run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._run)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._run = copy.deepcopy(saved)
 
     def _begin(self, topic: str) -> _Run:
         worker = self.kind(self.parameters)

@@ -101,8 +101,6 @@ class ReplayLoop:
         Paces the replay, which then takes nothing ahead; None means as fast as possible.
     progress
         Told the time reached [ns] after each block.
-    tally
-        Of what was replayed before, to be added to; None begins a new one.
     """
 
     def __init__(
@@ -112,9 +110,8 @@ class ReplayLoop:
         *,
         clock: Clock | None = None,
         progress: Callable[[int], None] | None = None,
-        tally: Tally | None = None,
     ) -> None:
-        self.tally = Tally() if tally is None else tally
+        self.tally = Tally()
         self._pipeline = pipeline
         self._sinks = sinks
         self._clock = clock
@@ -126,7 +123,7 @@ class ReplayLoop:
 
     def through(self, source: Iterable[Item]) -> Tally:
         """Take everything that a source gives, until its end."""
-        began = time.perf_counter() - self.tally.wall_s
+        began = time.perf_counter()
         items = iter(source)
         while (item := self._next(items)) is not None:
             self._take(item)

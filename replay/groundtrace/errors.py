@@ -6,7 +6,6 @@
     ├── AnnotationError   annotations are not what they must be, or cannot be kept
     ├── BeliefError       masses are not what they must be, or a quantity is not defined for them
     │   └── TotalConflictError  the sources contradict each other wholly
-    ├── CheckpointError   a replay cannot go on from where it was stopped
     ├── OutputError       an output cannot be written: no room on the disk, or not allowed
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
     ├── PluginError       a plugin is unknown or does not load
@@ -55,10 +54,6 @@ class BeliefError(GroundtraceError):
 
 class TotalConflictError(BeliefError):
     """The sources contradict each other wholly: nothing can be normalised."""
-
-
-class CheckpointError(GroundtraceError):
-    """A replay cannot go on from where it was stopped."""
 
 
 class OutputError(GroundtraceError):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
@@ -85,14 +84,6 @@ class HeadingStage(PluginStage["HeadingMethod"]):
         yield from self._take(self._rounds.finish())
         for run in self._runs.values():
             yield from self._finish(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses blocks."""
-        return copy.deepcopy((self._runs, self._early, self._rounds))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs, self._early, self._rounds = copy.deepcopy(saved)
 
     def _take(self, items: Sequence[SignalBlock | Gap]) -> list[Event]:
         """Take a round of all streams."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -161,14 +160,6 @@ class LocalizerStage(PluginStage["Localizer"]):
     def flush(self) -> Iterator[Event]:
         """Yield nothing: no step is held back."""
         yield from ()
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._runs)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs = copy.deepcopy(saved)
 
     def _begin(self, source: StageSpec) -> Iterator[Event]:
         if not self.allowed(source.topic):

@@ -23,12 +23,6 @@ class Taking(Protocol):
     def flush(self) -> Iterable[Event]:
         """End of the recording: return what was held back."""
 
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-
 
 @dataclass(slots=True)
 class Made:

@@ -240,17 +240,6 @@ class Pipeline:
         self._check.hear(found)
         return [*found, *self._check.finish()]
 
-    def save(self) -> tuple[Any, ...]:
-        """Return a copy of everything that crosses items, stage by stage, and of the check."""
-        return (*(stage.save() for stage in self.stages), self._check.save())
-
-    def restore(self, saved: Sequence[Any]) -> None:
-        """Go on from what :meth:`save` returned."""
-        *states, check = saved
-        for stage, state in zip(self.stages, states, strict=True):
-            stage.restore(state)
-        self._check.restore(check)
-
 
 def build_pipeline(
     config: PipelineConfig, geometry: Geometry | None = None, labels: Sequence[Label] = ()

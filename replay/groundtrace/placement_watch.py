@@ -174,7 +174,7 @@ def noted(
     items
         Blocks and gaps in time order.
     watches
-        The watch of each topic, kept by the caller where the replay may be broken off and go on.
+        The watch of each topic that has one already; None where it is not to be watched.
     """
     watches = {} if watches is None else watches
     for item in items:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import tomllib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace_codecs.annotations import Annotation
-    from groundtrace_codecs.continuing import Settled
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
@@ -58,8 +57,6 @@ class Provenance:
         Half-open span that was replayed [ns]; None where it begins or ends with the recording.
     versions
         Of the packages that took part.
-    stopped_ns
-        Where the replay was stopped, which is ``to_ns`` then [ns]; None where it came to its end.
     placements
         Where on the body the sensor of a topic is worn, of those that state it.
     """
@@ -73,7 +70,6 @@ class Provenance:
     versions: dict[str, str] = field(default_factory=dict)
     from_ns: int | None = None
     to_ns: int | None = None
-    stopped_ns: int | None = None
     placements: dict[str, str] = field(default_factory=dict)
 
 
@@ -111,73 +107,37 @@ CHUNK_BYTES = 256 << 10
 class ResultsSink:
     """Writes events, labels and geometry to a results MCAP; signals stay in the recording."""
 
-    def __init__(
-        self, path: Path, provenance: Provenance, *, force: bool = False, ending: str = "partial"
-    ) -> None:
+    def __init__(self, path: Path, provenance: Provenance, *, force: bool = False) -> None:
         self.path = path
         self.provenance = provenance
         self.force = force
-        self.ending = ending
         self._writer: RecordingWriter | None = None
 
     def open(self, session: Session) -> None:
         """Begin the file."""
         from groundtrace_codecs.writer import RecordingWriter
 
-        self._writer = RecordingWriter(
-            self.path, force=self.force, chunk_bytes=CHUNK_BYTES, ending=self.ending
-        )
+        self._writer = RecordingWriter(self.path, force=self.force, chunk_bytes=CHUNK_BYTES)
         self._writer.__enter__()
         if session.geometry is not None:
             self._writer.set_geometry(session.geometry)
         self._writer.add_labels(session.labels)
         if session.annotations:
             self._writer.add_annotations(session.annotations)
-        self._describe()
+        provenance = msgspec.json.encode(self.provenance).decode()
+        self._writer.add_metadata(RUN, {"json": provenance})
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take an event; signals are left out."""
         if self._writer is not None and not isinstance(item, SignalBlock):
             self._writer.add_event(item)
 
-    def _describe(self) -> None:
-        if self._writer is not None:
-            self._writer.add_metadata(RUN, {"json": msgspec.json.encode(self.provenance).decode()})
-
-    def settle(self) -> Settled:
-        """Say how much of the file is whole, for a replay that goes on later."""
-        from groundtrace_codecs.continuing import settle
-
-        return settle(self._opened())
-
-    def take_over(self, settled: Settled, path: Path) -> None:
-        """Write what an earlier file held when it was settled; just after opening.
-
-        Raises
-        ------
-        CodecError
-            Where that file does not hold it.
-        """
-        from groundtrace_codecs.continuing import take_over
-
-        take_over(self._opened(), settled, path)
-
-    def stop(self, stopped_ns: int) -> None:
-        """Say in the file that the replay was stopped, and where."""
-        self.provenance = replace(self.provenance, to_ns=stopped_ns, stopped_ns=stopped_ns)
-        self._describe()
-
-    def _opened(self) -> RecordingWriter:
-        if self._writer is None:
-            raise RuntimeError("a results file must be open")
-        return self._writer
-
     def abandon(self) -> None:
         """End without giving the file its name: what was written stays in NAME.partial."""
-        if self._writer is not None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
             error = RuntimeError("the replay did not end")
-            self._writer.__exit__(RuntimeError, error, None)
-            self._writer = None
+            writer.__exit__(RuntimeError, error, None)
 
     def close(self) -> None:
         """Finish the file and give it its name."""

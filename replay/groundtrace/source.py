@@ -12,7 +12,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock, as_one
 from .runs import IrregularRuns, UniformRuns, run_tracker
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from groundtrace_codecs.recording import Stamped
     from groundtrace_codecs.signals import Stream
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 BLOCK_SAMPLES = 3000
 #: Shortest such block, also where one stream is alone and waits for no other, and longest one [s].
 BLOCK_S, ALONE_BLOCK_S, LONGEST_BLOCK_S = 0.5, 2.0, 30.0
-#: Shortest time between two places where a replay may be broken off [ns of log time].
-REST_NS = BATCH_NS
 #: Longest gap that is filled instead of ending the run [s].
 BRIDGE_S = 0.1
 
@@ -35,8 +33,8 @@ def block_length_s(streams: Sequence[Stream]) -> float:
     """Return the length to which unpaced blocks of these streams are joined [s]."""
     shortest_s = ALONE_BLOCK_S if len(streams) == 1 else BLOCK_S
     fastest_hz = max((s.rate_hz for s in streams), default=1.0)
-    rests = BLOCK_SAMPLES / fastest_hz * NS_PER_S // REST_NS
-    return min(max(rests * REST_NS / NS_PER_S, shortest_s), LONGEST_BLOCK_S)
+    batches = BLOCK_SAMPLES / fastest_hz * NS_PER_S // BATCH_NS
+    return min(max(batches * BATCH_NS / NS_PER_S, shortest_s), LONGEST_BLOCK_S)
 
 
 class Readable(Protocol):
@@ -51,10 +49,9 @@ class Readable(Protocol):
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
-        log_ns: int | None = None,
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
-        """Yield recorded blocks in the order of the file, logged from ``log_ns`` on."""
+        """Yield recorded blocks in the order of the file."""
 
 
 class Source:
@@ -73,14 +70,6 @@ class Source:
         :func:`block_length_s`.
     bridge_s
         Longest gap that is filled [s].
-    rest
-        Called between windows of :data:`REST_NS` or more, when everything given so far has been
-        taken and nothing is held back but what :meth:`save` returns; False ends the source there.
-
-    Attributes
-    ----------
-    reached_ns
-        Up to where all streams of the last window were given [ns].
 
     Notes
     -----
@@ -97,7 +86,6 @@ class Source:
         stop_ns: int | None = None,
         block_s: float | None = None,
         bridge_s: float = BRIDGE_S,
-        rest: Callable[[], bool] | None = None,
     ) -> None:
         self.recording = recording
         self.topics = topics
@@ -106,11 +94,7 @@ class Source:
         length_s = block_length_s(self.streams) if block_s is None else block_s
         self.block_ns = round(length_s * NS_PER_S)
         self.bridge_s = bridge_s
-        self.rest = rest
-        self.reached_ns = 0
         self._trackers: Trackers = {}
-        self._resumed = False
-        self._from_log_ns: int | None = None
 
     @property
     def streams(self) -> tuple[Stream, ...]:
@@ -122,47 +106,21 @@ class Source:
 
     def __iter__(self) -> Iterator[SignalBlock | Gap]:
         """Yield blocks and gaps."""
-        if not self._resumed:
-            self._trackers, self._from_log_ns = {}, None
-        self._resumed = False
+        self._trackers = {}
         waiting: dict[str, list[SignalBlock | Gap]] = {}
-        ends: dict[str, int] = {}
-        width_ns = self.block_ns or REST_NS
+        width_ns = self.block_ns or BATCH_NS
         window = None
-        wanted = (self.topics, self.start_ns, self.stop_ns, self._from_log_ns, self.block_ns)
+        wanted = (self.topics, self.start_ns, self.stop_ns, self.block_ns)
         for log_ns, block in self.recording.blocks(*wanted):
             if window is not None and log_ns // width_ns > window:
                 yield from self._drain(waiting)
-                if not self._rested(log_ns // width_ns * width_ns, ends):
-                    return
             window = max(window or 0, log_ns // width_ns)
-            if self.rest is not None:
-                ends[block.topic] = max(block.end_ns, ends.get(block.topic, 0))
             for item in self._followed(block):
                 if self.block_ns == 0:
                     yield item
                 else:
                     waiting.setdefault(item.topic, []).append(item)
         yield from self._drain(waiting)
-
-    def save(self) -> tuple[int | None, Trackers]:
-        """Return where the source rests and everything that crosses blocks; called at rest."""
-        return self._from_log_ns, self._trackers
-
-    def restore(self, saved: tuple[int | None, Trackers]) -> None:
-        """Let the next iteration go on from what :meth:`save` returned."""
-        self._from_log_ns, self._trackers = saved
-        self._resumed = True
-
-    def _rested(self, log_ns: int, ends: dict[str, int]) -> bool:
-        """Rest before what is logged from ``log_ns`` on; return whether to go on."""
-        # messages of one sample are decoded together up to multiples of REST_NS
-        if self.rest is None or log_ns % REST_NS:
-            return True
-        self._from_log_ns = log_ns
-        self.reached_ns = min(ends.values(), default=self.reached_ns)
-        ends.clear()
-        return self.rest()
 
     def _followed(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
         """Yield what a recorded block adds to the run of its stream."""

@@ -585,14 +585,6 @@ class StageRunner:
                 blocks.append(decided_block(instance.spec, whole, self.kind, self.parameters)[0])
         return [*out, *blocks, *(event for block in blocks for event in accepted_events(block))]
 
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._state)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._state = copy.deepcopy(saved)
-
     def _fresh_state(self) -> _State:
         rounds = self.kind.rounds
         return _State(rounds=Rounds(rounds[-1]) if rounds else None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -83,14 +82,6 @@ class StepTypeStage(PluginStage["StepTypes"]):
         """Give the steps that waited for others."""
         for run in self._runs.values():
             yield from self._end(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy((self._sources, self._early, self._runs))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._sources, self._early, self._runs = copy.deepcopy(saved)
 
     def _step(self, step: StepEvent) -> None:
         """Remember a step until the block comes that it was found in."""

@@ -6,11 +6,10 @@ fastest that was ever measured. Over a second or more that holds of a foot as of
 
 from __future__ import annotations
 
-import copy
 import math
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from groundtrace_codecs.events import Fix, Note, StepEvent, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
@@ -119,14 +118,6 @@ class TrackCheck:
                     f"points"
                 )
                 yield Note(worst.time_ns, text, "WARN", stage)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy(self._state)
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._state = copy.deepcopy(saved)
 
     def _none_text(self) -> str:
         told = []

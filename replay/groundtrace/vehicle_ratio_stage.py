@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -145,14 +144,6 @@ class RatioStage(PluginStage["RatioPlaces"]):
     def flush(self) -> Iterator[Event]:
         """Yield nothing: a cycle that is not complete has no ratios."""
         yield from ()
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy((self._heard, self._runs))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._heard, self._runs = copy.deepcopy(saved)
 
     def _hear(self, block: SignalBlock) -> Iterator[Event]:
         from .detectors.filters import planar

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -86,14 +85,6 @@ class VehicleStage(PluginStage["VehicleWorker"]):
         """End the run of cycles."""
         if self._run is not None:
             yield from self._end(self._run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        return copy.deepcopy((self._run, self._told))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._run, self._told = copy.deepcopy(saved)
 
     def _begin(self, topic: str) -> _Run | None:
         site = self.geometry.stations()

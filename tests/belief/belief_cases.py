@@ -23,6 +23,12 @@ def exact(*masses: object) -> NDArray:
     return np.array([Fraction(m) for m in masses], object)
 
 
+def assert_masses(masses: NDArray) -> None:
+    """Check that masses are nowhere negative and add up to 1."""
+    assert (masses >= 0).all()
+    assert np.allclose(masses.sum(axis=-1), 1, rtol=0, atol=1e-9)
+
+
 @dataclass(frozen=True)
 class Golden:
     """Two sources and what every rule makes of them; empty, peak, other, whole."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,30 +130,6 @@ def test_an_imu_whose_messages_hold_one_sample_each_is_read_in_its_order_too(
     path = set_back(tmp_path / "imu.mcap", [imu])
     gaps = [item.reason for item in items(path) if isinstance(item, Gap)]
     assert gaps == ["clock step"]
-
-
-def test_a_source_that_rests_goes_on_over_a_clock_set_back(tmp_path: Path) -> None:
-    path = set_back(tmp_path / "back.mcap", [ACCELERATION])
-    whole = items(path)
-    with Recording.open(path) as recording:
-        taken: list[SignalBlock | Gap] = []
-        saved = None
-        for _ in range(200):
-            source = Source(recording, rest=lambda: False)
-            if saved is not None:
-                source.restore(saved)
-            taken += list(source)
-            if source.save() == saved or source.save()[0] is None:
-                break
-            if saved is not None and source.save()[0] == saved[0]:
-                break
-            saved = source.save()
-
-    def samples(given: list[SignalBlock | Gap]) -> list[float]:
-        return list(chain(*(b.values[:, 0] for b in given if isinstance(b, SignalBlock))))
-
-    assert samples(taken) == samples(whole)
-    assert [g for g in taken if isinstance(g, Gap)] == [g for g in whole if isinstance(g, Gap)]
 
 
 def test_chunks_that_lie_in_another_order_in_the_file_go_by_their_log_times(

@@ -117,24 +117,6 @@ def test_the_loop_waits_as_long_as_the_clock_says(monkeypatch):
     assert max(slept) <= 0.1
 
 
-def test_a_paused_replay_takes_one_item_a_step(monkeypatch):
-    clock, waited, log = Clock(), [0], []
-    clock.pause(0.0)
-
-    def sleep(seconds: float) -> None:
-        waited[0] += 1
-        if waited[0] % 5 == 0:
-            log.append("step")
-            clock.step()
-
-    monkeypatch.setattr(time, "sleep", sleep)
-    chain = Pipeline(PipelineConfig("test"), [], "")
-    sink = Sink([], "a")
-    sink.write = lambda item: log.append(type(item).__name__)
-    replay(two_blocks(), chain, [sink], clock=clock)
-    assert log == ["step", "SignalBlock", "Gap", "step", "SignalBlock"]
-
-
 def test_without_a_clock_the_loop_never_sleeps(monkeypatch):
     slept = []
     monkeypatch.setattr(time, "sleep", slept.append)

@@ -185,19 +185,10 @@ def test_findings_do_not_depend_on_how_a_signal_is_cut(cut: int) -> None:
     assert found(samples, cut=cut) == found(samples, cut=3000)
 
 
-def test_a_replay_warns_at_its_end_and_goes_on_from_what_was_kept() -> None:
+def test_a_replay_warns_at_its_end() -> None:
     of = stream(GYRO, FORCE, FIELD)
     items = list(blocks(of, changed(turning_sensor(), 0, EYE[[1, 0, 2]])))
-    whole = [x for x in judged(items, [of]) if isinstance(x, Note)]
-    kept: dict = {}
-    first = judged(items[:7], [of], kept)
-    for _ in range(7):
-        next(first)
-    # the seventh was passed on and not heard yet, as where a replay is broken off before it
-    kept = pickle.loads(pickle.dumps(kept))
-    again = [x for x in judged(items[6:], [of], kept) if isinstance(x, Note)]
-    assert again == whole
-    (note,) = whole
+    (note,) = [x for x in judged(items, [of]) if isinstance(x, Note)]
     assert (note.level, note.source) == ("WARN", "health")
     assert 'axis = "x" becomes axis = "y"; axis = "y" becomes axis = "x"' in note.text
 

@@ -4,33 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from groundtrace.vehicles.lines import Course, Loss, from_one, from_zero, through
-
-
-@given(st.integers(2, 60), st.floats(0.1, 5.0), st.integers(0, 2**32 - 1))
-def test_the_sums_of_both_kinds_are_least_squares(n: int, dt: float, seed: int) -> None:
-    places = np.random.default_rng(seed).normal(size=(n, 2)) * 10
-    for first, formula in ((0, from_zero), (1, from_one)):
-        j = np.arange(first, first + n)
-        design = np.stack([np.ones(n), j * dt], axis=1)
-        expected = np.linalg.lstsq(design, places, rcond=None)[0]
-        start, velocity = formula(places, dt)
-        assert start == pytest.approx(expected[0], abs=1e-12)
-        assert velocity * dt == pytest.approx(expected[1] * dt, abs=1e-12)
-
-
-def test_nine_as_corrected_is_exact_where_the_printed_one_is_far_off() -> None:
-    j, dt = np.arange(11), 0.5
-    places = np.array([3.0, -2.0]) + np.outer(j * dt, [4.0, 1.5])
-    start, velocity = from_zero(places, dt)
-    assert start == pytest.approx([3, -2], abs=1e-12)
-    assert velocity == pytest.approx([4, 1.5], abs=1e-12)
-    total, moment, i = places[1:].sum(axis=0), j[1:] @ places[1:], 10
-    printed = (12 * total / (i * (i + 1) * (i + 2)) - 6 * moment / ((i + 1) * (i + 2))) / dt
-    assert abs(printed[0] - 4) > 10
+from groundtrace.vehicles.lines import Course, Loss, through
 
 
 @pytest.mark.parametrize("loss", ["huber", "tukey"])

@@ -1,16 +1,22 @@
-"""Ctrl-C while ``annotate --serve`` or ``share`` runs: one true line, and no --resume."""
+"""Ctrl-C while ``annotate --serve`` or ``share`` runs: one true line."""
 
 from __future__ import annotations
 
 import os
 import signal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from command_runs import done, run
 from page_sessions import serving, write_walk
 
-from groundtrace.resumable import Keeper
+from groundtrace.engine import ReplayLoop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from groundtrace.engine import Item, Tally
 
 Capture = pytest.CaptureFixture[str]
 
@@ -23,13 +29,13 @@ def walk(tmp_path: Path) -> Path:
 @pytest.fixture
 def interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C as soon as a replay has begun."""
-    begin = Keeper.begin
+    through = ReplayLoop.through
 
-    def pressed(keeper: Keeper, *before: object) -> None:
-        begin(keeper, *before)  # type: ignore[arg-type]
+    def pressed(loop: ReplayLoop, source: Iterable[Item]) -> Tally:
         os.kill(os.getpid(), signal.SIGINT)
+        return through(loop, source)
 
-    monkeypatch.setattr(Keeper, "begin", pressed)
+    monkeypatch.setattr(ReplayLoop, "through", pressed)
 
 
 def test_a_page_that_is_stopped_says_what_is_kept_and_ends_with_0(walk: Path) -> None:
@@ -49,7 +55,6 @@ def test_a_page_that_is_stopped_before_it_is_ready_says_so_and_ends_with_0(
     ran = done(capsys, "annotate", walk, "--serve", "--no-browser")
     said = "stopped before the page was ready; 1 annotation is kept in walk.annotations.mcap"
     assert ran.err.splitlines()[-1] == said
-    assert "--resume" not in ran.err
 
 
 def test_a_share_that_is_stopped_advises_nothing_that_does_not_exist(
@@ -59,5 +64,5 @@ def test_a_share_that_is_stopped_advises_nothing_that_does_not_exist(
     request.getfixturevalue("interrupted")
     ran = run(capsys, "share", "walk.results.mcap", "-o", "out")
     assert ran.code == 130
-    assert "--resume" not in ran.err
+    assert ran.err == ""
     assert not Path("out").exists()

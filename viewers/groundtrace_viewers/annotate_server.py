@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import io
 import secrets
-import signal
 import tempfile
 import threading
 import webbrowser
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from groundtrace.annotate import Annotations
 from groundtrace.commands.fitting import fitting_pipeline
 from groundtrace.commands.output import say
+from groundtrace.commands.replay_run import terminable
 from groundtrace.commands.replaying import replay
 from groundtrace.pipeline import parse_pipeline
 from groundtrace.results import Results, file_sha256, read_results
@@ -28,9 +27,6 @@ from .page_api import Desk, api
 from .recipe import Recipe, written_recipe
 from .serve import LOOPBACK
 from .web import listen, page_app, run
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 def serve(
@@ -86,7 +82,7 @@ def serve(
         app = page_app(rrd, moments.json(), port, "server", api(desk, token))
         for remark in store.remarks:
             say(remark)
-        with _terminable(), suppress(KeyboardInterrupt):
+        with terminable(), suppress(KeyboardInterrupt):
             run(
                 app,
                 listening,
@@ -131,7 +127,6 @@ def replayed(
             to=recipe.to,
             rrd=rrd,
             out=fresh,
-            resumable=False,
         )
     return rrd, read_results(fresh)
 
@@ -160,16 +155,3 @@ def _announce(url: str, open_browser: bool) -> None:
     say(f"annotating at {url} (Ctrl-C ends it)")
     if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-
-
-@contextmanager
-def _terminable() -> Iterator[None]:
-    """End as with Ctrl-C where the system asks for it, so that the replay's folder goes."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

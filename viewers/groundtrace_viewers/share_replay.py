@@ -85,7 +85,6 @@ def _replayed(sources: Sources, recording: Path, light: bool, target: Path) -> N
                 rrd=target,
                 out=fresh,
                 full_rate="none" if light else "",
-                resumable=False,
             )
         for line in said.getvalue().splitlines():
             if "annotations are left out" not in line:  # said already

@@ -7,7 +7,7 @@ Source: Dempster-Shafer thesis, chapters II and III; where a printed formula is 
 says how it is corrected.
 """
 
-from .frame import Frame, check_masses
+from .frame import Frame
 from .measures import (
     Criterion,
     belief,
@@ -17,19 +17,7 @@ from .measures import (
     plausibility,
     scores,
 )
-from .models import (
-    appriou_1,
-    appriou_2,
-    bayesian,
-    certain,
-    dubois_prade_model,
-    graded,
-    ignorance,
-    neighbour,
-    simple_support,
-    specialised,
-    trapezoid,
-)
+from .models import graded, specialised, trapezoid
 from .rules import (
     RULES,
     Rule,
@@ -48,28 +36,19 @@ __all__ = [
     "Criterion",
     "Frame",
     "Rule",
-    "appriou_1",
-    "appriou_2",
-    "bayesian",
     "belief",
-    "certain",
-    "check_masses",
     "conflict",
     "decision",
     "dempster",
     "discount",
     "disjunctive",
     "dubois_prade",
-    "dubois_prade_model",
     "florea",
     "graded",
-    "ignorance",
-    "neighbour",
     "over_ignorance",
     "pignistic",
     "plausibility",
     "scores",
-    "simple_support",
     "smets",
     "specialised",
     "trapezoid",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..errors import BeliefError
 
 if TYPE_CHECKING:
@@ -80,20 +78,3 @@ def hypotheses_of(masses: NDArray[Any]) -> int:
     if size < 2 or size & (size - 1):
         raise BeliefError(f"masses: expected a last axis of 2^k subsets, found {masses.shape}")
     return size.bit_length() - 1
-
-
-def check_masses(masses: NDArray[Any], tolerance: float = 1e-9) -> None:
-    """Check that masses are nowhere negative and add up to 1, within ``tolerance``.
-
-    Raises
-    ------
-    BeliefError
-        Where they do not.
-    """
-    hypotheses_of(masses)
-    if (masses < 0).any():
-        raise BeliefError(f"masses: expected none below 0, found {masses.min()}")
-    sums = np.asarray(masses.sum(axis=-1))
-    wrong = ~(np.abs(sums - 1) <= tolerance)
-    if wrong.any():
-        raise BeliefError(f"masses: expected a sum of 1, found {sums[wrong].flat[0]}")

@@ -16,9 +16,8 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..appearing import write_text
 from ..errors import RecordingError
 from ..pipeline import checked_pipeline
-from ..results import RUN
+from ..results import RUN, read_results
 from .output import existing, print_json, print_table, progress, say, writable
-from .resuming import results_at
 from .truth import truth_of, truth_of_recording
 
 if TYPE_CHECKING:
@@ -137,7 +136,7 @@ def _subject(path: Path, pipeline: str, truth: Path | None) -> _Subject:
             labels = truth_of_recording(opened, path, truth)
             config, site = load_pipeline(pipeline), opened.geometry
             return _Subject(path.name, _replayer(path, config), True, config, site, labels)
-    result = results_at(path)
+    result = read_results(path)
     labels = truth_of(result, path, truth)
     config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
     return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)

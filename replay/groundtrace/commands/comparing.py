@@ -13,9 +13,9 @@ from ..explain.comparison import Comparison, Decision
 from ..explain.comparison import compare as compared
 from ..explain.unfiltered import beside
 from ..plugins import load
+from ..results import read_results
 from .output import print_json, print_table, say
 from .pages import comparison_page
-from .resuming import results_at
 from .showing import where_to_show
 from .truth import truth_of
 
@@ -58,7 +58,7 @@ def compare(
     """
     fallback = Path(f"{a.stem}-{b.stem}.compare.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
-    one, other = results_at(a), results_at(b)
+    one, other = read_results(a), read_results(b)
     labels = truth_of(one, a, truth) or truth_of(other, b, truth)
     places = [beside(path, one.provenance.recording) for path in (a, b)]
     found = compared(one, other, labels, tolerance, places)

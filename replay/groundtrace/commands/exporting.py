@@ -18,9 +18,8 @@ from ..errors import RecordingError
 from ..exports import Material, Origin, choose, export, exporters
 from ..exports.kinds import stage_of
 from ..exports.run import chosen_kinds, is_folder
-from ..results import RUN
+from ..results import RUN, read_results
 from .output import existing, print_json, say, writable
-from .resuming import results_at
 from .sharing import recording_of
 from .truth import annotations_to_show, truth_of
 
@@ -141,7 +140,7 @@ def _material(
 ) -> Material:
     """Return what there is to be exported; what needs more reading is read when asked for."""
     if RUN in opened.metadata:
-        return _of_results(stack, results_at(source), source, given, origin)
+        return _of_results(stack, read_results(source), source, given, origin)
     if given is not None:
         raise RecordingError(f"--recording: expected results to go with it, found {source.name}")
     return Material(

@@ -38,7 +38,6 @@ def report(
     timeline: str,
     damage: int,
     *,
-    stopped_s: float | None,
     json: bool,
 ) -> None:
     """Print what a replay did.
@@ -59,8 +58,6 @@ def report(
         What is shown at full rate.
     damage
         Number of places that were skipped.
-    stopped_s
-        Where the user stopped the replay [s since the first sample]; None where it ended.
     json
         As one JSON document.
     """
@@ -76,7 +73,6 @@ def report(
                 "samples": tally.samples,
                 "events": counts,
                 "damage": damage,
-                "stopped_s": stopped_s,
                 "results": str(results),
                 "rrd": str(rrd) if rrd is not None else None,
                 "rrd_bytes": rrd.stat().st_size if rrd is not None else None,

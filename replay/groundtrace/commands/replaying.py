@@ -14,25 +14,25 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..clock import Clock
 from ..errors import RecordingError
 from ..pipeline import Pipeline, build_pipeline, checked_pipeline, load_pipeline, with_settings
 from ..plugins import load
 from ..results import (
     Provenance,
+    ResultsSink,
     file_sha256,
     package_versions,
     public_arguments,
 )
-from ..resumable import Keeper
 from ..sinks import Session
-from ..source import Source, block_length_s
+from ..source import Source
 from ..suitability import Prepared, prepared
 from .at_miss import Around, missed_step
 from .fitting import default_pipeline
 from .output import existing, say, writable
 from .replay_report import report
-from .replay_run import kept_run, run_into
-from .resuming import origin_of, results_sink, say_stopped, stopped_s, to_go_on_from
+from .replay_run import run_into
 from .showing import where_to_show
 from .truth import annotations_to_show
 
@@ -60,12 +60,10 @@ def replay(
     full_rate: str = "",
     map_tiles: Annotated[bool, Parameter(negative="")] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
-    resume: Annotated[bool, Parameter(negative="")] = False,
     strict: Annotated[bool, Parameter(negative="")] = False,
     force: Annotated[bool, Parameter(negative="")] = False,
     quiet: Annotated[bool, Parameter(negative="")] = False,
     json: Annotated[bool, Parameter(negative="")] = False,
-    resumable: Annotated[bool, Parameter(parse=False)] = True,
 ) -> None:
     """Stream a recording through a pipeline; show and store what was decided.
 
@@ -104,9 +102,6 @@ def replay(
         Show positions on a street map too, whose tiles the viewer loads from the internet.
     rate
         Recorded seconds per second; 0 is as fast as possible.
-    resume
-        Go on where this replay was stopped (Ctrl-C) or killed. The results become those of a
-        replay in one go; the viewer's file begins there and is NAME.rest.rrd.
     strict
         Stop at the first damage of the recording instead of leaving it out.
     force
@@ -115,23 +110,13 @@ def replay(
         Show no progress bar.
     json
         Print one JSON document.
-    resumable
-        Say how to go on with a replay that is stopped; not where another command replays into a
-        folder that goes with it.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        Where the user stopped the replay.
     """
     settings = set_ or []
     asked = checked_pipeline(pipeline, settings) if pipeline else None
     path = existing(recording) if recording is not None else _bundled()
-    partly = from_ is not None or to is not None or rate or no_viewer or resume
+    partly = from_ is not None or to is not None or rate or no_viewer
     if at_miss is not None and partly:
-        raise RecordingError(
-            "--at-miss: expected no --from, --to, --rate, --no-viewer or --resume with it"
-        )
+        raise RecordingError("--at-miss: expected no --from, --to, --rate or --no-viewer with it")
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with Recording.open(path, strict=strict) as opened:
@@ -139,7 +124,7 @@ def replay(
         ready = _ready(opened, asked, settings)
         chain = ready.chain
         results = out or Path(f"{_stem(path, at_miss)}.results.mcap")
-        writable(results, force=force or resume, sources=[path])
+        writable(results, force=force, sources=[path])
         spawn, rrd = _where_to_show(
             (path, results),
             rrd,
@@ -147,45 +132,39 @@ def replay(
             web=web,
             no_viewer=no_viewer,
             force=force,
-            resume=resume,
         )
         if rrd is not None and rrd.resolve() == results.resolve():
             raise RecordingError(f"{rrd}: expected another file than the results, found the same")
         session = _session(opened, path, chain)
         span = _span(session, from_, to)
-        block_s = block_length_s(opened.streams) if rate == 0 else 0.0
-        origin = origin_of(_provenance(session, path, chain, span), opened.geometry, block_s)
-        before = to_go_on_from(results, origin) if resume else None
-        if before is None:
-            writable(results, force=force, sources=[path])
-        first_ns = span[0] if before is None else before.checkpoint.reached_ns
-        session = _shown(session, (first_ns, span[1]))
-        stored = results_sink(results, origin, before)
-        sinks: list[Sink] = [stored]
+        provenance = _provenance(session, path, chain, span)
+        session = _shown(session, span)
+        sinks: list[Sink] = [ResultsSink(results, provenance, force=force)]
         if at_miss is None and (rrd is not None or spawn or web):
             shown = load("sinks", "rerun")(
                 rrd, spawn=spawn, web=web, full_rate=full_rate, map_tiles=map_tiles
             )
             say(shown.expected(session))
             sinks.append(shown)
-        source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=block_s)
-        keeper = Keeper(origin, opened, source, chain, stored, warn=say)
-        tally = kept_run(keeper, before, sinks, session, rate, ready, quiet=quiet)
-        if keeper.stopped and shown is None:
-            rrd = None
-        elif at_miss is not None:
+        source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=0.0 if rate else None)
+        tally = run_into(
+            source,
+            chain,
+            sinks,
+            session,
+            Clock(rate) if rate else None,
+            quiet=quiet,
+            looked_at=ready.looked_at,
+            first=ready.notes,
+        )
+        if at_miss is not None:
             at_ns = missed_step(results, at_miss)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             again = build_pipeline(chain.config, opened.geometry, opened.labels)
             run_into(Source(opened), again, [Around(shown, at_ns)], session, quiet=quiet)
-        damage = len({*opened.damage, *(() if before is None else before.checkpoint.damage)})
+        damage = len(set(opened.damage))
     timeline = shown.summary if shown is not None else ""
-    at_s = stopped_s(keeper, session)
-    report(session, chain, tally, results, rrd, timeline, damage, stopped_s=at_s, json=json)
-    if at_s is not None and resumable:
-        say_stopped(keeper, session, at_s)
-    if at_s is not None or (keeper.stop.asked and not resumable):
-        raise KeyboardInterrupt
+    report(session, chain, tally, results, rrd, timeline, damage, json=json)
     if web:
         _stay_with_the_page(shown)
 
@@ -210,19 +189,17 @@ def _where_to_show(
     web: bool,
     no_viewer: bool,
     force: bool,
-    resume: bool,
 ) -> tuple[bool, Path | None]:
     """Return whether to open the viewer, and which file to write; ``files``: recording, results."""
     path, results = files
     if no_viewer:
         return where_to_show(rrd, path, spawn=False, force=force, sources=[path])
     stem = results.stem.removesuffix(".results")
-    # what was shown until the replay was stopped stays as it is
-    name = results.with_name(f"{stem}.rest.rrd" if resume else f"{stem}.rrd")
+    name = results.with_name(f"{stem}.rrd")
     shown, rrd = where_to_show(rrd, name, spawn=spawn, force=force, sources=[path])
     if rrd is not None or spawn or web:
         return shown, rrd
-    return shown, writable(name, force=force or resume, sources=[path])
+    return shown, writable(name, force=force, sources=[path])
 
 
 def _ready(recording: Recording, asked: PipelineConfig | None, settings: list[str]) -> Prepared:

@@ -11,10 +11,10 @@ from cyclopts import Parameter, validators
 
 from ..appearing import write_text
 from ..errors import RecordingError
+from ..results import read_results
 from ..score import score_events
 from ..score.picks import RIGHT_S
 from .output import print_json, print_table, print_warnings, say, writable
-from .resuming import results_at
 from .truth import scored_truth_of
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def score(
     """
     if html is not None:
         writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
-    result = results_at(results, blocks=html is not None)
+    result = read_results(results, blocks=html is not None)
     origin = result.provenance
     known = scored_truth_of(result, results, truth, author)
     labels = known.labels

@@ -11,7 +11,6 @@ from ..errors import RecordingError
 from ..plugins import load
 from ..results import file_sha256, read_results
 from .output import existing, print_warnings, say
-from .resuming import results_at
 
 if TYPE_CHECKING:
     from ..results import Provenance
@@ -78,7 +77,7 @@ def recording_of(results: Path, given: Path | None = None) -> Path | None:
     RecordingError
         Where the one given has other bytes, or ``results`` are none.
     """
-    result = results_at(results)
+    result = read_results(results)
     if given is not None:
         if not _same(existing(given), result.provenance):
             raise RecordingError(

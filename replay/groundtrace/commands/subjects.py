@@ -17,10 +17,9 @@ from ..explain.counted import counted_kind, noun_of
 from ..explain.measuring import in_processes, measure_evidence, resolved
 from ..explain.sweep import Subject
 from ..pipeline import checked_pipeline, parse_pipeline
-from ..results import RUN, provenance_in
+from ..results import RUN, provenance_in, read_results
 from ..score.truth import own_truth
 from .output import existing, progress, say
-from .resuming import results_at
 from .truth import truth_of, truth_of_recording
 
 if TYPE_CHECKING:
@@ -142,7 +141,7 @@ def _measured(
 
 
 def _read(path: Path, truth: Path | None, recordings: Sequence[Path]) -> Subject:
-    result = results_at(path, evidence=True)
+    result = read_results(path, evidence=True)
     origin = result.provenance
     evidence = evidence_of(result, truth_of(result, path, truth))
     part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)

@@ -16,9 +16,9 @@ from ..explain.evidence import matched
 from ..explain.reasons import StepReasons
 from ..explain.unfiltered import beside, with_recording
 from ..plugins import load
+from ..results import read_results
 from .output import print_json, print_warnings, say
 from .pages import account_page, moment_page
-from .resuming import results_at
 from .showing import where_to_show
 from .truth import truth_of
 from .why_picks import explain_picks
@@ -121,7 +121,7 @@ def why(
 
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
     """Read what decisions are explained by; it lives on without what it was read from."""
-    result = results_at(results, evidence=True)
+    result = read_results(results, evidence=True)
     evidence = evidence_of(result, truth_of(result, results, truth))
     origin = result.provenance
     places = (beside(results, origin.recording), *recordings)

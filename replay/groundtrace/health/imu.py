@@ -401,18 +401,8 @@ def line_of(found: Finding) -> str:
     return f"{where}: {found.what}: {found.effect}; {found.remedy}"
 
 
-@dataclass(slots=True)
-class _Kept:
-    """What a replay keeps of its sensors while it goes on."""
-
-    watch: ImuWatch
-    units: dict[str, UnitWatch]
-
-
 def judged(
-    items: Iterable[SignalBlock | Gap | Note],
-    streams: Sequence[Stream],
-    kept: dict[str, _Kept] | None = None,
+    items: Iterable[SignalBlock | Gap | Note], streams: Sequence[Stream]
 ) -> Iterator[SignalBlock | Gap | Note]:
     """Pass on what a source gives, and warn at its end of sensors that contradict themselves.
 
@@ -422,24 +412,19 @@ def judged(
         Blocks, gaps and notes in time order.
     streams
         What the source gives.
-    kept
-        The state, kept by the caller where the replay may be broken off and go on.
     """
-    kept = {} if kept is None else kept
-    if SOURCE not in kept:
-        kept[SOURCE] = _Kept(ImuWatch(streams), {s.topic: UnitWatch(s) for s in streams})
-    state = kept[SOURCE]
+    imu, by_topic = ImuWatch(streams), {s.topic: UnitWatch(s) for s in streams}
     end_ns = 0
     for item in items:
         yield item
         if isinstance(item, Note):
             continue
-        state.watch.hear(item)
+        imu.hear(item)
         if isinstance(item, SignalBlock):
             end_ns = max(end_ns, item.last_ns)
-            state.units[item.topic].hear(item)
-    state.watch.finish()
-    units = [line for watch in state.units.values() for line in watch.remarks()]
+            by_topic[item.topic].hear(item)
+    imu.finish()
+    units = [line for watch in by_topic.values() for line in watch.remarks()]
     yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
-    for found in state.watch.findings(units):
+    for found in imu.findings(units):
         yield Note(found.start_ns, line_of(found), "WARN", SOURCE)

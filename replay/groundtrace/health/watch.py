@@ -131,10 +131,9 @@ class Listened:
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         stop_ns: int | None = None,
-        log_ns: int | None = None,
         joined_ns: int = 0,
     ) -> Iterator[Stamped]:
-        """Yield recorded blocks in the order of the file, logged from ``log_ns`` on."""
-        for stamped in self.recording.blocks(topics, start_ns, stop_ns, log_ns, joined_ns):
+        """Yield recorded blocks in the order of the file."""
+        for stamped in self.recording.blocks(topics, start_ns, stop_ns, joined_ns):
             self.watches[stamped[1].topic].recorded(stamped[1])
             yield stamped

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -89,14 +88,6 @@ class NavigatorStage(PluginStage["FootNavigator"]):
         for run in self._runs.values():
             if run is not None:
                 yield from self._finish(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses blocks."""
-        return copy.deepcopy((self._runs, self._tracks))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        self._runs, self._tracks = copy.deepcopy(saved)
 
     def _begin(self, block: SignalBlock) -> Iterator[Event]:
         stream = block.stream

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -128,18 +127,6 @@ class ReckoningStage(PluginStage["DeadReckoner"]):
             self._know(run, 2**62)
             yield from run.worker.finish()
             yield from self._notes(run)
-
-    def save(self) -> Any:
-        """Return a copy of everything that crosses items."""
-        kept = (self._plane, self._topics, self._runs, self._rounds)
-        early = (self._early, self._early_steps, self._fixes, self._tracks)
-        return copy.deepcopy((kept, early))
-
-    def restore(self, saved: Any) -> None:
-        """Go on from what :meth:`save` returned."""
-        kept, early = copy.deepcopy(saved)
-        self._plane, self._topics, self._runs, self._rounds = kept
-        self._early, self._early_steps, self._fixes, self._tracks = early
 
     def _take(self, items: Sequence[SignalBlock | Gap]) -> Iterator[Event]:
         """Take a round of all streams: places first, then each sensor's signal."""

@@ -3,7 +3,6 @@
 ::
 
     medium       how power falls with distance, and what a geophone does to it  (1) to (4)
-    medium_fit   the law of a ground, from a pass whose track is known
     analytic     the analytic signal of blocks
     floors       the noise floor of powers, running
     cycles       power per channel and working cycle                            (6)

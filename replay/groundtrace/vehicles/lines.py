@@ -1,8 +1,7 @@
 """A straight course in uniform motion: through places of single cycles, and across a line.
 
-Source: the paper, equations (8) and (9). Three errors of (9) are corrected here: in V the sums of
-z_j and of j z_j are interchanged, z_0 has a factor 1 / dt too many, and the denominators belong to
-sums from j = 0, not from 1. With sums from 1 they are others, see :func:`from_one`.
+Source: the paper, equations (8) and (9). The sums of (9), in which three things are printed wrongly
+(docs/vehicles.md), are least squares, which :func:`through` does at any times.
 """
 
 from __future__ import annotations
@@ -137,54 +136,6 @@ class Course:
         return Crossing(
             when, time_sigma, place, way, along_sigma, 0 <= way <= length, rightwards=rate > 0
         )
-
-
-def from_zero(places: Array, interval_s: float) -> tuple[Array, Array]:
-    """Return z0 and V by (9) as corrected, for places of the cycles j = 0 to i.
-
-    Parameters
-    ----------
-    places
-        Shape (i + 1, 2), i at least 1 [m].
-    interval_s
-        Time between cycles [s].
-
-    Returns
-    -------
-    Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0.
-    """
-    start, step = _centred(places)
-    return start, step / interval_s
-
-
-def from_one(places: Array, interval_s: float) -> tuple[Array, Array]:
-    """Return z0 and V by (9) as corrected, for places of the cycles j = 1 to i.
-
-    Parameters
-    ----------
-    places
-        Shape (i, 2), i at least 2 [m].
-    interval_s
-        Time between cycles [s].
-
-    Returns
-    -------
-    Shapes (2,) [m] and (2,) [m/s]; z0 is the place at j = 0, one interval before the first.
-    """
-    first, step = _centred(places)
-    return first - step, step / interval_s
-
-
-def _centred(places: Array) -> tuple[Array, Array]:
-    """Return the line's place at the first cycle and its way from cycle to cycle, shapes (2,).
-
-    The sums of (9) cancel to many digits: with i = 60, 1e-11 of a place is left of rounding. About
-    the middle cycle and the mean place they are the same, and 1e-14 is.
-    """
-    i = float(len(places) - 1)
-    mean = places.mean(axis=0)
-    step = 12 * (np.arange(len(places)) - i / 2) @ (places - mean) / (i * (i + 1) * (i + 2))
-    return mean - i / 2 * step, step
 
 
 def through(times_s: Array, places: Array, loss: Loss = "huber") -> Course:

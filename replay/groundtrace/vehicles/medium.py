@@ -7,9 +7,8 @@ Source: the paper, equations (1) to (4). Two are corrected here:
 - (3) has j 4 pi f xi and (2 pi f T)^2 with T = 1 / f0, which is off by 2 pi; it is 2 j xi f / f0
   and (f / f0)^2.
 
-Nor does the integral fall as r^-0.5 but at one distance: see :func:`local_exponent`. And (3) is a
-low-pass, while a geophone is a high-pass. So the exponent of the law (4) is a parameter, which
-:func:`groundtrace.vehicles.medium_fit.fit_medium` finds for a ground.
+Nor does the integral fall as r^-0.5 but at one distance (a table is in docs/vehicles.md). And (3)
+is a low-pass, while a geophone is a high-pass. So the exponent of the law (4) is a parameter.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ EXPONENT = 1.5
 #: Distances are taken to be at least this [m]: the law has no end on top of a sensor.
 NEAREST_M = 0.5
 Kind = Literal["low-pass", "high-pass"]
-_NODES = 4096  # of the integral, evenly over the logarithm of frequency
-_SPAN = 1e6  # from how far below to how far above the natural frequency it reaches
 
 
 def clamped(distance_m: Array) -> Array:
@@ -97,21 +94,6 @@ def loss_per_m(loss_spm: float, frequency_hz: float) -> float:
     return 2 * np.pi * loss_spm * frequency_hz
 
 
-def attenuation(frequency_hz: Array, distance_m: Array, loss_spm: float) -> Array:
-    """Return the amplitude u(f, r) of (1), r^-0.5 exp(-rho pi f r), 1 at 1 m without loss.
-
-    Parameters
-    ----------
-    frequency_hz, distance_m
-        Shapes that numpy joins; distances are clamped.
-    loss_spm
-        rho [s/m].
-    """
-    r = clamped(distance_m)
-    amplitude: Array = r**-0.5 * np.exp(-np.pi * loss_spm * frequency_hz * r)
-    return amplitude
-
-
 @dataclass(frozen=True, slots=True)
 class Geophone:
     """An oscillator on the ground.
@@ -140,61 +122,3 @@ class Geophone:
         low = 1 / (1 + 2j * self.damping * x - x**2)
         found = low if self.kind == "low-pass" else -(x**2) * low
         return np.asarray(found, np.complex128)
-
-
-def received_power(
-    distance_m: Array,
-    geophone: Geophone,
-    loss_spm: float,
-    band_hz: tuple[float, float] | None = None,
-) -> Array:
-    """Return the power (2) of white noise of density N0 / 2 = 1, with the prefactor 1 / r.
-
-    Parameters
-    ----------
-    distance_m
-        Shape (n,), clamped [m].
-    geophone
-        The sensor.
-    loss_spm
-        rho [s/m]; above 0 for a high-pass without a band, which else has no end of power.
-    band_hz
-        Lower and upper edge of a sharp band; None integrates over all frequencies [Hz].
-
-    Returns
-    -------
-    Shape (n,).
-    """
-    r = clamped(distance_m)
-    low, high = band_hz or (geophone.natural_hz / _SPAN, geophone.natural_hz * _SPAN)
-    log_f = np.linspace(np.log(low), np.log(high), _NODES)
-    f = np.exp(log_f)
-    density = np.abs(geophone.response(f)) ** 2 * f  # f d(ln f) = d f
-    spectrum = density * attenuation(f, r[:, None], loss_spm) ** 2
-    return np.asarray(np.trapezoid(spectrum, log_f, axis=1))
-
-
-def local_exponent(
-    distance_m: Array,
-    geophone: Geophone,
-    loss_spm: float,
-    band_hz: tuple[float, float] | None = None,
-) -> Array:
-    """Return -d ln P / d ln r of (2), shape (n,): the n of (4) that holds about each distance.
-
-    1 of it is the prefactor's; the paper takes the rest, the integral's, for 0.5 everywhere.
-    For rho = 1e-3 s/m, f0 = 10 Hz and xi = 0.7 the integral's is 0.08, 0.19, 0.34, 0.55, 0.84 and
-    0.97 at 2, 5, 10, 20, 50 and 100 m with the low-pass; with the high-pass it is 1.1 to 4.2.
-
-    Parameters
-    ----------
-    distance_m, geophone, loss_spm, band_hz
-        As of :func:`received_power`.
-    """
-    step = 1e-3
-    near, far = (
-        received_power(distance_m * np.exp(sign * step), geophone, loss_spm, band_hz)
-        for sign in (-1, 1)
-    )
-    exponent: Array = np.log(near / far) / (2 * step)
-    return exponent
