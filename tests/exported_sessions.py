@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from share_sessions import quietly
 
-from groundtrace.exports.kinds import EVENTS
+from groundtrace.exports.kinds import tables_of_events
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
@@ -29,5 +29,5 @@ def room_and_walk(folder: Path) -> Path:
 
 def of_kind(results: Results, kind: str) -> list[Any]:
     """Return the events of a kind by time."""
-    found: list[Any] = [e for e in results.events if isinstance(e, EVENTS[kind])]
+    found: list[Any] = [e for e in results.events if isinstance(e, tables_of_events()[kind])]
     return sorted(found, key=lambda e: e.time_ns)

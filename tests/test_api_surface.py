@@ -42,7 +42,7 @@ SURFACE = {
         check_description check_detector check_faults check_gap check_gates check_state outcome
         rechunked run""",
     "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
-    "groundtrace.exports": "Exporter KINDS Material Origin Written choose export exporters",
+    "groundtrace.exports": "Exporter Material Origin Written all_kinds choose export exporters",
     "groundtrace.gates": """
         Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
         never_passed""",

@@ -16,7 +16,7 @@ from command_runs import check_schema, done, run
 from exported_sessions import of_kind, room_and_walk
 
 from groundtrace.errors import PluginError
-from groundtrace.exports.kinds import EVENTS
+from groundtrace.exports.kinds import tables_of_events
 from groundtrace.exports.run import exporters
 from groundtrace.plugins import load, plugins
 from groundtrace.results import read_results
@@ -73,7 +73,9 @@ def test_a_folder_of_csv_reads_back_as_the_events(name: str, capsys: Capture) ->
     assert expected <= ran.document["counts"].keys()
     for kind in expected:
         rows = rows_of(Path("tables", f"{kind}.csv"))
-        read = [event_of(EVENTS[kind], row, results.provenance.start_ns) for row in rows]
+        read = [
+            event_of(tables_of_events()[kind], row, results.provenance.start_ns) for row in rows
+        ]
         # repr: NaN equals itself there
         assert list(map(repr, read)) == list(map(repr, of_kind(results, kind)))
     assert rows_of(Path("tables", "steps.csv"))[0]["time_utc"].startswith("2026-01-05T09:00:0")

@@ -58,7 +58,8 @@ class Encoder(Protocol):
 
 def protobuf_output(topic: str, name: str, metadata: tuple[tuple[str, str], ...] = ()) -> Output:
     """Return the channel of a groundtrace message."""
-    return Output(topic, f"groundtrace.{name}", "protobuf", schema_bytes(), "protobuf", metadata)
+    schema = schema_bytes(name)
+    return Output(topic, f"groundtrace.{name}", "protobuf", schema, "protobuf", metadata)
 
 
 def _ros_output(topic: str, kind: str, key: str, value: str) -> Output:

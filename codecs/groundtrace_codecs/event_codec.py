@@ -1,61 +1,31 @@
-"""Events as protobuf messages, and their topics."""
+"""Events as protobuf messages, and their topics: how each kind is stored follows from its class."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from math import prod
+from operator import attrgetter
 from sys import intern
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
 
 from .description import SPEC_KEY
 from .errors import SchemaError
-from .events import (
-    Bearing,
-    CandidateBlock,
-    Disagreement,
-    Disturbance,
-    Fix,
-    Gap,
-    Heading,
-    Note,
-    Pick,
-    StageSpec,
-    StepEvent,
-    TraceBlock,
-    TrackPoint,
-)
+from .events import CandidateBlock, StageSpec, TraceBlock, kind_of_message
 from .schemas.protobuf import get_time, message_class, parse
-from .traffic import traffic_event
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Collection, Iterator
 
     from numpy.typing import NDArray
 
     from .events import Event, SingleEvent
     from .mcap import McapFile
-
-#: Topic of each message of a single event.
-TOPICS = {
-    "Pick": "/groundtrace/picks",
-    "StepEvent": "/groundtrace/steps",
-    "Fix": "/groundtrace/fixes",
-    "TrackPoint": "/groundtrace/tracks",
-    "Heading": "/groundtrace/headings",
-    "Disturbance": "/groundtrace/disturbances",
-    "Bearing": "/groundtrace/bearings",
-    "Disagreement": "/groundtrace/disagreements",
-    "Presence": "/groundtrace/presence",
-    "Pass": "/groundtrace/passes",
-    "LineCrossing": "/groundtrace/crossings",
-    "LikelihoodSurface": "/groundtrace/surfaces",
-    "Gap": "/groundtrace/gaps",
-    "Note": "/groundtrace/notes",
-}
 
 
 def candidates_topic(spec: StageSpec) -> str:
@@ -140,52 +110,117 @@ def decode_trace(
     return TraceBlock(spec, time_ns, _column(message.value, "<f4", shape, f"{place}: value"))
 
 
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How the fields of a kind of event stand in its message; made once of its dataclass.
+
+    Attributes
+    ----------
+    message
+        The message's class.
+    names
+        Of the event's fields, in order.
+    sources
+        The message's field of each.
+    times
+        Which of them are times.
+    texts
+        Which are texts.
+    lengths
+        Which are tuples, and how many numbers each has.
+    """
+
+    message: Any
+    names: tuple[str, ...]
+    sources: tuple[str, ...]
+    times: tuple[int, ...]
+    texts: tuple[int, ...]
+    lengths: tuple[tuple[int, int], ...]
+
+
+#: What decodes the messages of a kind: it takes the place, named in errors, and the bytes.
+Decoder = Callable[[str, "bytes | memoryview"], Any]
+_DECODERS: dict[type[Any], Decoder] = {}
+
+#: Fields that are times, by what the message calls them.
+TIMES = {"time_ns": "timestamp", "start_ns": "timestamp", "end_ns": "end"}
+
+
+def layout_of(cls: type[Any]) -> Layout:
+    """Return how a kind of event is stored.
+
+    Raises
+    ------
+    TypeError
+        Where its message has other fields than the event.
+    """
+    message = message_class(cls.__name__)
+    names = tuple(f.name for f in fields(cls))
+    sources = tuple(TIMES.get(name, name) for name in names)
+    stored = {f.name for f in message.DESCRIPTOR.fields}
+    if stored != set(sources):
+        raise TypeError(
+            f"{message.DESCRIPTOR.full_name}: expected the fields {', '.join(sources)} of the "
+            f"event, found {', '.join(stored)}"
+        )
+    hints = get_type_hints(cls)
+    types = [hints[name] for name in names]
+    return Layout(
+        message,
+        names,
+        sources,
+        tuple(i for i, name in enumerate(names) if name in TIMES),
+        tuple(i for i, t in enumerate(types) if t is str),
+        tuple((i, len(get_args(t))) for i, t in enumerate(types) if get_origin(t) is tuple),
+    )
+
+
+def decoder_of(cls: type[Any]) -> Decoder:
+    """Return what decodes the messages of a kind of event; made once, it is given the place."""
+    if cls not in _DECODERS:
+        _DECODERS[cls] = _decoder_by(layout_of(cls), cls)
+    return _DECODERS[cls]
+
+
+def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
+    message, values_of = layout.message, attrgetter(*layout.sources)
+    times, texts, lengths = layout.times, layout.texts, layout.lengths
+
+    def decode(place: str, data: bytes | memoryview) -> Any:
+        values = list(values_of(parse(message, data, place)))
+        for i in times:
+            values[i] = get_time(values[i], place)
+        for i in texts:
+            # one text for all events that say the same: an hour has a hundred thousand picks
+            values[i] = intern(values[i])
+        for i, length in lengths:
+            if len(values[i]) != length:
+                name = layout.names[i]
+                raise SchemaError(
+                    f"{place}: {name}: expected {length} numbers, found {len(values[i])}"
+                )
+            values[i] = tuple(values[i])
+        try:
+            return cls(*values)
+        except ValueError as error:
+            raise SchemaError(f"{place}: {error}") from error
+
+    return decode
+
+
 def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent:
     """Decode a single event; ``name`` is its message's.
 
     Raises
     ------
     SchemaError
-        Where the bytes are not one.
+        Where the bytes are not one, or there is no such event.
     """
-    m = parse(message_class(name), data, place)
-    time_ns = get_time(m.timestamp, place)
-    match name:
-        case "Pick":
-            # one text for all picks of a channel: an hour has a hundred thousand
-            channel, topic, stage = map(intern, (m.channel, m.topic, m.stage))
-            return Pick(time_ns, channel, topic, stage, m.uncertainty_s, m.value)
-        case "StepEvent":
-            return StepEvent(time_ns, m.kind, m.foot, m.topic, m.stage, m.value, m.channels, m.type)
-        case "Fix":
-            known = _covariance(m, place)
-            said = (m.residual, intern(m.method), m.picks, intern(m.stage))
-            return Fix(time_ns, m.x_m, m.y_m, known, *said)
-        case "TrackPoint":
-            state = (m.x_m, m.y_m, m.vx_mps, m.vy_mps)
-            return TrackPoint(time_ns, m.track, *state, _covariance(m, place), m.stage, m.nis)
-        case "Heading":
-            return Heading(time_ns, m.heading_rad, m.sigma_rad, m.stage)
-        case "Disturbance":
-            return Disturbance(time_ns, get_time(m.end, place), m.value, m.stage)
-        case "Bearing":
-            direction = (m.azimuth_rad, m.sigma_rad, m.value, m.ambiguous)
-            return Bearing(time_ns, m.station, *direction, m.stage)
-        case "Disagreement":
-            return Disagreement(time_ns, m.distance_m, m.value, m.methods, m.stage)
-        case "Gap":
-            return Gap(m.topic, time_ns, get_time(m.end, place), m.reason, m.lost, m.bridged)
-        case "Presence" | "Pass" | "LineCrossing" | "LikelihoodSurface":
-            end_ns = get_time(m.end, place) if name == "Presence" else time_ns
-            return traffic_event(name, m, time_ns, end_ns, place)
-    return Note(time_ns, m.text, m.level, m.source)
-
-
-def _covariance(message: Any, place: str) -> tuple[float, float, float]:
-    found = tuple(message.covariance)
-    if len(found) != 3:
-        raise SchemaError(f"{place}: covariance: expected 3 numbers, found {len(found)}")
-    return found
+    kind = kind_of_message(name)
+    if kind is None:
+        raise SchemaError(f"{place}: expected an event, found {name}")
+    event: SingleEvent = decoder_of(kind.cls)(place, data)
+    return event
 
 
 def events_of(
@@ -226,6 +261,7 @@ def _decoder(
         spec = spec_from_json(channel.metadata.get(SPEC_KEY, ""), place)
         decode = decode_candidates if name == "CandidateBlock" else decode_trace
         return spec, lambda data: decode(data, spec, place)
-    if name in TOPICS:
-        return None, lambda data: decode_event(name, data, place)
-    return None
+    kind = kind_of_message(name)
+    if kind is None:
+        return None
+    return None, partial(decoder_of(kind.cls), place)

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from functools import cache
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from .container import Output, Packet
 from .description import SPEC_KEY
 from .encoders import protobuf_output
-from .event_codec import TOPICS, candidates_topic, spec_json, trace_topic
+from .event_codec import TIMES, candidates_topic, layout_of, spec_json, trace_topic
 from .event_mirror import mirror
-from .events import CandidateBlock, Disturbance, Gap, Presence, StageSpec, TraceBlock
+from .events import EVENTS, CandidateBlock, StageSpec, TraceBlock
 from .schemas.protobuf import message_class, set_time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
-    from .events import Event, SingleEvent
+    from .events import Event
 
 Encoded = tuple[Output, Packet | None]
 
@@ -42,7 +43,7 @@ def encode_event(event: Event) -> Iterator[Encoded]:
         if len(event):
             yield _stage_output(event.spec, "TraceBlock"), _trace(event)
     else:
-        yield _single(event)
+        yield _encoder_of(type(event))(event)
         yield from mirror(event)
 
 
@@ -73,19 +74,31 @@ def _trace(block: TraceBlock) -> Packet:
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
 
-@cache
-def _single_kind(name: str) -> tuple[Output, Any, tuple[str, ...]]:
-    kind = message_class(name)
-    own = tuple(f.name for f in kind.DESCRIPTOR.fields if f.name not in ("timestamp", "end"))
-    return protobuf_output(TOPICS[name], name), kind, own
+_ENCODERS: dict[type[Any], Callable[[Any], Encoded]] = {}
 
 
-def _single(event: SingleEvent) -> Encoded:
-    """Encode a single event: the message's fields are the event's, but for its times."""
-    output, kind, names = _single_kind(type(event).__name__)
-    message = kind(**{name: getattr(event, name) for name in names})
-    start_ns = end_ns = event.start_ns if isinstance(event, Gap) else event.time_ns
-    if isinstance(event, Gap | Disturbance | Presence):
-        set_time(message.end, event.end_ns)
-        end_ns = max(start_ns, event.end_ns)
-    return output, _packet(message, start_ns, end_ns)
+def _encoder_of(cls: type[Any]) -> Callable[[Any], Encoded]:
+    """Return what encodes the events of a kind; made once."""
+    if cls not in _ENCODERS:
+        _ENCODERS[cls] = _made_encoder(cls)
+    return _ENCODERS[cls]
+
+
+def _made_encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
+    """Return what encodes the events of a kind: the message's fields are the event's own."""
+    layout = layout_of(cls)
+    output = protobuf_output(EVENTS[cls].topic, cls.__name__)
+    own = tuple(n for n in layout.names if n not in TIMES)
+    values_of = attrgetter(*own, "time_ns")  # two names at least: a tuple comes of it
+    span = "end_ns" in layout.names
+
+    def encode(event: Any) -> Encoded:
+        *values, start_ns = values_of(event)
+        message = layout.message(**dict(zip(own, values, strict=True)))
+        last_ns = start_ns
+        if span:
+            set_time(message.end, event.end_ns)
+            last_ns = max(start_ns, event.end_ns)
+        return output, _packet(message, start_ns, last_ns)
+
+    return encode

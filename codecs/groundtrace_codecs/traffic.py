@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import SchemaError
-
 if TYPE_CHECKING:
-    from typing import Any
-
     from numpy.typing import NDArray
 
 #: A quantised surface has this many levels above its lowest.
@@ -133,6 +129,11 @@ class LikelihoodSurface:
         One byte per node, row after row from the least y.
     stage
         The stage that located.
+
+    Raises
+    ------
+    ValueError
+        Where there is not one level for each node.
     """
 
     time_ns: int
@@ -145,6 +146,12 @@ class LikelihoodSurface:
     highest: float
     levels: bytes
     stage: str
+
+    def __post_init__(self) -> None:
+        if len(self.levels) != self.columns * self.rows:
+            raise ValueError(
+                f"levels: expected {self.columns * self.rows} bytes, found {len(self.levels)}"
+            )
 
     def values(self) -> NDArray[np.float64]:
         """Return the log-likelihood at the nodes, shape (rows, columns)."""
@@ -184,32 +191,5 @@ def quantised(
     )  # fmt: skip
 
 
-#: Traffic events that are stored as one message each.
+#: What is said of vehicles.
 Traffic = Presence | Pass | LineCrossing | LikelihoodSurface
-
-
-def traffic_event(name: str, m: Any, time_ns: int, end_ns: int, place: str) -> Traffic:
-    """Return the event of a decoded message.
-
-    Raises
-    ------
-    SchemaError
-        Where a surface has not one byte for each node.
-    """
-    match name:
-        case "Presence":
-            return Presence(time_ns, end_ns, m.channel, m.topic, m.stage, m.value)
-        case "Pass":
-            speed = (m.speed_mps, m.speed_sigma_mps)
-            which = (m.station, m.vehicle, m.direction)
-            return Pass(time_ns, m.sigma_s, *which, *speed, m.half_width_s, m.value, m.stage)
-        case "LineCrossing":
-            where = (m.x_m, m.y_m, m.along_sigma_m)
-            motion = (m.speed_mps, m.speed_sigma_mps, m.heading_rad)
-            return LineCrossing(time_ns, m.sigma_s, m.track, m.line, *where, *motion, m.stage)
-    if len(m.levels) != m.columns * m.rows:
-        raise SchemaError(
-            f"{place}: levels: expected {m.columns * m.rows} bytes, found {len(m.levels)}"
-        )
-    lattice = (m.x_m, m.y_m, m.step_m, m.columns, m.rows)
-    return LikelihoodSurface(time_ns, *lattice, m.lowest, m.highest, m.levels, m.stage)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from groundtrace_codecs.events import Bearing, Gap, Note, Pick, StageSpec, StepEvent
+from groundtrace_codecs.events import Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -19,7 +17,7 @@ from .stage import PluginStage, accepted_events
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import SignalBlock
 
     from .array_method import ArrayMethod
@@ -156,24 +154,4 @@ class ArrayStage(PluginStage["ArrayMethod"]):
                 run.spec, found, run.worker, self.parameters, run.carry
             )
             yield block
-            if run.worker.emits == "bearing":
-                yield from _bearings(block)
-            else:
-                yield from accepted_events(block)
-
-
-def _bearings(block: CandidateBlock) -> Iterator[Bearing]:
-    """Yield the bearings that the accepted candidates of a block stand for."""
-    names = [c.name for c in block.spec.columns]
-    azimuth, sigma, ambiguous = (names.index(n) for n in ("azimuth", "sigma", "ambiguous"))
-    for row in np.flatnonzero(block.accepted):
-        value = block.value[row].tolist()
-        yield Bearing(
-            time_ns=int(block.time_ns[row]),
-            station=block.spec.channels[int(block.channel[row])],
-            azimuth_rad=value[azimuth],
-            sigma_rad=value[sigma],
-            value=value[0],
-            ambiguous=bool(value[ambiguous]),
-            stage=block.spec.stage,
-        )
+            yield from accepted_events(block)

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.events import Disagreement, Fix, Gap, Note, StageSpec
+from groundtrace_codecs.events import Fix, Gap, Note, StageSpec
 
 from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit, length_note, scaled_lengths
-from .stage import PluginStage
+from .stage import PluginStage, accepted_events
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import SignalBlock
 
@@ -111,10 +111,4 @@ class ComparisonStage(PluginStage["Comparison"]):
             return
         block, run.carry = decided_block(run.spec, found, run.worker, self.parameters, run.carry)
         yield block
-        if block.accepted[0]:
-            yield self._event(block)
-
-    def _event(self, block: CandidateBlock) -> Disagreement:
-        distance, value = (float(v) for v in block.value[0, :2])
-        pair = block.spec.channels[int(block.channel[0])]
-        return Disagreement(int(block.time_ns[0]), distance, value, pair, self.name)
+        yield from accepted_events(block)

@@ -9,28 +9,23 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
-from itertools import count, islice, repeat
+from itertools import count, islice
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
 from groundtrace_codecs.events import (
-    Bearing,
+    EVENTS,
     CandidateBlock,
-    Disagreement,
     Event,
     Fix,
     Gap,
-    Heading,
     Note,
-    Pass,
     Pick,
-    Presence,
     Quantity,
     StageSpec,
-    StepEvent,
     TraceBlock,
-    TrackPoint,
+    kind_emitted,
 )
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.labels import Label
@@ -46,7 +41,7 @@ from .recall import Recall
 from .rounds import Rounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from .detector import Curve
 
@@ -54,20 +49,7 @@ if TYPE_CHECKING:
     Item = SignalBlock | Event
     Output = Candidates | Frames | Event
 
-NAN = float("nan")
 K = TypeVar("K")
-#: What results call the events that an accepted candidate becomes.
-EVENT_NAMES: Mapping[type[Any], str] = {
-    Pick: "pick",
-    StepEvent: "step",
-    Fix: "fix",
-    TrackPoint: "track",
-    Bearing: "bearing",
-    Disagreement: "disagreement",
-    Heading: "heading",
-    Presence: "presence",
-    Pass: "pass",
-}
 #: Why a clock's times before and after a gap have nothing to do with each other.
 CLOCK_STEP = "clock step"
 #: Signal of a sensor is kept so long until its stage can start, and what comes from anywhere [ns].
@@ -267,7 +249,7 @@ def wanted_quantities(kind: type[Stage]) -> frozenset[str]:
 
 def emitted(kind: Any) -> str:
     """Return what results call the events that a stage's accepted candidates become."""
-    return EVENT_NAMES[kind.gives[0]] if hasattr(kind, "gives") else str(kind.emits)
+    return EVENTS[kind.gives[0]].name if hasattr(kind, "gives") else str(kind.emits)
 
 
 def allows(patterns: Sequence[str], topic: str) -> bool:
@@ -276,57 +258,9 @@ def allows(patterns: Sequence[str], topic: str) -> bool:
 
 
 def accepted_events(block: CandidateBlock) -> list[Event]:
-    """Return the events that the accepted candidates of a block stand for, by what it emits."""
-    rows = block.accepted.nonzero()[0]
-    made = _ACCEPTED.get(block.spec.emits)
-    return made(block, rows) if made is not None and len(rows) else []
-
-
-def _picks(block: CandidateBlock, rows: Any) -> list[Event]:
-    spec = block.spec
-    names = [c.name for c in spec.columns]
-    times, columns = block.time_ns[rows].tolist(), block.value[rows].T.tolist()
-    channels = [spec.channels[channel] for channel in block.channel[rows].tolist()]
-    sigma = columns[names.index("uncertainty")] if "uncertainty" in names else repeat(NAN)
-    origin = repeat(spec.topic), repeat(spec.stage)
-    return list(map(Pick, times, channels, *origin, sigma, columns[0]))
-
-
-def _steps(block: CandidateBlock, rows: Any) -> list[Event]:
-    spec = block.spec
-    names = [c.name for c in spec.columns]
-    times, columns = block.time_ns[rows].tolist(), block.value[rows].T.tolist()
-    seen = map(int, columns[names.index("channels")]) if "channels" in names else repeat(1)
-    each = zip(times, columns[0], seen, strict=False)
-    return [StepEvent(t, spec.emits, "", spec.topic, spec.stage, *own) for t, *own in each]
-
-
-def _bearings(block: CandidateBlock, rows: Any) -> list[Event]:
-    names = [c.name for c in block.spec.columns]
-    azimuth, sigma, ambiguous = (names.index(n) for n in ("azimuth", "sigma", "ambiguous"))
-    found: list[Event] = []
-    for row in rows.tolist():
-        value = block.value[row].tolist()
-        found.append(
-            Bearing(
-                time_ns=int(block.time_ns[row]),
-                station=block.spec.channels[int(block.channel[row])],
-                azimuth_rad=value[azimuth],
-                sigma_rad=value[sigma],
-                value=value[0],
-                ambiguous=bool(value[ambiguous]),
-                stage=block.spec.stage,
-            )
-        )
-    return found
-
-
-_ACCEPTED: Mapping[str, Callable[[CandidateBlock, Any], list[Event]]] = {
-    "pick": _picks,
-    "step": _steps,
-    "impact": _steps,
-    "bearing": _bearings,
-}
+    """Return the events that the accepted candidates of a block stand for, as the table has it."""
+    kind = kind_emitted(block.spec.emits)
+    return [] if kind is None else list(kind.from_candidates(block))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.events import Gap, Presence
+from groundtrace_codecs.events import EVENTS, Gap, Presence
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import SignalBlock
 
@@ -18,7 +18,6 @@ from .inertial.stage import NavigatorStage
 from .lengths import scaled_lengths
 from .localizer_stage import LocalizerStage
 from .reckoning.stage import ReckoningStage
-from .stage import EVENT_NAMES
 from .step_type_stage import StepTypeStage
 from .track_check import Tracking
 from .tracker_stage import TrackerStage
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
 
 
 #: What is said of a stage that gives a kind of event.
-GIVING = {kind: f"gives {name}s" for kind, name in EVENT_NAMES.items()}
+GIVING = {kind: f"gives {row.name}s" for kind, row in EVENTS.items()}
 GIVING[Presence] = "hears vehicles"
 
 
@@ -113,7 +112,7 @@ def _gives(kind: Any, event: type[Any]) -> bool:
     """Return whether a stage gives a type of event."""
     if hasattr(kind, "gives"):
         return event in kind.gives
-    return EVENT_NAMES.get(event) == kind.emits
+    return bool(EVENTS[event].name == kind.emits)
 
 
 @dataclass(slots=True)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.event_codec import TOPICS, decode_event, events_of
+from groundtrace_codecs.event_codec import decode_event, events_of
 from groundtrace_codecs.events import (
+    EVENTS,
     Bearing,
     Disagreement,
     Disturbance,
@@ -75,8 +76,7 @@ def test_fixes_and_disturbances_have_a_line_in_the_log_and_curves_have_none(tmp_
         ("apart", "so-tdoa, power-law are 1.25 m apart, 4 sigma"),
         ("compass", "disturbed for 2 s value=17.5"),
     ]
-    estimates = ("Fix", "TrackPoint", "Heading", "Disturbance", "Bearing", "Disagreement")
-    assert set(topics) == {"/groundtrace/log", *(TOPICS[name] for name in estimates)}
+    assert set(topics) == {"/groundtrace/log", *(EVENTS[type(e)].topic for e in ESTIMATES)}
 
 
 @pytest.mark.parametrize("name", ["Fix", "TrackPoint"])

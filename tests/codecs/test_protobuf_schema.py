@@ -12,13 +12,8 @@ from hypothesis import strategies as st
 
 import groundtrace_codecs.schemas as schemas
 from groundtrace_codecs.errors import CodecError, SchemaError
-from groundtrace_codecs.event_codec import (
-    TOPICS,
-    decode_candidates,
-    decode_event,
-    decode_trace,
-)
-from groundtrace_codecs.events import GateSpec, Quantity, StageSpec
+from groundtrace_codecs.event_codec import decode_candidates, decode_event, decode_trace
+from groundtrace_codecs.events import EVENTS, GateSpec, Quantity, StageSpec
 from groundtrace_codecs.label_codec import decode_label
 from groundtrace_codecs.schemas.protobuf import (
     field_names,
@@ -85,7 +80,7 @@ def test_any_bytes_decode_or_raise_a_schema_error(data: bytes) -> None:
         decode_label,
         lambda d: decode_candidates(d, SPEC),
         lambda d: decode_trace(d, SPEC),
-        *(lambda d, name=name: decode_event(name, d, "here") for name in TOPICS),
+        *(lambda d, cls=cls: decode_event(cls.__name__, d, "here") for cls in EVENTS),
     ):
         try:
             decoded = decode(data)

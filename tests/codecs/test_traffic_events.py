@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.event_codec import TOPICS, decode_event, events_of
-from groundtrace_codecs.events import Event, LikelihoodSurface, LineCrossing, Pass, Presence
+from groundtrace_codecs.event_codec import decode_event, events_of
+from groundtrace_codecs.events import (
+    EVENTS,
+    Event,
+    LikelihoodSurface,
+    LineCrossing,
+    Pass,
+    Presence,
+)
 from groundtrace_codecs.mcap import McapFile
 from groundtrace_codecs.schemas.protobuf import message_class
 from groundtrace_codecs.traffic import quantised
@@ -63,8 +70,7 @@ def test_all_but_surfaces_have_a_line_in_the_log(tmp_path: Path) -> None:
         ("passes", "vehicle 3 forward passes S1 speed=10.5 m/s"),
         ("presence", "vehicle heard at S1 for 5 s value=17.5"),
     ]
-    names = ("Presence", "Pass", "LineCrossing", "LikelihoodSurface")
-    assert set(topics) == {"/groundtrace/log", *(TOPICS[name] for name in names)}
+    assert set(topics) == {"/groundtrace/log", *(EVENTS[type(e)].topic for e in TRAFFIC)}
 
 
 def test_a_surface_is_true_to_half_a_level_and_cut_below() -> None:

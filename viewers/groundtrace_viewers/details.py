@@ -2,29 +2,44 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from groundtrace_codecs.events import (
-        Bearing,
         CandidateBlock,
-        Disturbance,
+        Event,
         Gap,
-        Heading,
         Pick,
         StageSpec,
         StepEvent,
         TraceBlock,
-        TrackPoint,
     )
     from groundtrace_codecs.signals import SignalBlock
-    from groundtrace_codecs.traffic import Traffic
 
     from .sensor_map import Bounds
 
+    #: What shows the events of a kind, by the kind: methods that take one event.
+    Views = Mapping[type[Any], Callable[[Any, Any], None]]
+
 
 class Details:
-    """Shows nothing; an application's own part overrides what it has something to show of."""
+    """Shows nothing; an application's own part overrides what it has something to show of.
+
+    Attributes
+    ----------
+    views
+        What it shows of events, by their kind.
+    """
+
+    views: ClassVar[Views] = {}
+
+    def event(self, event: Event) -> None:
+        """Take an event; one of a kind without a view here is not shown by this part."""
+        view = self.views.get(type(event))
+        if view is not None:
+            view(self, event)
 
     def stage(self, spec: StageSpec, colour: int) -> None:
         """Take a stage; ``colour`` is that of its places."""
@@ -65,15 +80,6 @@ class Details:
     def bounds(self) -> Bounds | None:
         """What a map of this part's own must show; None without one."""
         return None
-
-    def track(self, point: TrackPoint) -> None:
-        """Take a point of a track."""
-
-    def estimate(self, event: Bearing | Heading | Disturbance) -> None:
-        """Take a direction, or a span in which it is disturbed."""
-
-    def traffic(self, event: Traffic) -> None:
-        """Take what is said of a vehicle."""
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log what is pending; lanes up to a time [ns], as channels lag behind each other."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from itertools import cycle
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .lanes import GAPS, Lane
+from groundtrace_codecs.events import EVENTS
+
+from .lanes import GAPS, LAST, Lane
 from .palette import (
     DISTURBED,
     IGNORED,
@@ -194,6 +196,33 @@ class LossLog:
     def flush(self, before_ns: int | None = None) -> None:
         """Log the lane up to a time."""
         self._lane.flush(before_ns)
+
+
+class PlainLog:
+    """Kinds of events that have no view of their own: a lane and a line of the log each."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._lanes: dict[str, Lane] = {}
+
+    def add(self, event: Any) -> None:
+        """Take an event."""
+        kind = EVENTS[type(event)]
+        if kind.plural not in self._lanes:
+            path = f"/state/{LAST}-{kind.plural}"
+            self._lanes[kind.plural] = Lane(self._timeline, path, {kind.name: SPAN})
+        self._lanes[kind.plural].add(event.time_ns, kind.name, getattr(event, "end_ns", None))
+        if text := kind.text(event):
+            source = getattr(event, "stage", "")
+            said = f"{self._timeline.seconds(event.time_ns)}  {text}"
+            line = f"{said} ({source})" if source else said
+            self._lines.add(kind.plural, event.time_ns, line, getattr(event, "level", "INFO"))
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log the lanes up to a time."""
+        for lane in self._lanes.values():
+            lane.flush(before_ns)
 
 
 def log_note(lines: LogLines, note: Note, where: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -15,6 +15,7 @@ from groundtrace.explain.unfiltered import with_recording
 from groundtrace.results import Provenance, Results, replayed_labels
 from groundtrace.score import match_steps
 from groundtrace_codecs.events import (
+    EVENTS,
     Disagreement,
     Disturbance,
     Fix,
@@ -33,7 +34,7 @@ from .timeline import TIMELINE
 from .verdict import TOLERANCE_S
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from groundtrace.explain import Evidence, GateReading
@@ -220,32 +221,30 @@ def _channels(evidence: Evidence, streams: Sequence[Stream]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(named or [name for spec in picking for name in spec.channels]))
 
 
+#: What a page says of the events that it lists, and who says it; steps have words of their own.
+LISTED: Mapping[type[Any], Callable[[Any], tuple[str, str]]] = {
+    Pick: lambda pick: (pick.stage, pick.channel),
+    Fix: lambda fix: (fix.stage, f"({fix.x_m:.2f}, {fix.y_m:.2f}) m"),
+    Pass: lambda one: (one.stage, pass_text(one)),
+    LineCrossing: lambda one: (one.stage, crossing_text(one)),
+    Gap: lambda gap: ("", f"{gap.topic} {gap.reason}, {gap.lost} lost".strip()),
+    Disturbance: lambda span: (span.stage, "disturbed field"),
+    Disagreement: lambda found: (found.stage, f"{found.distance_m:.2f} m: {found.methods}"),
+    Note: lambda note: (note.source, note.text),
+}
+
+
 def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
     """Return an event as a moment; None of one that a page does not list."""
-    match event:
-        case StepEvent() if event.stage == steps or event.kind != "step":
-            return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
-        case Pick():
-            return _moment(event.time_ns, start_ns, "pick", event.stage, event.channel)
-        case Fix():
-            text = f"({event.x_m:.2f}, {event.y_m:.2f}) m"
-            return _moment(event.time_ns, start_ns, "fix", event.stage, text)
-        case Pass():
-            return _moment(event.time_ns, start_ns, "pass", event.stage, pass_text(event))
-        case LineCrossing():
-            return _moment(event.time_ns, start_ns, "crossing", event.stage, crossing_text(event))
-        case Gap():
-            text = f"{event.topic} {event.reason}, {event.lost} lost".strip()
-            return _moment(event.start_ns, start_ns, "gap", "", text)
-        case Disturbance():
-            return _moment(event.time_ns, start_ns, "disturbance", event.stage, "disturbed field")
-        case Disagreement():
-            text = f"{event.distance_m:.2f} m: {event.methods}"
-            return _moment(event.time_ns, start_ns, "disagreement", event.stage, text)
-        case Note() if event.level in LOUD:
-            return _moment(event.time_ns, start_ns, "note", event.source, event.text)
-        case _:
+    if isinstance(event, StepEvent):
+        if event.stage != steps and event.kind == "step":
             return None
+        return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
+    said = LISTED.get(type(event))
+    if said is None or (isinstance(event, Note) and event.level not in LOUD):
+        return None
+    listed: Any = event
+    return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *said(event))
 
 
 def _step_text(step: StepEvent) -> str:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from .places import Places
 from .stepwise import Stepwise
 from .vehicles import Vehicles
 from .walk import Walk
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
     from .palette import SensorColours
     from .sensor_map import SensorMap
     from .timeline import Timeline
+
+
+#: The parts that show events, each in its application or in all.
+PARTS = (Places, Stepwise, Vehicles, Walk)
+
+
+def viewed(kind: type[Any]) -> bool:
+    """Whether some part has a view of a kind of event."""
+    return any(kind in part.views for part in PARTS)
 
 
 def particulars(

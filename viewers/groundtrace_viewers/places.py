@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
+
+from groundtrace_codecs.events import Disagreement, Fix, TrackPoint
 
 from .disagreements import DisagreementLog
 from .fixes import FixLog
@@ -12,8 +14,9 @@ from .tracks import TrackLog
 
 if TYPE_CHECKING:
     from groundtrace.sinks import Session
-    from groundtrace_codecs.events import Disagreement, Fix, Pick, StageSpec, TrackPoint
+    from groundtrace_codecs.events import Event, Pick, StageSpec
 
+    from .details import Views
     from .events import LogLines
     from .palette import SensorColours
     from .timeline import Timeline
@@ -39,6 +42,8 @@ class Places:
         What the map must show; None without a map.
     sensors
         The sensors on it, or None.
+    views
+        What it shows of events, by their kind.
     """
 
     def __init__(
@@ -80,6 +85,12 @@ class Places:
         """Take a disagreement of localizers."""
         self._disagreements.add(found)
 
+    def event(self, event: Event) -> None:
+        """Take an event; one of a kind without a view here is not shown on the map."""
+        view = self.views.get(type(event))
+        if view is not None:
+            view(self, event)
+
     def flush(self) -> None:
         """Log what is pending."""
         for part in (self.sensors, self._fixes, self._tracks):
@@ -90,3 +101,5 @@ class Places:
         """Log what was held back."""
         if self._tracks is not None:
             self._tracks.close()
+
+    views: ClassVar[Views] = {Fix: fix, TrackPoint: track, Disagreement: disagreement}

@@ -3,24 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from groundtrace_codecs.events import (
-    Bearing,
     CandidateBlock,
-    Disagreement,
-    Disturbance,
-    Fix,
     Gap,
-    Heading,
-    LineCrossing,
     Note,
-    Pass,
     Pick,
     StageSpec,
     StepEvent,
     TraceBlock,
-    TrackPoint,
 )
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -28,17 +20,18 @@ from .about import PAGE, about
 from .annotation_layer import log_annotations
 from .close_ups import CloseUps
 from .detector import DetectorLog, step_like
-from .events import LogLines, LossLog, PickLog, StepLog, lane_labels, log_note, log_truth
+from .events import LogLines, LossLog, PickLog, PlainLog, StepLog, lane_labels, log_note, log_truth
 from .full_rate import REACH_NS
 from .lanes import TRUTH, StageLanes
 from .palette import SensorColours
-from .particulars import particulars
+from .particulars import particulars, viewed
 from .places import Places
 from .section import Section
 from .signals import SignalLog
 from .spectrograms import spectrograms
 from .timeline import Timeline
 from .traces import Traces
+from .vehicles import TOLD
 from .verdict import log_verdicts, verdicts
 
 if TYPE_CHECKING:
@@ -50,6 +43,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
+    from .details import Views
     from .full_rate import Plan
     from .sensor_map import Bounds
 
@@ -122,6 +116,7 @@ class Replay:
         self._picks = PickLog(self.timeline, self._colours, lines)
         self._steps = StepLog(self.timeline, lines)
         self._losses = LossLog(self.timeline, lines)
+        self._plain = PlainLog(self.timeline, lines)
         self._places = Places(self.timeline, session, self._colours, lines)
         self._details = particulars(
             self.timeline,
@@ -155,38 +150,31 @@ class Replay:
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event."""
-        match item:
-            case SignalBlock():
-                self._signal(item)
-            case StageSpec():
-                self._stage(item)
-            case TraceBlock():
-                self._detector(item.spec).trace(item)
-                self._details.trace(item)
-            case CandidateBlock():
-                self._detector(item.spec).candidates(item)
-                self._details.candidates(item)
-            case Pick():
-                self._pick(item)
-            case StepEvent():
-                self._step(item)
-            case Fix():
-                self._places.fix(item)
-            case TrackPoint():
-                self._details.track(item)
-                self._places.track(item)
-            case Gap():
-                self._gap(item)
-            case Bearing() | Heading() | Disturbance():
-                self._details.estimate(item)
-            case Disagreement():
-                self._places.disagreement(item)
-            case Note():
-                log_note(self._lines, item, self.timeline.seconds(item.time_ns))
-            case _:
-                if isinstance(item, Pass | LineCrossing):
-                    self._answered(item.time_ns)
-                self._details.traffic(item)
+        own = self.views.get(type(item))
+        if own is not None:
+            own(self, item)
+        elif not isinstance(item, SignalBlock):
+            self._event(item)
+
+    def _event(self, event: Event) -> None:
+        """Take an event that the parts show, or none of them."""
+        if isinstance(event, TOLD):
+            self._answered(event.time_ns)
+        self._details.event(event)
+        self._places.event(event)
+        if not viewed(type(event)):
+            self._plain.add(event)
+
+    def _trace(self, block: TraceBlock) -> None:
+        self._detector(block.spec).trace(block)
+        self._details.trace(block)
+
+    def _candidates(self, block: CandidateBlock) -> None:
+        self._detector(block.spec).candidates(block)
+        self._details.candidates(block)
+
+    def _note(self, note: Note) -> None:
+        log_note(self._lines, note, self.timeline.seconds(note.time_ns))
 
     def _signal(self, block: SignalBlock) -> None:
         if not len(block):
@@ -272,6 +260,7 @@ class Replay:
         self._picks.flush()
         self._steps.flush()
         self._losses.flush(before_ns)
+        self._plain.flush(before_ns)
         self._lines.flush()
         for section in self._sections.values():
             section.flush()
@@ -296,3 +285,15 @@ class Replay:
             log_verdicts(self.timeline, self._lines, found)
         self._flush(None)
         self._places.close()
+
+    #: What is shown of every application alike; the parts show the other kinds.
+    views: ClassVar[Views] = {
+        SignalBlock: _signal,
+        StageSpec: _stage,
+        TraceBlock: _trace,
+        CandidateBlock: _candidates,
+        Pick: _pick,
+        StepEvent: _step,
+        Gap: _gap,
+        Note: _note,
+    }

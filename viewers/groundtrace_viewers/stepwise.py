@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from groundtrace.localizers.api import LocalizerParameters
 from groundtrace_codecs.events import Bearing
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace.sinks import Session
-    from groundtrace_codecs.events import Disturbance, Gap, Heading, Pick, StageSpec, StepEvent
+    from groundtrace_codecs.events import Gap, Pick, StageSpec, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
+    from .details import Views
     from .hits import RegionLog
     from .palette import SensorColours
     from .sensor_map import SensorMap
@@ -167,11 +168,10 @@ class Stepwise(Details):
         """Take a step: what there is to say of it is shown when its signal is complete."""
         self._due.append(Due(step.time_ns, step.topic))
 
-    def estimate(self, event: Bearing | Heading | Disturbance) -> None:
+    def bearing(self, bearing: Bearing) -> None:
         """Take a bearing; it comes with its step."""
-        if isinstance(event, Bearing):
-            for views in self._stations.values():
-                views.bearing(event)
+        for views in self._stations.values():
+            views.bearing(bearing)
 
     def close(self) -> None:
         """Show the last steps."""
@@ -217,3 +217,5 @@ class Stepwise(Details):
             self._regions.clear(time_ns)
         for views in self._stations.values():
             views.clear(time_ns)
+
+    views: ClassVar[Views] = {Bearing: bearing}

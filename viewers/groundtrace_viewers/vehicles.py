@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from groundtrace_codecs.events import LikelihoodSurface, LineCrossing, Pass
+from groundtrace_codecs.events import (
+    LikelihoodSurface,
+    LineCrossing,
+    Pass,
+    Presence,
+    TrackPoint,
+)
 
 from .courses import CourseLog
 from .details import Details
@@ -20,14 +26,16 @@ from .vehicle_truth import log_true_passes, log_true_ways
 
 if TYPE_CHECKING:
     from groundtrace.sinks import Session
-    from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock, TrackPoint
-    from groundtrace_codecs.traffic import Traffic
+    from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 
+    from .details import Views
     from .events import LogLines
     from .lanes import StageLanes
     from .palette import SensorColours
     from .timeline import Timeline
 
+#: What a vehicle is told by: the first opens the viewer, where nothing else does.
+TOLD = (Pass, LineCrossing)
 #: The parameter by which stages say how power falls with distance.
 EXPONENT = "exponent"
 
@@ -125,17 +133,23 @@ class Vehicles(Details):
         """Take a point of a track."""
         self._courses.add(point)
 
-    def traffic(self, event: Traffic) -> None:
-        """Take what is said of a vehicle."""
-        match event:
-            case LikelihoodSurface() if self._likelihood is not None:
-                self._likelihood.add(event)
-            case Pass():
-                self._found.append(event)
-                self._passes.passed(event)
-                self._road.add(event)
-            case LineCrossing():
-                self._passes.crossed(event, told=event.stage == self._courses.last)
+    def surface(self, surface: LikelihoodSurface) -> None:
+        """Take the likelihood of places in one cycle."""
+        if self._likelihood is not None:
+            self._likelihood.add(surface)
+
+    def passed(self, one: Pass) -> None:
+        """Take a pass of a station."""
+        self._found.append(one)
+        self._passes.passed(one)
+        self._road.add(one)
+
+    def crossed(self, one: LineCrossing) -> None:
+        """Take a crossing of a line."""
+        self._passes.crossed(one, told=one.stage == self._courses.last)
+
+    def presence(self, span: Presence) -> None:
+        """Take a span in which a channel hears a vehicle: its lane has the cycles already."""
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log what is pending; fill lanes up to a time."""
@@ -158,3 +172,11 @@ class Vehicles(Details):
             found = pass_verdicts(self._session.labels, last, self._span_ns)
             log_pass_verdicts(self._timeline, self._lines, found)
             self._road.missed([one for one in found if one.verdict == "missed"])
+
+    views: ClassVar[Views] = {
+        TrackPoint: track,
+        LikelihoodSurface: surface,
+        Pass: passed,
+        LineCrossing: crossed,
+        Presence: presence,
+    }

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
-from groundtrace_codecs.events import Bearing, Disturbance, Heading
+from groundtrace_codecs.events import Disturbance, Heading, TrackPoint
 
 from .azimuths import AzimuthLog
 from .details import Details
@@ -17,9 +17,10 @@ from .walk_map import WalkMap
 
 if TYPE_CHECKING:
     from groundtrace.sinks import Session
-    from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TrackPoint
+    from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec
     from groundtrace_codecs.signals import SignalBlock
 
+    from .details import Views
     from .sensor_map import Bounds
     from .timeline import Timeline
 
@@ -103,12 +104,13 @@ class Walk(Details):
         if self._streets is not None:
             self._streets.track(point)
 
-    def estimate(self, event: Bearing | Heading | Disturbance) -> None:
-        """Take a heading, or a span in which it is disturbed."""
-        if isinstance(event, Heading):
-            self._headings.heading(event)
-        elif isinstance(event, Disturbance):
-            self._headings.disturbance(event)
+    def heading(self, heading: Heading) -> None:
+        """Take a heading."""
+        self._headings.heading(heading)
+
+    def disturbance(self, span: Disturbance) -> None:
+        """Take a span in which headings are disturbed."""
+        self._headings.disturbance(span)
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
@@ -129,3 +131,5 @@ class Walk(Details):
             self._map.close()
         if self._streets is not None:
             self._streets.close()
+
+    views: ClassVar[Views] = {TrackPoint: track, Heading: heading, Disturbance: disturbance}

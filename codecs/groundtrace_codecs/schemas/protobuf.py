@@ -64,9 +64,9 @@ def descriptor_set(message: Any) -> bytes:
 
 
 @cache
-def schema_bytes() -> bytes:
-    """Return the MCAP schema content of every groundtrace message."""
-    return descriptor_set(message_class("WaveformBlock"))
+def schema_bytes(name: str = "WaveformBlock") -> bytes:
+    """Return the MCAP schema content of a groundtrace message: all messages of its file."""
+    return descriptor_set(message_class(name))
 
 
 def parse(message: Any, data: bytes | memoryview, place: str) -> Any:

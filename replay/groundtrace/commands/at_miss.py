@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock
+from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
@@ -103,8 +103,7 @@ class Around:
             return item.slice(int(first), int(last)) if last > first else None
         if isinstance(item, CandidateBlock | TraceBlock):
             return _rows(item, (item.time_ns >= self._start_ns) & (item.time_ns < self._end_ns))
-        first_ns = item.start_ns if isinstance(item, Gap) else item.time_ns
-        return item if self._start_ns <= first_ns < self._end_ns else None
+        return item if self._start_ns <= item.time_ns < self._end_ns else None
 
 
 def _rows(block: Any, rows: NDArray[np.bool_]) -> CandidateBlock | TraceBlock | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from groundtrace_codecs.events import EVENTS
+
 from .output import print_json, print_warnings
 
 if TYPE_CHECKING:
@@ -16,17 +18,15 @@ if TYPE_CHECKING:
     from ..sinks import Session
 
 
-#: What is counted of a replay, and by which kind of event.
-COUNTED = (
-    ("candidates", "CandidateBlock"),
-    ("picks", "Pick"),
-    ("steps", "StepEvent"),
-    ("fixes", "Fix"),
-    ("passes", "Pass"),
-    ("crossings", "LineCrossing"),
-    ("gaps", "Gap"),
-    ("notes", "Note"),
-)
+#: What is counted of a replay beside candidates, by what several of a kind are called.
+COUNTED = ("picks", "steps", "fixes", "passes", "crossings", "gaps", "notes")
+
+
+def counts_of(tally: Tally) -> dict[str, int]:
+    """Return how many there are of what is counted."""
+    named = {kind.plural: cls.__name__ for cls, kind in EVENTS.items()}
+    counted = {"candidates": "CandidateBlock"} | {name: named[name] for name in COUNTED}
+    return {name: tally.counts.get(cls, 0) for name, cls in counted.items()}
 
 
 def report(
@@ -61,7 +61,7 @@ def report(
     json
         As one JSON document.
     """
-    counts = {name: tally.counts.get(kind, 0) for name, kind in COUNTED}
+    counts = counts_of(tally)
     warnings = tally.warnings.told(session.start_ns)
     if json:
         print_json(

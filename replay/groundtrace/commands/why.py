@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -27,7 +28,7 @@ from .why_steps import print_account, print_moment, remedy_text
 from .why_vehicles import explain_vehicles
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from ..explain import Evidence
 
@@ -95,7 +96,8 @@ def why(
     json
         Print one JSON document.
     """
-    chosen = _kind(kind, {"steps": step, "fixes": fix, "picks": pick})
+    numbers: dict[Kind, int | None] = {"steps": step, "fixes": fix, "picks": pick}
+    chosen = _kind(kind, numbers)
     fallback = Path(f"{results.stem}.why.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
     evidence = _evidence(results, truth, recording or [])
@@ -104,14 +106,11 @@ def why(
     at_ns = None if at is None else evidence.start_ns + round(at * NS_PER_S)
     if chosen == "steps" and kind is None and step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
-    if chosen == "vehicles":
-        time_ns, page = explain_vehicles(evidence, at_ns, json=json)
-    elif chosen == "fixes":
-        time_ns, page = explain_places(evidence, stage, tolerance_m, fix, at_ns, json=json)
-    elif chosen == "picks":
-        time_ns, page = explain_picks(evidence, stage, tolerance_ms / 1e3, pick, at_ns, json=json)
-    else:
-        time_ns, page = _explain_steps(evidence, results.name, step, at_ns, tolerance, json=json)
+    tolerances = {"steps": tolerance, "fixes": tolerance_m, "picks": tolerance_ms / 1e3}
+    asked = Asked(
+        results.name, numbers.get(chosen), at_ns, stage, tolerances.get(chosen, 0.0), json
+    )
+    time_ns, page = EXPLAINERS[chosen](evidence, asked)
     if rrd is not None or spawn:
         show = load("views", "why")
         show(evidence, page, path=rrd, spawn=spawn, at_ns=time_ns, tolerance_s=tolerance)
@@ -139,21 +138,53 @@ def _kind(kind: Kind | None, numbers: dict[Kind, int | None]) -> Kind:
     return wanted
 
 
-def _explain_steps(
-    evidence: Evidence,
-    name: str,
-    step: int | None,
-    at_ns: int | None,
-    tolerance: float,
-    *,
-    json: bool,
-) -> tuple[int | None, str]:
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is to be explained of a kind.
+
+    Attributes
+    ----------
+    name
+        Of the results, for errors.
+    number, at_ns
+        One of its moments, by its number or its time [ns]; None of both: all that are wrong.
+    stage
+        Whose; empty for the last.
+    tolerance
+        Within which one is right, in the unit of its kind: s or m.
+    json
+        Whether one JSON document is printed.
+    """
+
+    name: str
+    number: int | None
+    at_ns: int | None
+    stage: str
+    tolerance: float
+    json: bool
+
+
+def _explain_steps(evidence: Evidence, asked: Asked) -> tuple[int | None, str]:
     """Print the account of steps, or of one; return its time [ns] and the page."""
+    name, step, at_ns, tolerance = asked.name, asked.number, asked.at_ns, asked.tolerance
     if step is None and at_ns is None:
-        return None, _explain_all(evidence, name, tolerance, json=json)
+        return None, _explain_all(evidence, name, tolerance, json=asked.json)
     time_ns = _time_of(evidence, name, step, tolerance) if at_ns is None else at_ns
     number = step if at_ns is None else None
-    return time_ns, _explain_moment(evidence, time_ns, number, tolerance, json=json)
+    return time_ns, _explain_moment(evidence, time_ns, number, tolerance, json=asked.json)
+
+
+#: What explains a kind; it prints, and returns the time looked at [ns] and the page.
+EXPLAINERS: Mapping[Kind, Callable[[Evidence, Asked], tuple[int | None, str]]] = {
+    "steps": _explain_steps,
+    "picks": lambda evidence, a: explain_picks(
+        evidence, a.stage, a.tolerance, a.number, a.at_ns, json=a.json
+    ),
+    "fixes": lambda evidence, a: explain_places(
+        evidence, a.stage, a.tolerance, a.number, a.at_ns, json=a.json
+    ),
+    "vehicles": lambda evidence, a: explain_vehicles(evidence, a.at_ns, json=a.json),
+}
 
 
 def _time_of(evidence: Evidence, name: str, step: int | None, tolerance: float) -> int:

@@ -7,15 +7,15 @@ entry-point group ``groundtrace.exporters``.
 from __future__ import annotations
 
 from .api import Exporter, Material, Origin, Written
-from .kinds import KINDS
+from .kinds import all_kinds
 from .run import choose, export, exporters
 
 __all__ = [
-    "KINDS",
     "Exporter",
     "Material",
     "Origin",
     "Written",
+    "all_kinds",
     "choose",
     "export",
     "exporters",

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from groundtrace_codecs.events import Disturbance, Pick, Presence, StepEvent
+from typing import TYPE_CHECKING, Any
 
 from .api import Written
 from .delimited import seconds_text
-from .kinds import EVENTS, LABELS, Miss, events_of_kind, misses
+from .kinds import LABELS, Miss, events_of_kind, misses
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
+    from groundtrace_codecs.events import StepEvent
     from groundtrace_codecs.labels import Label
 
     from .api import Material
@@ -22,13 +21,26 @@ if TYPE_CHECKING:
 Line = tuple[int, int, str]
 
 
+def _step_words(step: StepEvent) -> str:
+    return " ".join(filter(None, (step.kind, step.type, step.foot)))
+
+
+#: What is said of the events that have a label.
+WORDS: dict[str, Callable[[Any], str]] = {
+    "steps": _step_words,
+    "picks": lambda pick: f"pick {pick.channel}",
+    "presence": lambda span: f"vehicle {span.channel}",
+    "disturbances": lambda span: f"disturbed {span.stage}",
+}
+
+
 class AudacityExporter:
     """Writes label tracks; Sonic Visualiser and Praat's importers read them too."""
 
     name = "audacity"
     description = "labels of Audacity: moments and spans with a text"
     suffixes = (".txt",)
-    kinds = ("steps", "picks", "presence", "disturbances", *LABELS, "misses")
+    kinds = (*WORDS, *LABELS, "misses")
     one_kind = False
 
     def write(self, material: Material, kinds: Sequence[str], path: Path) -> Written:
@@ -45,8 +57,8 @@ class AudacityExporter:
 
 
 def _lines(material: Material, kind: str) -> Iterator[Line]:
-    if kind in EVENTS:
-        yield from map(_event_line, events_of_kind(material, kind))
+    if kind in WORDS:
+        yield from (_event_line(event, WORDS[kind]) for event in events_of_kind(material, kind))
     elif kind == "misses":
         yield from map(_miss_line, misses(material))
     elif kind == "truth":
@@ -55,18 +67,8 @@ def _lines(material: Material, kind: str) -> Iterator[Line]:
         yield from (_label_line(a.label, "") for a in material.annotations)
 
 
-def _event_line(event: object) -> Line:
-    match event:
-        case StepEvent():
-            words = (event.kind, event.type, event.foot)
-            return event.time_ns, event.time_ns, " ".join(filter(None, words))
-        case Pick():
-            return event.time_ns, event.time_ns, f"pick {event.channel}"
-        case Presence():
-            return event.time_ns, event.end_ns, f"vehicle {event.channel}"
-        case Disturbance():
-            return event.time_ns, event.end_ns, f"disturbed {event.stage}"
-    raise TypeError(f"expected an event of {AudacityExporter.kinds}, found {type(event)}")
+def _event_line(event: Any, words: Callable[[Any], str]) -> Line:
+    return event.time_ns, getattr(event, "end_ns", event.time_ns), words(event)
 
 
 def _miss_line(miss: Miss) -> Line:

@@ -10,7 +10,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .kinds import KINDS
+from .kinds import all_kinds
 from .many import write_tables
 from .times import iso_utc
 
@@ -30,8 +30,10 @@ class CsvExporter:
     name = "csv"
     description = "a table of each kind, with units in the names of its columns"
     suffixes = (".csv",)
-    kinds = KINDS
     one_kind = True
+
+    def __init__(self) -> None:
+        self.kinds = all_kinds()
 
     def write(self, material: Material, kinds: Sequence[str], path: Path) -> Written:
         """Write a kind to a file, or each kind to a file in a folder."""

@@ -2,49 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, get_type_hints
 
-from groundtrace_codecs.events import (
-    Bearing,
-    CandidateBlock,
-    Disagreement,
-    Disturbance,
-    Fix,
-    Gap,
-    Heading,
-    LineCrossing,
-    Note,
-    Pass,
-    Pick,
-    Presence,
-    StepEvent,
-    TrackPoint,
-)
+from groundtrace_codecs.events import EVENTS, CandidateBlock
 
 if TYPE_CHECKING:
     from .api import Material
 
-#: Event of each kind that is a table of single events.
-EVENTS: dict[str, type] = {
-    "steps": StepEvent,
-    "picks": Pick,
-    "fixes": Fix,
-    "tracks": TrackPoint,
-    "bearings": Bearing,
-    "headings": Heading,
-    "disturbances": Disturbance,
-    "disagreements": Disagreement,
-    "presence": Presence,
-    "passes": Pass,
-    "crossings": LineCrossing,
-    "gaps": Gap,
-    "notes": Note,
-}
+#: Types of fields that are cells of a table; a field ``covariance`` is three of them.
+CELLS = frozenset({int, float, str, bool})
 #: What comes from people: the recording's own truth, and annotations.
 LABELS = ("truth", "annotations")
-#: Every kind; signals are written only where they are asked for by name.
-KINDS = (*EVENTS, *LABELS, "misses", "candidates", "signals")
 TOLERANCE_S = 0.12
 
 
@@ -68,16 +37,30 @@ class Miss:
     text: str
 
 
-def events_of_kind(material: Material, kind: str) -> list[object]:
+def tables_of_events() -> dict[str, type[Any]]:
+    """Return the events that are rows of tables, by what several of a kind are called."""
+    return {kind.plural: cls for cls, kind in EVENTS.items() if _has_cells(cls)}
+
+
+def _has_cells(cls: type[Any]) -> bool:
+    hints = get_type_hints(cls)
+    return all(f.name == "covariance" or hints[f.name] in CELLS for f in fields(cls))
+
+
+def all_kinds() -> tuple[str, ...]:
+    """Return every kind; signals are written only where they are asked for by name."""
+    return (*tables_of_events(), *LABELS, "misses", "candidates", "signals")
+
+
+def events_of_kind(material: Material, kind: str) -> list[Any]:
     """Return the events of a kind, in order of time."""
-    found = [e for e in material.events if isinstance(e, EVENTS[kind])]
-    return sorted(found, key=time_of)
+    of = tables_of_events()[kind]
+    return sorted((e for e in material.events if isinstance(e, of)), key=time_of)
 
 
-def time_of(event: object) -> int:
+def time_of(event: Any) -> int:
     """Return when an event is, or begins [ns]."""
-    named = "start_ns" if isinstance(event, Gap) else "time_ns"
-    found: int = getattr(event, named)
+    found: int = event.time_ns
     return found
 
 
@@ -113,8 +96,9 @@ def misses(material: Material) -> list[Miss]:
 
 def there(material: Material) -> set[str]:
     """Return the kinds that a result has something of, but for signals."""
-    kinds = {kind for kind, of in EVENTS.items() if any(isinstance(e, of) for e in material.events)}
-    if any(isinstance(e, CandidateBlock) for e in material.events):
+    types = {type(event) for event in material.events}
+    kinds = {kind for kind, of in tables_of_events().items() if of in types}
+    if CandidateBlock in types:
         kinds.add("candidates")
     if material.labels:
         kinds.add("truth")

@@ -8,7 +8,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
-from .kinds import KINDS
+from .kinds import all_kinds
 from .many import write_tables
 
 if TYPE_CHECKING:
@@ -29,8 +29,10 @@ class ParquetExporter:
     name = "parquet"
     description = "the tables of csv, with types; times in UTC to the nanosecond"
     suffixes = (".parquet", ".pq")
-    kinds = KINDS
     one_kind = True
+
+    def __init__(self) -> None:
+        self.kinds = all_kinds()
 
     def write(self, material: Material, kinds: Sequence[str], path: Path) -> Written:
         """Write a kind to a file, or each kind to a file in a folder."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, cast
 from ..appearing import appearing
 from ..errors import PluginError, RecordingError
 from ..plugins import load, plugins
-from .kinds import KINDS, has_step_truth, there
+from .kinds import all_kinds, has_step_truth, there
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -87,7 +87,7 @@ def chosen_kinds(
         have = there(material)
         kinds = [kind for kind in exporter.kinds if kind in have]
         if not kinds:
-            others = ", ".join(kind for kind in KINDS if kind in have) or "none"
+            others = ", ".join(kind for kind in all_kinds() if kind in have) or "none"
             raise RecordingError(
                 f"{material.name}: {exporter.name}: expected something of "
                 f"{', '.join(exporter.kinds)}, found {others}"

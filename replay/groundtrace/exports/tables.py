@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
 from groundtrace_codecs.events import CandidateBlock
 from groundtrace_codecs.truth import COLUMNS
 
-from .kinds import EVENTS, LABELS, Miss, events_of_kind, misses, time_of
+from .kinds import LABELS, Miss, events_of_kind, misses, tables_of_events, time_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 
 #: ``seconds`` and ``utc`` hold ns: since the recording's first sample, and since 1970.
 ColumnType = Literal["seconds", "utc", "int", "float", "text", "bool"]
-_OF_ANNOTATION: dict[str, ColumnType] = {
-    "int": "int",
-    "float": "float",
-    "str": "text",
-    "bool": "bool",
-}
+_OF_TYPE: dict[type, ColumnType] = {int: "int", float: "float", str: "text", bool: "bool"}
 _TIMES: tuple[tuple[str, ColumnType], ...] = (
     ("time_s", "seconds"),
     ("time_utc", "utc"),
@@ -71,8 +66,9 @@ class Table:
 
 def tables_of(material: Material, kind: str) -> Iterator[Table]:
     """Yield the tables of a kind: one, but for candidates and signals, which have several."""
-    if kind in EVENTS:
-        yield _event_table(kind, EVENTS[kind], events_of_kind(material, kind), material.start_ns)
+    of = tables_of_events().get(kind)
+    if of is not None:
+        yield _event_table(kind, of, events_of_kind(material, kind), material.start_ns)
     elif kind == "misses":
         yield _event_table(kind, Miss, misses(material), material.start_ns)
     elif kind in LABELS:
@@ -100,24 +96,25 @@ def _times(time_ns: int, start_ns: int) -> tuple[int, int, int]:
 
 def _event_table(kind: str, of: type, events: Sequence[object], start_ns: int) -> Table:
     """Return the table of single events: the times, then the other fields."""
-    named = [f for f in fields(of) if f.name not in ("time_ns", "start_ns")]
-    columns = _columns(chain(_TIMES, *(_columns_of(f.name, str(f.type)) for f in named)))
+    hints = get_type_hints(of)
+    names = [f.name for f in fields(of) if f.name not in ("time_ns", "start_ns")]
+    columns = _columns(chain(_TIMES, *(_columns_of(name, hints[name]) for name in names)))
     rows = (
         [
             *_times(time_of(event), start_ns),
-            *chain.from_iterable(_cells(event, f.name, start_ns) for f in named),
+            *chain.from_iterable(_cells(event, name, start_ns) for name in names),
         ]
         for event in events
     )
     return Table(kind, columns, _batch(columns, rows))
 
 
-def _columns_of(name: str, annotation: str) -> tuple[tuple[str, ColumnType], ...]:
+def _columns_of(name: str, of: type) -> tuple[tuple[str, ColumnType], ...]:
     if name == "end_ns":
         return ("end_s", "seconds"), ("end_ns", "int")
     if name == "covariance":
         return tuple((n, "float") for n in _COVARIANCE)
-    return ((name, _OF_ANNOTATION[annotation]),)
+    return ((name, _OF_TYPE[of]),)
 
 
 def _cells(event: object, name: str, start_ns: int) -> Sequence[Any]:

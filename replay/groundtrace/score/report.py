@@ -3,20 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from groundtrace_codecs.events import (
-    Disturbance,
-    Fix,
-    Heading,
-    Pass,
-    Pick,
-    StageSpec,
-    StepEvent,
-    TrackPoint,
-)
+from groundtrace_codecs.events import EVENTS, StageSpec
 from groundtrace_codecs.labels import has_vehicles
 
 from ..errors import RecordingError
@@ -33,14 +24,21 @@ from .steps import StepScore, score_steps
 from .tracks import TrackScore, score_tracks
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
-    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.events import (
+        Disturbance,
+        Event,
+        Fix,
+        Heading,
+        Pass,
+        Pick,
+        StepEvent,
+        TrackPoint,
+    )
     from groundtrace_codecs.labels import Label
 
-#: Events that answer truth.
-ANSWERS = (StepEvent, Pick, Fix, TrackPoint, Heading, Disturbance, Pass)
-E = TypeVar("E", Fix, TrackPoint, Heading, Disturbance, Pass)
+E = TypeVar("E")
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,77 +109,62 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> Answers
     events = tuple(events)
     if stages:
         events = _only(events, stages)
-    found = Answers([], [], [], [], [], [], [])
-    picking: dict[str, str] = {}
-    stepping = tracking = telling = ""
-    emitted = {event.emits for event in events if isinstance(event, StageSpec)}
+    found: dict[str, list[Any]] = {kind.name: [] for kind in EVENTS.values() if kind.truth}
     for event in events:
-        match event:
-            case StepEvent():
-                found.steps.append(event)
-            case Pick():
-                found.picks.append(event)
-            case Fix():
-                found.fixes.append(event)
-            case TrackPoint():
-                found.points.append(event)
-            case Heading():
-                found.headings.append(event)
-            case Disturbance():
-                found.disturbances.append(event)
-            case Pass():
-                found.passes.append(event)
-            case StageSpec(emits="pick"):
-                picking[event.topic] = event.stage
-            case StageSpec(emits="step"):
-                stepping = event.stage
-            case StageSpec(emits="track"):
-                tracking = event.stage
-            case StageSpec(emits="heading"):
-                telling = event.stage
-    tracks = [point for point in found.points if point.stage == tracking]
-    smoothed = [point for point in found.points if point.stage == tracking + SMOOTHED]
-    return replace(
-        found,
-        steps=[step for step in found.steps if step.stage == (stepping or step.stage)],
-        picks=[pick for pick in found.picks if picking.get(pick.topic) == pick.stage],
-        points=smoothed or tracks or last_word(found.points),
-        filtered=tracks or last_word(found.points),
-        finds_steps=bool(found.steps) or not emitted or bool(emitted & {"step", "impact"}),
-        disturbances_by=telling,
-        headings=last_word(found.headings),
-        disturbances=last_word(found.disturbances),
-        passes=last_word(found.passes),
+        kind = EVENTS.get(type(event))
+        if kind is not None and kind.truth:
+            found[kind.name].append(event)
+    specs = [event for event in events if isinstance(event, StageSpec)]
+    emitted = {spec.emits for spec in specs}
+    last = {spec.emits: spec.stage for spec in specs}
+    picking = {spec.topic: spec.stage for spec in specs if spec.emits == "pick"}
+    stepping, tracking = last.get("step", ""), last.get("track", "")
+    points = found["track"]
+    tracks = [point for point in points if point.stage == tracking]
+    smoothed = [point for point in points if point.stage == tracking + SMOOTHED]
+    return Answers(
+        steps=[step for step in found["step"] if step.stage == (stepping or step.stage)],
+        picks=[pick for pick in found["pick"] if picking.get(pick.topic) == pick.stage],
+        fixes=found["fix"],
+        points=smoothed or tracks or last_word(points),
+        headings=last_word(found["heading"]),
+        disturbances=last_word(found["disturbance"]),
+        passes=last_word(found["pass"]),
+        filtered=tracks or last_word(points),
+        finds_steps=bool(found["step"]) or not emitted or bool(emitted & {"step", "impact"}),
+        disturbances_by=last.get("heading", ""),
     )
 
 
 def _only(events: tuple[Event, ...], stages: Collection[str]) -> tuple[Event, ...]:
     """Return the events without those of kinds that the chosen stages give and they did not."""
-    given: dict[str, set[type]] = {}
+    scored = {cls: kind.name for cls, kind in EVENTS.items() if kind.truth}
+    given: dict[str, set[str]] = {}
     for event in events:
-        if isinstance(event, ANSWERS):
-            given.setdefault(event.stage, set()).add(type(event))
+        if type(event) in scored:
+            given.setdefault(getattr(event, "stage", ""), set()).add(scored[type(event)])
     unknown = sorted(set(stages) - set(given))
     if unknown:
         known = ", ".join(given) or "none"
         raise RecordingError(f"--stage: expected one of {known}, found {unknown[0]}")
-    chosen: set[type] = set().union(*(given[stage] for stage in stages))
-    emitted = {StepEvent: {"step", "impact"}, Pick: {"pick"}, TrackPoint: {"track"}}
-    silent = set().union(*(emitted.get(kind, set()) for kind in chosen))
+    chosen: set[str] = set().union(*(given[stage] for stage in stages))
+    silent = chosen & {"step", "pick", "track"}
+    silent |= {"impact"} if "step" in silent else set()
     return tuple(
         event
         for event in events
-        if not (type(event) in chosen and getattr(event, "stage", "") not in stages)
+        if not (scored.get(type(event)) in chosen and getattr(event, "stage", "") not in stages)
         and not (
             isinstance(event, StageSpec) and event.emits in silent and event.stage not in stages
         )
     )
 
 
-def last_word(events: list[E]) -> list[E]:
+def last_word(events: Sequence[E]) -> list[E]:
     """Return the events of the stage that was the last to give its first one."""
-    stages = list(dict.fromkeys(event.stage for event in events))
-    return [event for event in events if event.stage == stages[-1]]
+    by = [str(getattr(event, "stage", "")) for event in events]
+    stages = list(dict.fromkeys(by))
+    return [event for event, stage in zip(events, by, strict=True) if stage == stages[-1]]
 
 
 def score_events(
@@ -208,21 +191,68 @@ def score_events(
         As of :func:`answers_of`.
     """
     said = answers_of(events, stages)
-    steps = _steps(labels, said.steps, start_ns, end_ns, tolerance_s) if said.finds_steps else None
-    return Score(
-        steps=steps,
-        positions=score_positions(labels, said.fixes, tolerance_s),
-        picks=score_picks(labels, said.picks),
-        track=score_tracks(labels, said.points, tolerance_s),
-        heading=score_headings(labels, said.headings, tolerance_s),
-        disturbance=score_disturbances(
-            labels, said.disturbances, start_ns, end_ns, told_by=said.disturbances_by
-        ),
-        consistency=score_consistency(
+    truth = Truth(labels, start_ns, end_ns, tolerance_s)
+    parts: dict[str, Any] = {}
+    for scorer in SCORERS.values():
+        parts |= scorer(said, truth)
+    return Score(**parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What is known to be so.
+
+    Attributes
+    ----------
+    labels
+        What happened.
+    start_ns, end_ns
+        First and last sample of the recording [ns].
+    tolerance_s
+        Largest distance of a matched step [s].
+    """
+
+    labels: Sequence[Label]
+    start_ns: int
+    end_ns: int
+    tolerance_s: float
+
+
+def _score_steps(said: Answers, truth: Truth) -> dict[str, Any]:
+    if not said.finds_steps:
+        return {"steps": None}
+    span = truth.start_ns, truth.end_ns
+    return {"steps": _steps(truth.labels, said.steps, *span, truth.tolerance_s)}
+
+
+def _score_places(said: Answers, truth: Truth) -> dict[str, Any]:
+    labels, tolerance_s = truth.labels, truth.tolerance_s
+    return {
+        "positions": score_positions(labels, said.fixes, tolerance_s),
+        "track": score_tracks(labels, said.points, tolerance_s),
+        "consistency": score_consistency(
             labels, last_word(said.fixes), said.points, tolerance_s, said.filtered
         ),
-        passes=score_passes(labels, said.passes),
-    )
+    }
+
+
+def _score_disturbances(said: Answers, truth: Truth) -> dict[str, Any]:
+    span, by = (truth.start_ns, truth.end_ns), said.disturbances_by
+    score = score_disturbances(truth.labels, said.disturbances, *span, told_by=by)
+    return {"disturbance": score}
+
+
+#: What scores the events that are held against a kind of label; it returns parts of :class:`Score`.
+SCORERS: Mapping[str, Callable[[Answers, Truth], dict[str, Any]]] = {
+    "step": _score_steps,
+    "waypoint": _score_places,
+    "pick": lambda said, truth: {"picks": score_picks(truth.labels, said.picks)},
+    "heading": lambda said, truth: {
+        "heading": score_headings(truth.labels, said.headings, truth.tolerance_s)
+    },
+    "disturbed": _score_disturbances,
+    "pass": lambda said, truth: {"passes": score_passes(truth.labels, said.passes)},
+}
 
 
 def _steps(
