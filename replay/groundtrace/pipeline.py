@@ -13,7 +13,6 @@ import msgspec
 from groundtrace_codecs.geometry_toml import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 
-from .array_stage import ArrayStage
 from .errors import PipelineError, did_you_mean
 from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
@@ -21,7 +20,7 @@ from .plugins import find
 from .stage import StageConfig as StageConfig
 from .stage import StageRunner, emitted
 from .track_check import TrackCheck
-from .wiring import Before, wired
+from .wiring import Before, check_window, wired
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -220,9 +219,7 @@ class Pipeline:
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         if isinstance(item, SignalBlock):
             for stage in self.stages:
-                if isinstance(stage, ArrayStage):
-                    stage.remember(item)
-                elif isinstance(stage, StageRunner) and stage.buffers:
+                if isinstance(stage, StageRunner) and stage.buffers:
                     stage.buffer(item)
         born = [Made(event) for event in begun]
         whole = Made(item, list(born))
@@ -273,6 +270,9 @@ def build_pipeline(
         given = (stage.key, stage.use, kind, parameters, stage.topics)
         if hasattr(kind, "gives"):
             sources = wired(stage, kind, list(zip(config.stage, kinds, strict=True))[:index])
+            if any(need.buffered for need in kind.takes):
+                stepping = before.stepping
+                check_window(stage.key, parameters.after_s, before.window_s, stepping)
             runner = StageRunner(
                 stage,
                 kind,

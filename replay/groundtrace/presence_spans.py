@@ -68,8 +68,9 @@ class Spans:
 
     def finish(self) -> Iterator[Presence]:
         """End all spans."""
-        for channel in sorted(self.open) if self.spec is not None else ():
-            yield self._ended(self.spec, channel)
+        spec = self.spec
+        for channel in sorted(self.open) if spec is not None else ():
+            yield self._ended(spec, channel)
         self.last_ns.clear()
 
     def _space(self, channel: int, time_ns: int) -> None:

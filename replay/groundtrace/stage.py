@@ -875,8 +875,9 @@ class StageRunner:
 def _never_passed(instance: _Instance, time_ns: int) -> Iterator[Note]:
     """Say at the run's begin which thresholds no candidate can reach."""
     reach = getattr(instance.stage, "reach", None)
-    for text in [] if reach is None else never_passed(instance.spec, reach()):
-        yield Note(time_ns, text, "WARN", instance.spec.stage)
+    spec = instance.spec
+    for text in [] if reach is None else never_passed(spec.topic, spec.stage, spec.gates, reach()):
+        yield Note(time_ns, text, "WARN", spec.stage)
 
 
 def _topic_of(item: Any) -> str:

@@ -14,7 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .gates import Carry, decided_block, gate_specs
 from .lengths import in_length_unit
-from .localizer_stage import place_candidate, placed_channels
+from .localizers.api import place_candidate
 from .stage import PluginStage
 from .vehicles.api import row_doubt
 from .vehicles.ratios import Noise
@@ -164,7 +164,7 @@ class RatioStage(PluginStage["RatioPlaces"]):
     def _begin(self, block: SignalBlock) -> _Run | None:
         stream = block.stream
         columns = stream.columns_of(self.kind.quantities)
-        places, sensors = placed_channels([stream.channels[c].name for c in columns], self.geometry)
+        places, sensors = self.geometry.placed([stream.channels[c].name for c in columns])
         if len(np.unique(sensors, axis=0)) < _LEAST:
             return None
         worker = self.kind(self.parameters)

@@ -9,18 +9,12 @@ from groundtrace_codecs.events import EVENTS, Gap, Presence
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import SignalBlock
 
-from .array_stage import ArrayStage
-from .bearing_stage import BearingStage
-from .comparison_stage import ComparisonStage
 from .errors import PipelineError
 from .heading_stage import HeadingStage
 from .inertial.stage import NavigatorStage
-from .lengths import scaled_lengths
-from .localizer_stage import LocalizerStage
 from .reckoning.stage import ReckoningStage
 from .step_type_stage import StepTypeStage
 from .track_check import Tracking
-from .tracker_stage import TrackerStage
 from .vehicle_ratio_stage import RatioStage
 from .vehicle_stage import VehicleStage
 
@@ -88,6 +82,15 @@ def wired(
     return found
 
 
+def check_window(key: str, after_s: float, window_s: float, stepping: str) -> None:
+    """Refuse a stage that looks at signal later than a step is sure to be announced."""
+    if after_s > window_s:
+        raise PipelineError(
+            f"{key}.after_s: expected at most the {window_s:g} s that {stepping} waits, found "
+            f"{after_s:g}"
+        )
+
+
 def _of(giving: Sequence[str], need: Input) -> tuple[str, ...]:
     """Return those of the stages that give something from which an input takes it."""
     if need.every:
@@ -147,29 +150,11 @@ class Before:
         self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
     ) -> Taking:
         """Return the stage of a plugin, taking from the stages before it."""
-        key, _, _, parameters, _ = given
+        key = given[0]
         if group == "classifiers":
             return StepTypeStage(*given, stepping=self.stepped(key))
-        if group == "arrays":
-            picking, stepping = self.located(key)
-            self.recalled(key, parameters.after_s)
-            return ArrayStage(
-                *given,
-                picking=picking,
-                stepping=stepping,
-                window_s=self.window_s,
-                geometry=geometry,
-            )
-        if group == "localizers":
-            return self._localizer(given, geometry)
-        if group == "comparisons":
-            sources = self.compared(key)
-            return ComparisonStage(*given, sources=sources, geometry=geometry)
         if group == "headings":
             return HeadingStage(*given)
-        if group == "trackers":
-            given = (*given[:3], scaled_lengths(parameters, geometry), given[4])
-            return TrackerStage(*given, source=self.tracked(key, parameters.source))
         if group in ("vehicles", "ratios"):
             kind = VehicleStage if group == "vehicles" else RatioStage
             return kind(*given, hearing=self.heard(key), geometry=geometry)
@@ -180,14 +165,6 @@ class Before:
             stepping = self.stepped(key)
             return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
         raise AssertionError(group)
-
-    def _localizer(self, given: Given, geometry: Geometry | None) -> Taking:
-        """Return the stage of a localizer, by what it takes."""
-        if getattr(given[2], "takes", "pick") == "bearing":
-            pointing, stepping = self.pointed(given[0]), self.stepping
-            return BearingStage(*given, pointing=pointing, stepping=stepping, geometry=geometry)
-        picking, stepping = self.located(given[0])
-        return LocalizerStage(*given, picking=picking, stepping=stepping, geometry=geometry)
 
     def add(self, group: str, key: str, emits: str, parameters: Any) -> None:
         """Count a stage in by what it emits."""
@@ -214,30 +191,11 @@ class Before:
         taken = "three axes of a foot" if group == "navigators" else "vehicles at stations"
         return Tracking(key, taken)
 
-    def located(self, key: str) -> tuple[str, str]:
-        """Return whose picks and steps a stage takes; refuse one with nothing to take."""
-        found = (("picks", self.picking), ("steps", self.stepping))
-        missing = [what for what, stage in found if not stage]
-        if missing:
-            raise PipelineError(
-                f"{key}: expected a stage that gives {' and one that gives '.join(missing)} "
-                f"before it, found none"
-            )
-        return self.picking, self.stepping
-
     def stepped(self, key: str) -> str:
         """Return whose steps a stage takes; refuse one with none to take."""
         if not self.stepping:
             raise PipelineError(f"{key}: expected a stage that gives steps before it, found none")
         return self.stepping
-
-    def pointed(self, key: str) -> str:
-        """Return whose bearings a stage takes; refuse one with none to take."""
-        if not self.pointing:
-            raise PipelineError(
-                f"{key}: expected a stage that gives bearings before it, found none"
-            )
-        return self.pointing
 
     def heard(self, key: str) -> str:
         """Return whose cycles a stage of vehicles takes; refuse one with none to take."""
@@ -246,21 +204,6 @@ class Before:
                 f"{key}: expected a stage that hears vehicles before it, found none"
             )
         return self.hearing
-
-    def recalled(self, key: str, after_s: float) -> None:
-        """Refuse an array method that looks at signal later than a step is sure to be announced."""
-        if after_s > self.window_s:
-            raise PipelineError(
-                f"{key}.after_s: expected at most the {self.window_s:g} s that "
-                f"{self.stepping} waits, found {after_s:g}"
-            )
-
-    def compared(self, key: str) -> tuple[str, ...]:
-        """Return whose fixes a comparison takes: of all localizers; refuse fewer than two."""
-        if len(self.locating) < 2:
-            found = ", ".join(self.locating) or "none"
-            raise PipelineError(f"{key}: expected two localizers before it, found {found}")
-        return tuple(self.locating)
 
     def tracked(self, key: str, wanted: str) -> str:
         """Return whose fixes a tracker takes: of the stage it wants, else of the first."""

@@ -91,6 +91,6 @@ def onsets_of(evidence: Evidence, picking: StageEvidence) -> StageEvidence:
     with one channel; onsets are picked channel by channel.
     """
     uses = {config.key: config.use for config in evidence.config.stage}
-    while find(STAGE_GROUPS, uses[picking.spec.stage])[0] == "arrays":
+    while any(n.buffered for n in find(STAGE_GROUPS, uses[picking.spec.stage])[1].takes):
         picking = before(evidence, picking, ("pick",))
     return picking
