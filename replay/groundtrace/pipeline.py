@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.geometry_toml import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 
@@ -19,8 +20,8 @@ from .passing import Made, pass_on
 from .plugins import find
 from .stage import StageConfig as StageConfig
 from .stage import StageRunner, emitted
-from .track_check import TrackCheck
-from .wiring import Before, check_window, wired
+from .track_check import TrackCheck, Tracking
+from .wiring import Before, check_window, tracking, wired
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -259,7 +260,7 @@ def build_pipeline(
         it needs before it, in one line.
     """
     stages: list[Taking] = []
-    before = Before(config.placements)
+    before, tracked = Before(), []
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
     lines += [] if config.stage else ["stage = []"]
@@ -284,12 +285,16 @@ def build_pipeline(
                 window_s=before.window_s,
             )
             stages.append(runner)
+            if TrackPoint in kind.gives:
+                tracked.append(tracking(stage.key, kind, sources))
         else:
             stages.append(before.stage(group, given, geometry, labels))
-        before.add(group, stage.key, emitted(kind), parameters)
+            if emitted(kind) == "track":
+                tracked.append(Tracking(stage.key, "steps", before.stepping))
+        before.add(stage.key, emitted(kind), parameters)
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
-    check = TrackCheck(config.application, before.tracking, metric=metric)
+    check = TrackCheck(config.application, tracked, metric=metric)
     return Pipeline(config, stages, "\n".join(lines) + "\n", check)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
-from itertools import count, islice
+from itertools import islice
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -98,6 +98,18 @@ class Input:
     required: bool = True
 
 
+@dataclass(slots=True)
+class Numbers:
+    """Counts from 1 on."""
+
+    last: int = 0
+
+    def next(self) -> int:
+        """Return the next number."""
+        self.last += 1
+        return self.last
+
+
 @dataclass(frozen=True, slots=True)
 class Context:
     """What an instance of a stage may know when it starts; never the truth.
@@ -119,7 +131,7 @@ class Context:
     signal
         Of the inputs marked ``buffered``.
     tracks
-        Numbers for tracks: none comes twice in a stage, whatever instance asks.
+        Gives numbers to tracks: none comes twice in a stage, whatever instance asks.
     """
 
     stage: str
@@ -130,7 +142,7 @@ class Context:
     geometry: Geometry = field(default_factory=Geometry)
     labels: tuple[Label, ...] = ()
     signal: Recall | None = None
-    tracks: Iterator[int] = field(default_factory=lambda: count(1))
+    tracks: Numbers = field(default_factory=Numbers)
 
     @property
     def source(self) -> StageSpec:
@@ -275,18 +287,18 @@ class StageConfig:
         Name in this pipeline; the plugin's where empty.
     topics
         Patterns of topics it may run on; empty means all that fit.
+    parameters
+        Values that differ from the plugin's defaults.
     source
         Names of the stages that it takes from, of those before it that give what it takes; the
         last, or as the stage says, where empty.
-    parameters
-        Values that differ from the plugin's defaults.
     """
 
     use: str
     name: str = ""
     topics: tuple[str, ...] = ()
-    source: tuple[str, ...] = ()
     parameters: dict[str, Any] = field(default_factory=dict)
+    source: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -341,7 +353,7 @@ class _State:
     buffers: dict[str, tuple[list[int], Recall] | None] = field(default_factory=dict)
     fresh: set[str] = field(default_factory=set)
     rounds: Rounds | None = None
-    tracks: Iterator[int] = field(default_factory=lambda: count(1))
+    tracks: Numbers = field(default_factory=Numbers)
 
 
 class StageRunner:
@@ -409,6 +421,7 @@ class StageRunner:
         self._anywhere = tuple(n for n in self._signal if n.anywhere)
         self._buffered = tuple(n for n in takes if n.buffered)
         self._quantities = wanted_quantities(kind)
+        self._all = any(not need.quantities for need in (*self._signal, *self._buffered))
         self._gaps = any(need.kind is Gap for need in takes)
         self._events = {
             need.kind: need for need in takes if need.kind not in (SignalBlock, Gap, Label)
@@ -528,7 +541,7 @@ class StageRunner:
         if not self.allowed(stream.topic):
             return []
         wanted = self._quantities
-        return stream.columns_of(wanted) if wanted else list(range(len(stream.channels)))
+        return list(range(len(stream.channels))) if self._all else stream.columns_of(wanted)
 
     def _recall(self, stream: Stream, columns: Sequence[int]) -> Recall:
         """Return what keeps the signal of a stream that a buffered input is of."""
@@ -704,6 +717,9 @@ class StageRunner:
         try:
             names = stage.start(context)
         except CannotStart as refusal:
+            if self.kind.scope == "placement":  # another of its streams may do
+                self._state.early[key] = early
+                return None
             refused = _Refused(str(refusal))
             if time_ns is not None:
                 self._say_refused(refused, topic, time_ns, out)

@@ -45,7 +45,7 @@ SIGNALS = "signals"
 GEOMETRY, PLACEMENT = "geometry", "placement"
 #: What stages without ``quantities`` of their own want all of.
 _INERTIAL = (frozenset({"angular_velocity"}), frozenset({"acceleration"}))
-_WANTED_BY_GROUP = {"headings": _INERTIAL, "navigators": _INERTIAL, "reckoners": _INERTIAL}
+_WANTED_BY_GROUP = {"reckoners": _INERTIAL}
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.events import EVENTS, Gap, Presence
+from groundtrace_codecs.events import EVENTS, Fix, Gap, Presence, StepEvent
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import SignalBlock
 
 from .errors import PipelineError
-from .heading_stage import HeadingStage
-from .inertial.stage import NavigatorStage
 from .reckoning.stage import ReckoningStage
-from .step_type_stage import StepTypeStage
 from .track_check import Tracking
-from .vehicle_ratio_stage import RatioStage
-from .vehicle_stage import VehicleStage
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,7 +54,7 @@ def wired(
 ) -> dict[Input, tuple[str, ...]]:
     """Return whom the inputs of a stage take from, of the stages before it."""
     found: dict[Input, tuple[str, ...]] = {}
-    missing = []
+    missing, unknown = [], set(stage.source)
     for need in kind.takes:
         if need.kind is Label and set(kind.Parameters.__dataclass_fields__) >= {"updates"}:
             continue
@@ -74,10 +69,16 @@ def wired(
         if need.required and not giving:
             missing.append(GIVING[wanted])
         found[need] = named or _of(giving, need)
+        unknown -= set(giving)
     if missing:
         raise PipelineError(
             f"{stage.key}: expected a stage that {' and one that '.join(missing)} before it, found "
             f"none"
+        )
+    if unknown:
+        raise PipelineError(
+            f"{stage.key}.source: expected stages before it that give what it takes, found "
+            f"{', '.join(sorted(unknown))}"
         )
     return found
 
@@ -120,76 +121,33 @@ def _gives(kind: Any, event: type[Any]) -> bool:
 
 @dataclass(slots=True)
 class Before:
-    """The stages so far that others take from: the last that picks, the last that finds steps.
-
-    And all that locate: of them a tracker takes one. And all that track.
+    """The stages so far that others take from.
 
     Attributes
     ----------
-    placements
-        Where sensors are worn that the recording does not say, by topic.
-    picking, stepping, pointing, hearing, locating
-        Names of the stages.
-    tracking
-        The stages that track, and what they take.
+    stepping
+        Name of the last stage that finds steps.
     window_s
-        How long after a step's first arrival the stage that finds steps waits [s]; 0 for one that
-        announces at once.
+        How long after a step's first arrival it waits [s]; 0 for one that announces at once.
     """
 
-    placements: Mapping[str, str] = field(default_factory=dict)
-    picking: str = ""
     stepping: str = ""
-    pointing: str = ""
-    hearing: str = ""
     window_s: float = 0.0
-    locating: list[str] = field(default_factory=list)
-    tracking: list[Tracking] = field(default_factory=list)
 
     def stage(
         self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
     ) -> Taking:
         """Return the stage of a plugin, taking from the stages before it."""
-        key = given[0]
-        if group == "classifiers":
-            return StepTypeStage(*given, stepping=self.stepped(key))
-        if group == "headings":
-            return HeadingStage(*given)
-        if group in ("vehicles", "ratios"):
-            kind = VehicleStage if group == "vehicles" else RatioStage
-            return kind(*given, hearing=self.heard(key), geometry=geometry)
-        if group == "navigators":
-            return NavigatorStage(*given)
-        if group == "reckoners":
-            start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
-            stepping = self.stepped(key)
-            return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
-        raise AssertionError(group)
+        assert group == "reckoners"  # all others have one runner
+        start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
+        stepping = self.stepped(given[0])
+        return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
 
-    def add(self, group: str, key: str, emits: str, parameters: Any) -> None:
+    def add(self, key: str, emits: str, parameters: Any) -> None:
         """Count a stage in by what it emits."""
-        if emits == "pick":
-            self.picking = key
-        elif emits in ("step", "impact"):
+        if emits in ("step", "impact"):
             self.stepping = key
             self.window_s = getattr(parameters, "window_s", 0.0)
-        elif emits == "bearing":
-            self.pointing = key
-        elif emits == "presence":
-            self.hearing = key
-        elif emits == "fix":
-            self.locating.append(key)
-        elif emits == "track":
-            self.tracking.append(self._tracks(group, key, parameters))
-
-    def _tracks(self, group: str, key: str, parameters: Any) -> Tracking:
-        """Return what a stage that tracks takes, and from whom."""
-        if group == "trackers":
-            return Tracking(key, "fixes", self.tracked(key, parameters.source))
-        if group == "reckoners":
-            return Tracking(key, "steps", self.stepped(key))
-        taken = "three axes of a foot" if group == "navigators" else "vehicles at stations"
-        return Tracking(key, taken)
 
     def stepped(self, key: str) -> str:
         """Return whose steps a stage takes; refuse one with none to take."""
@@ -197,19 +155,10 @@ class Before:
             raise PipelineError(f"{key}: expected a stage that gives steps before it, found none")
         return self.stepping
 
-    def heard(self, key: str) -> str:
-        """Return whose cycles a stage of vehicles takes; refuse one with none to take."""
-        if not self.hearing:
-            raise PipelineError(
-                f"{key}: expected a stage that hears vehicles before it, found none"
-            )
-        return self.hearing
 
-    def tracked(self, key: str, wanted: str) -> str:
-        """Return whose fixes a tracker takes: of the stage it wants, else of the first."""
-        if not self.locating or wanted not in ("", *self.locating):
-            expected = f"one of {', '.join(self.locating)}" if self.locating else "a localizer"
-            raise PipelineError(
-                f"{key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
-            )
-        return wanted or self.locating[0]
+def tracking(key: str, kind: Any, sources: Mapping[Input, tuple[str, ...]]) -> Tracking:
+    """Return what a stage that tracks takes, and from whom."""
+    for need, names in sources.items():
+        if need.kind in (Fix, StepEvent):
+            return Tracking(key, EVENTS[need.kind].plural, names[0])
+    return Tracking(key, getattr(kind, "needs", "signals"))

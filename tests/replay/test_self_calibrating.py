@@ -23,7 +23,7 @@ METHODS = ("hyperbolic", "power-law", "self-calibrating", "so-tdoa")
 def begun(kind: Any, medium: Medium | None = None, outline: Any = ROOM, **given: Any) -> Any:
     worker = kind(kind.Parameters(**given))
     medium = Medium(velocity_mps=1225.0) if medium is None else medium
-    assert worker.start(Site(SENSORS, outline, medium)) == ""
+    assert worker.prepare(Site(SENSORS, outline, medium)) == ""
     return worker
 
 
