@@ -51,7 +51,7 @@ class HeadingStage(Stage):
     )
     gives = (Heading, Disturbance)
     scope = "placement"
-    rounds = ("acceleration", "magnetic_field", "angular_velocity")
+    rounds = ("angular_velocity",)
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters

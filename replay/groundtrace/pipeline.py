@@ -19,9 +19,9 @@ from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
 from .plugins import find
 from .stage import StageConfig as StageConfig
-from .stage import StageRunner, emitted
-from .track_check import TrackCheck, Tracking
-from .wiring import Before, check_window, tracking, wired
+from .stage import StageRunner
+from .track_check import TrackCheck
+from .wiring import tracking, waits_s, wire
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -259,22 +259,18 @@ def build_pipeline(
         An unknown plugin, key, type or value out of range, or a localizer or tracker without what
         it needs before it, in one line.
     """
-    stages: list[Taking] = []
-    before, tracked = Before(), []
-    lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
-    lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
-    lines += [] if config.stage else ["stage = []"]
-    used = [find(STAGE_GROUPS, stage.use) for stage in config.stage]
-    kinds = [kind for _, kind in used]
-    for index, (stage, (group, kind)) in enumerate(zip(config.stage, used, strict=True)):
-        parameters = build(kind.Parameters, stage.parameters, stage.key)
-        given = (stage.key, stage.use, kind, parameters, stage.topics)
-        if hasattr(kind, "gives"):
-            sources = wired(stage, kind, list(zip(config.stage, kinds, strict=True))[:index])
-            if any(need.buffered for need in kind.takes):
-                stepping = before.stepping
-                check_window(stage.key, parameters.after_s, before.window_s, stepping)
-            runner = StageRunner(
+    kinds = [find(STAGE_GROUPS, stage.use)[1] for stage in config.stage]
+    given = [
+        build(kind.Parameters, stage.parameters, stage.key)
+        for stage, kind in zip(config.stage, kinds, strict=True)
+    ]
+    wired = wire(config.stage, kinds)
+    windows = {s.key: getattr(p, "window_s", 0.0) for s, p in zip(config.stage, given, strict=True)}
+    stages, tracked = [], []
+    for stage, kind, parameters, sources in zip(config.stage, kinds, given, wired, strict=True):
+        window_s = waits_s(stage.key, parameters, sources, windows)
+        stages.append(
+            StageRunner(
                 stage,
                 kind,
                 parameters,
@@ -282,16 +278,15 @@ def build_pipeline(
                 geometry,
                 labels,
                 placements=config.placements,
-                window_s=before.window_s,
+                window_s=window_s,
             )
-            stages.append(runner)
-            if TrackPoint in kind.gives:
-                tracked.append(tracking(stage.key, kind, sources))
-        else:
-            stages.append(before.stage(group, given, geometry, labels))
-            if emitted(kind) == "track":
-                tracked.append(Tracking(stage.key, "steps", before.stepping))
-        before.add(stage.key, emitted(kind), parameters)
+        )
+        if TrackPoint in kind.gives:
+            tracked.append(tracking(stage.key, kind, sources))
+    lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
+    lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
+    lines += [] if config.stage else ["stage = []"]
+    for stage, kind, parameters in zip(config.stage, kinds, given, strict=True):
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
     check = TrackCheck(config.application, tracked, metric=metric)

@@ -68,9 +68,9 @@ class Spans:
 
     def finish(self) -> Iterator[Presence]:
         """End all spans."""
-        spec = self.spec
-        for channel in sorted(self.open) if spec is not None else ():
-            yield self._ended(spec, channel)
+        if self.spec is not None:
+            for channel in sorted(self.open):
+                yield self._ended(self.spec, channel)
         self.last_ns.clear()
 
     def _space(self, channel: int, time_ns: int) -> None:

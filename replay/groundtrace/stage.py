@@ -10,7 +10,7 @@ import copy
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
 from itertools import islice
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -49,11 +49,11 @@ if TYPE_CHECKING:
     Item = SignalBlock | Event
     Output = Candidates | Frames | Event
 
-K = TypeVar("K")
 #: Why a clock's times before and after a gap have nothing to do with each other.
 CLOCK_STEP = "clock step"
-#: Signal of a sensor is kept so long until its stage can start, and what comes from anywhere [ns].
-EARLY_NS, EARLY_ANYWHERE_NS = 2 * NS_PER_S, 60 * NS_PER_S
+#: Signal is kept so long until its stage can start; what is given first in a round, so long, and
+#: the very first of it [ns].
+EARLY_NS, EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
 
 
 class CannotStart(Exception):  # noqa: N818 - it is no error: nothing is wrong
@@ -176,8 +176,9 @@ class Stage(Protocol):
     - ``scope``: what one instance is for: a topic, the streams of one placement, the recording;
     - ``ends_at``: what ends a run, which is ``flush``, then ``start`` before the next item;
       ``gap`` is any that is not bridged. Gates begin anew at a clock step alone;
-    - ``rounds``: quantities in the order in which streams of one window are given; the last one
-      leads: when it is given, the others are known. Empty: streams come as they do;
+    - ``rounds``: quantities of the streams of one window: those named before the last are given
+      first, the last one after all others: what stands beside it is then known. Empty: streams come
+      as they do;
     - ``feedback``: what is decided changes what is measured later;
     - ``site_lengths``: its columns and gates in m are in the length unit of the site.
 
@@ -240,8 +241,7 @@ class Stage(Protocol):
 
 def takes_signal_alone(kind: type[Stage]) -> bool:
     """Return whether a stage needs nothing of what other stages do."""
-    takes = kind.takes if hasattr(kind, "gives") else (Input(Gap),)
-    return all(need.kind is SignalBlock and not need.buffered for need in takes)
+    return all(need.kind is SignalBlock and not need.buffered for need in kind.takes)
 
 
 def detects(kind: type[Stage]) -> bool:
@@ -251,7 +251,7 @@ def detects(kind: type[Stage]) -> bool:
 
 def associates(kind: type[Stage]) -> bool:
     """Return whether a stage takes picks alone."""
-    return hasattr(kind, "gives") and all(need.kind is Pick for need in kind.takes)
+    return all(need.kind is Pick for need in kind.takes)
 
 
 def wanted_quantities(kind: type[Stage]) -> frozenset[str]:
@@ -259,9 +259,9 @@ def wanted_quantities(kind: type[Stage]) -> frozenset[str]:
     return frozenset().union(*(need.quantities for need in kind.takes if need.kind is SignalBlock))
 
 
-def emitted(kind: Any) -> str:
+def emitted(kind: type[Stage]) -> str:
     """Return what results call the events that a stage's accepted candidates become."""
-    return EVENTS[kind.gives[0]].name if hasattr(kind, "gives") else str(kind.emits)
+    return EVENTS[kind.gives[0]].name
 
 
 def allows(patterns: Sequence[str], topic: str) -> bool:
@@ -534,11 +534,11 @@ class StageRunner:
 
     def _fresh_state(self) -> _State:
         rounds = self.kind.rounds
-        return _State(rounds=Rounds(rounds[-1]) if rounds else None)
+        return _State(rounds=Rounds(rounds) if rounds else None)
 
     def _columns(self, stream: Stream) -> list[int]:
         """Return the columns of a stream that are wanted; none where the stage may not run."""
-        if not self.allowed(stream.topic):
+        if not (self.allowed(stream.topic) or self._anywhere):
             return []
         wanted = self._quantities
         return list(range(len(stream.channels))) if self._all else stream.columns_of(wanted)
@@ -585,23 +585,29 @@ class StageRunner:
             else:
                 self._hear(item, out)
         for key, kept in self._state.early.items():
-            blocks = [item for item in kept if isinstance(item, SignalBlock)]
-            if blocks:
-                oldest_ns = blocks[-1].start_ns - EARLY_NS
-                self._state.early[key] = [
-                    item
-                    for item in kept
-                    if not isinstance(item, SignalBlock) or item.last_ns >= oldest_ns
-                ]
+            self._state.early[key] = _recent(kept, self.kind.rounds[:-1])
 
     def _hear(self, block: SignalBlock, out: list[Event]) -> None:
-        """Give a narrowed block to its instance."""
+        """Give a narrowed block to its instance, or to all where it is taken from anywhere."""
+        if self._anywhere:
+            self._hear_anywhere(block, out)
+            return
         key = self._key_of(block.topic, block.stream.placement)
         instance = self._state.instances.get(key)
         if instance is None:
             instance = self._begin_with(key, block, out)
         if isinstance(instance, _Instance):
             self._feed(instance, block, out)
+
+    def _hear_anywhere(self, block: SignalBlock, out: list[Event]) -> None:
+        """Give a block to all instances; one of its own topic may begin with it."""
+        topic, instances = block.topic, self._state.instances
+        if topic not in instances and self.allowed(topic) and self._sources_known(topic):
+            self._begin(topic, topic, block.stream, block.start_ns, out)
+        for instance in instances.values():
+            if isinstance(instance, _Instance):
+                self._feed(instance, block, out)
+        self._state.early.setdefault("", []).append(block)
 
     def _take_gap(self, gap: Gap, out: list[Event]) -> None:
         if self._state.rounds is not None:
@@ -610,7 +616,12 @@ class StageRunner:
             self._end_at(gap, out)
 
     def _end_at(self, gap: Gap, out: list[Event]) -> None:
-        """End the runs that a gap ends."""
+        """End the runs that a gap ends, or give it to those who take gaps."""
+        if self._gaps:
+            for instance in self._state.instances.values():
+                if isinstance(instance, _Instance):
+                    self._feed(instance, gap, out)
+            return
         stepped = gap.reason == CLOCK_STEP
         if gap.bridged or (self.kind.ends_at == CLOCK_STEP and not stepped):
             return
@@ -713,7 +724,7 @@ class StageRunner:
             self._state.tracks,
         )
         stage = self.kind(self.parameters)
-        early = self._state.early.pop(key, [])
+        early = [*self._state.early.pop(key, []), *self._state.early.get("", [])]
         try:
             names = stage.start(context)
         except CannotStart as refusal:
@@ -747,7 +758,7 @@ class StageRunner:
             columns=stage.columns,
             gates=gate_specs(stage.gates, self.parameters),
             trace=stage.trace,
-            emits=emitted(stage),
+            emits=emitted(self.kind),
         )
         return in_length_unit(spec, self.geometry) if stage.site_lengths else spec
 
@@ -896,6 +907,16 @@ def _never_passed(instance: _Instance, time_ns: int) -> Iterator[Note]:
         yield Note(time_ns, text, "WARN", spec.stage)
 
 
+def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
+    """Return the items that wait for their stage without the blocks that are too old for it."""
+    blocks = [item for item in kept if isinstance(item, SignalBlock)]
+    leading = [block for block in blocks if block.stream.columns_of(set(first))]
+    others = [block for block in blocks if not block.stream.columns_of(set(first))]
+    old = {id(b) for b in others if b.last_ns < others[-1].start_ns - EARLY_NS}
+    old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - EARLY_FIRST_NS}
+    return [item for item in kept if id(item) not in old]
+
+
 def _topic_of(item: Any) -> str:
     """Return the topic of an event, empty where its type has none."""
     columns = isinstance(item, CandidateBlock | TraceBlock)
@@ -923,34 +944,3 @@ def _rows_of(block: CandidateBlock, rows: slice) -> CandidateBlock:
         block.margin[rows],
         block.accepted[rows],
     )
-
-
-class PluginStage(Generic[K]):
-    """What every stage is given: its name, its plugin, and where it may run.
-
-    Parameters
-    ----------
-    name
-        Name of the stage in its pipeline.
-    plugin
-        Name the plugin is registered under.
-    kind
-        The plugin's class.
-    parameters
-        Its parameters.
-    topics
-        Patterns of the topics it may run on; empty means all that fit.
-    """
-
-    def __init__(
-        self, name: str, plugin: str, kind: type[K], parameters: Any, topics: Sequence[str] = ()
-    ) -> None:
-        self.name = name
-        self.plugin = plugin
-        self.kind = kind
-        self.parameters = parameters
-        self.topics = tuple(topics)
-
-    def allowed(self, topic: str) -> bool:
-        """Return whether the stage may run on a topic."""
-        return allows(self.topics, topic)

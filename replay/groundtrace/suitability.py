@@ -43,9 +43,6 @@ if TYPE_CHECKING:
 SIGNALS = "signals"
 #: Who says it in a replay.
 GEOMETRY, PLACEMENT = "geometry", "placement"
-#: What stages without ``quantities`` of their own want all of.
-_INERTIAL = (frozenset({"angular_velocity"}), frozenset({"acceleration"}))
-_WANTED_BY_GROUP = {"reckoners": _INERTIAL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +115,8 @@ def _wanted(config: PipelineConfig) -> list[_Wanted]:
     """Return what those stages want that hear signals."""
     found: list[_Wanted] = []
     for stage in config.stage:
-        group, kind = find(STAGE_GROUPS, stage.use)
-        own = getattr(kind, "quantities", None)
-        quantities = _WANTED_BY_GROUP.get(group, ()) if not own else (frozenset(own),)
-        quantities = _quantities(kind) if hasattr(kind, "gives") else quantities
+        _, kind = find(STAGE_GROUPS, stage.use)
+        quantities = _quantities(kind)
         if quantities:
             found.append((stage, quantities))
     return found

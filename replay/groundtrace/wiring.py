@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import EVENTS, Fix, Gap, Presence, StepEvent
@@ -10,19 +9,12 @@ from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import SignalBlock
 
 from .errors import PipelineError
-from .reckoning.stage import ReckoningStage
 from .track_check import Tracking
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from groundtrace_codecs.geometry import Geometry
-
-    from .passing import Taking
     from .stage import Input, Stage, StageConfig
-
-    #: Name, plugin, class, parameters and topics of a stage.
-    Given = tuple[str, str, type[Any], Any, tuple[str, ...]]
 
 
 #: What is said of a stage that gives a kind of event.
@@ -44,24 +36,22 @@ def wire(
         Where what a stage takes is not given before it, or a source is named that does not give it.
     """
     return tuple(
-        wired(stage, kind, list(zip(stages, kinds, strict=True))[:index])
+        _wired(stage, kind, list(zip(stages, kinds, strict=True))[:index])
         for index, (stage, kind) in enumerate(zip(stages, kinds, strict=True))
     )
 
 
-def wired(
+def _wired(
     stage: StageConfig, kind: type[Stage], before: Sequence[tuple[StageConfig, Any]]
 ) -> dict[Input, tuple[str, ...]]:
     """Return whom the inputs of a stage take from, of the stages before it."""
     found: dict[Input, tuple[str, ...]] = {}
     missing, unknown = [], set(stage.source)
     for need in kind.takes:
-        if need.kind is Label and set(kind.Parameters.__dataclass_fields__) >= {"updates"}:
-            continue
-        if need.kind in (SignalBlock, Gap):
+        if need.kind in (SignalBlock, Gap, Label):
             continue
         wanted = need.of or need.kind
-        giving = [one.key for one, other in before if _gives(other, wanted)]
+        giving = [one.key for one, other in before if wanted in other.gives]
         named = _named(stage, kind, giving)
         if need.every and len(giving) < 2:
             there = ", ".join(giving) or "none"
@@ -83,13 +73,36 @@ def wired(
     return found
 
 
-def check_window(key: str, after_s: float, window_s: float, stepping: str) -> None:
-    """Refuse a stage that looks at signal later than a step is sure to be announced."""
+def waits_s(
+    key: str,
+    parameters: Any,
+    sources: Mapping[Input, tuple[str, ...]],
+    windows_s: Mapping[str, float],
+) -> float:
+    """Return how long the stage waits whose steps a stage looks back at the signal of [s].
+
+    Parameters
+    ----------
+    key, parameters, sources
+        The stage, and whom it takes from.
+    windows_s
+        How long after a step's first pick each stage waits for others [s].
+
+    Raises
+    ------
+    PipelineError
+        Where it looks at signal later than a step is sure to be announced.
+    """
+    if not any(need.kind is StepEvent for need in sources) or not hasattr(parameters, "after_s"):
+        return 0.0
+    (stepping,) = next(names for need, names in sources.items() if need.kind is StepEvent)
+    window_s, after_s = windows_s[stepping], parameters.after_s
     if after_s > window_s:
         raise PipelineError(
             f"{key}.after_s: expected at most the {window_s:g} s that {stepping} waits, found "
             f"{after_s:g}"
         )
+    return window_s
 
 
 def _of(giving: Sequence[str], need: Input) -> tuple[str, ...]:
@@ -110,50 +123,6 @@ def _named(stage: StageConfig, kind: type[Stage], giving: Sequence[str]) -> tupl
             f"{stage.key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
         )
     return (wanted,) if wanted else tuple(name for name in stage.source if name in giving)
-
-
-def _gives(kind: Any, event: type[Any]) -> bool:
-    """Return whether a stage gives a type of event."""
-    if hasattr(kind, "gives"):
-        return event in kind.gives
-    return bool(EVENTS[event].name == kind.emits)
-
-
-@dataclass(slots=True)
-class Before:
-    """The stages so far that others take from.
-
-    Attributes
-    ----------
-    stepping
-        Name of the last stage that finds steps.
-    window_s
-        How long after a step's first arrival it waits [s]; 0 for one that announces at once.
-    """
-
-    stepping: str = ""
-    window_s: float = 0.0
-
-    def stage(
-        self, group: str, given: Given, geometry: Geometry | None, labels: Sequence[Label] = ()
-    ) -> Taking:
-        """Return the stage of a plugin, taking from the stages before it."""
-        assert group == "reckoners"  # all others have one runner
-        start = (geometry.start if geometry is not None else None) or (0.0, 0.0)
-        stepping = self.stepped(given[0])
-        return ReckoningStage(*given, stepping=stepping, start=start, labels=labels)
-
-    def add(self, key: str, emits: str, parameters: Any) -> None:
-        """Count a stage in by what it emits."""
-        if emits in ("step", "impact"):
-            self.stepping = key
-            self.window_s = getattr(parameters, "window_s", 0.0)
-
-    def stepped(self, key: str) -> str:
-        """Return whose steps a stage takes; refuse one with none to take."""
-        if not self.stepping:
-            raise PipelineError(f"{key}: expected a stage that gives steps before it, found none")
-        return self.stepping
 
 
 def tracking(key: str, kind: Any, sources: Mapping[Input, tuple[str, ...]]) -> Tracking:
