@@ -40,7 +40,7 @@ def emergent(peak: float, count: int, rng: np.random.Generator) -> np.ndarray:
 
 def lateness(picker: str, samples: np.ndarray) -> np.ndarray:
     """How late each channel is picked [s], NaN where it is not, shape (n_channels,)."""
-    kind = load("detectors", picker)
+    kind = load("stages", picker)
     channels = tuple(Channel(f"G{i}", "seismic", "count") for i in range(samples.shape[1]))
     block = SignalBlock(Stream("/s", channels, RATE_HZ), START_NS, 0, samples)
     stage = StageRunner(StageConfig(picker), kind, kind.Parameters())

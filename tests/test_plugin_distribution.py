@@ -47,7 +47,7 @@ from groundtrace_recordings import path_of
 
 with Recording.open(path_of("room-walk.mcap")) as recording:
     items = list(Source(recording, stop_ns=recording.start_ns + 3_000_000_000))
-found = check_detector(load("detectors", "threshold"), items)
+found = check_detector(load("stages", "threshold"), items)
 print(len(found.times), int(found.accepted.sum()))
 """
 

@@ -17,8 +17,8 @@ from .alignment import Moments
 from .engine import replay
 from .errors import RecordingError
 from .explain.measuring import EventList
-from .pipeline import STAGE_GROUPS, build_pipeline, load_pipeline
-from .plugins import find
+from .pipeline import build_pipeline, load_pipeline
+from .plugins import stage_named
 from .results import RUN, file_sha256, read_results
 from .source import Source
 from .stage import associates, detects
@@ -59,7 +59,7 @@ def steps_by_replay(
         Told the time reached [ns].
     """
     config, _, _ = with_placements(load_pipeline(pipeline), recording)
-    kinds = {s.use: find(STAGE_GROUPS, s.use)[1] for s in config.stage}
+    kinds = {s.use: stage_named(s.use) for s in config.stage}
     finding = tuple(s for s in config.stage if detects(kinds[s.use]) or associates(kinds[s.use]))
     kept = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)

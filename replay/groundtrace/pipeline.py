@@ -17,7 +17,7 @@ from groundtrace_codecs.signals import SignalBlock
 from .errors import PipelineError, did_you_mean
 from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
-from .plugins import find
+from .plugins import stage_named
 from .stage import StageConfig as StageConfig
 from .stage import StageRunner
 from .track_check import TrackCheck
@@ -36,21 +36,6 @@ APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
 #: Written in a recipe where it is not empty.
 PLACEMENTS = "placements"
-#: Groups of plugins a stage may use.
-STAGE_GROUPS = (
-    "detectors",
-    "associators",
-    "classifiers",
-    "arrays",
-    "localizers",
-    "comparisons",
-    "trackers",
-    "navigators",
-    "reckoners",
-    "headings",
-    "vehicles",
-    "ratios",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +162,7 @@ def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> Pipelin
     """
     config = with_settings(load_pipeline(name_or_path), settings)
     for stage in config.stage:
-        build(find(STAGE_GROUPS, stage.use)[1].Parameters, stage.parameters, stage.key)
+        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
     return config
 
 
@@ -259,7 +244,7 @@ def build_pipeline(
         An unknown plugin, key, type or value out of range, or a localizer or tracker without what
         it needs before it, in one line.
     """
-    kinds = [find(STAGE_GROUPS, stage.use)[1] for stage in config.stage]
+    kinds = [stage_named(stage.use) for stage in config.stage]
     given = [
         build(kind.Parameters, stage.parameters, stage.key)
         for stage, kind in zip(config.stage, kinds, strict=True)

@@ -18,7 +18,6 @@ from groundtrace_codecs.signals import SignalBlock
 
 from .errors import PipelineError
 from .pipeline import (
-    STAGE_GROUPS,
     Pipeline,
     PipelineConfig,
     StageConfig,
@@ -26,7 +25,7 @@ from .pipeline import (
     load_pipeline,
     named_pipelines,
 )
-from .plugins import find
+from .plugins import stage_named
 from .stage import allows
 
 if TYPE_CHECKING:
@@ -115,7 +114,7 @@ def _wanted(config: PipelineConfig) -> list[_Wanted]:
     """Return what those stages want that hear signals."""
     found: list[_Wanted] = []
     for stage in config.stage:
-        _, kind = find(STAGE_GROUPS, stage.use)
+        kind = stage_named(stage.use)
         quantities = _quantities(kind)
         if quantities:
             found.append((stage, quantities))
@@ -186,13 +185,13 @@ def with_placements(
 
 def _asks(stage: StageConfig) -> bool:
     """Return whether a stage takes a placement and is told none."""
-    _, kind = find(STAGE_GROUPS, stage.use)
+    kind = stage_named(stage.use)
     fields: Mapping[str, Any] = kind.Parameters.__dataclass_fields__
     return "placement" in fields and not stage.parameters.get("placement")
 
 
 def _wanted_by(stage: StageConfig) -> _Wanted:
-    _, kind = find(STAGE_GROUPS, stage.use)
+    kind = stage_named(stage.use)
     return stage, _quantities(kind)
 
 

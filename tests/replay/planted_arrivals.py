@@ -12,8 +12,8 @@ from groundtrace.explain.evidence import Evidence, StageEvidence
 from groundtrace.explain.places import PlaceExplainer
 from groundtrace.gates import Candidates, gate_specs
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import parse_pipeline
+from groundtrace.plugins import stage_named
 from groundtrace.stage import emitted
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
@@ -137,7 +137,7 @@ class Walk:
 
 def _part(stage: Any, channels: tuple[str, ...], time_ns: Any, channel: Any) -> StageEvidence:
     """Return candidates that all passed their gates."""
-    kind: Any = find(STAGE_GROUPS, stage.use)[1]
+    kind: Any = stage_named(stage.use)
     parameters = build(kind.Parameters, stage.parameters, stage.key)
     gates = gate_specs(kind.gates, parameters)
     spec = StageSpec(

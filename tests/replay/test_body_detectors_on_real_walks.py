@@ -31,7 +31,7 @@ def imported(source: Path, folder: Path, columns: str) -> tuple[list, list[Label
 
 
 def detected(name: str, items: list) -> Outcome:
-    kind = load("detectors", name)
+    kind = load("stages", name)
     return run(StageRunner(StageConfig(name, "steps"), kind, kind.Parameters()), items)
 
 

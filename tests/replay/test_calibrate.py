@@ -77,7 +77,7 @@ def walked(
 
 
 def fixes(method: str, geometry: Geometry, events: list[Event]) -> list[Event]:
-    kind: Any = load("localizers", method)
+    kind: Any = load("stages", method)
     stage = StageRunner(StageConfig(method), kind, kind.Parameters(), geometry=geometry)
     return [e for item in events for e in stage.process(item) if isinstance(e, Fix | Note)]
 

@@ -39,7 +39,7 @@ STEPPED = StageSpec("steps", "coincidence", "/s", ("all",), (), (), (), "step")
 
 
 def stage(method: str = "power-law", geometry: Geometry | None = SITE, **given: Any) -> Any:
-    kind = load("localizers", method)
+    kind = load("stages", method)
     sources = dict(zip(kind.takes, (("picks",), ("steps",)), strict=True))
     return StageRunner(StageConfig(method), kind, kind.Parameters(**given), sources, geometry)
 

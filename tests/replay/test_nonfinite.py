@@ -121,7 +121,7 @@ def test_a_new_run_does_not_begin_with_a_value_from_before_the_gap():
 
     measured = []
 
-    class Steps(load("detectors", "adaptive")):
+    class Steps(load("stages", "adaptive")):
         def process(self, block):
             measured.append(block)
             return super().process(block)

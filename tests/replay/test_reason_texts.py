@@ -19,8 +19,8 @@ from groundtrace.explain.parts import accepted_picks
 from groundtrace.explain.redecide import associated
 from groundtrace.gates import Candidates, decided_block, gate_specs
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, PipelineConfig, load_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import PipelineConfig, load_pipeline
+from groundtrace.plugins import stage_named
 from groundtrace.stage import StageConfig, StageRunner, emitted
 from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec
 from groundtrace_codecs.labels import Label
@@ -38,7 +38,7 @@ def pipeline(name: str) -> PipelineConfig:
 
 def stage_of(config: PipelineConfig, index: int) -> tuple[Any, Any, Any]:
     stage = config.stage[index]
-    kind = find(STAGE_GROUPS, stage.use)[1]
+    kind = stage_named(stage.use)
     return stage, kind, build(kind.Parameters, stage.parameters, stage.key)
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from groundtrace.errors import PipelineError
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, build_pipeline, parse_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.plugins import stage_named
 from groundtrace.score import score_tracks
 from groundtrace.stage import StageConfig, StageRunner
 from groundtrace.trackers.api import SMOOTHED
@@ -276,7 +276,7 @@ def test_a_tracker_takes_the_fixes_of_the_first_localizer_or_of_the_one_it_names
     line: bytes, source: str
 ) -> None:
     config = parse_pipeline(CHAIN + line, "chain.toml")
-    kinds = [find(STAGE_GROUPS, stage.use)[1] for stage in config.stage]
+    kinds = [stage_named(stage.use) for stage in config.stage]
     assert wire(config.stage, kinds)[-1] == {Walkers.takes[0]: (source,)}
 
 

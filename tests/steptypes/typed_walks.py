@@ -63,7 +63,7 @@ def mounted(walk: Walk, turned_deg: float) -> Walk:
 
 
 def stage(**settings: object) -> StageRunner:
-    kind = load("classifiers", "step-types")
+    kind = load("stages", "step-types")
     return types_of(kind, kind.Parameters(**settings))
 
 

@@ -177,11 +177,11 @@ def _check_words(asked: _Asked) -> None:
 def _server() -> Any:
     from ..plugins import load, plugins
 
-    if "annotate" not in {plugin.name for plugin in plugins("servers")}:
+    if "annotate" not in {plugin.name for plugin in plugins("views")}:
         raise AnnotationError(
             "--serve: expected an installed page (groundtrace.servers), found none"
         )
-    return load("servers", "annotate")
+    return load("views", "annotate")
 
 
 def _results(path: Path, given: Path | None) -> Path | None:

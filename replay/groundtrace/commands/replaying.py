@@ -267,7 +267,7 @@ def _shown(session: Session, span_ns: tuple[int | None, int | None]) -> Session:
 
 def _stay_with_the_page(shown: Any) -> None:
     """Serve what was shown to browsers until the user stops."""
-    url, server = load("servers", "web")(shown)
+    url, server = load("views", "web")(shown)
     say(f"serving {url} (Ctrl-C ends it)")
     try:
         server.wait()

@@ -18,8 +18,7 @@ from groundtrace_codecs.events import CandidateBlock, Pick
 from ..errors import RecordingError
 from ..gates import Candidates, decide, gate_specs
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..stage import StageRunner, accepted_events, associates, emitted
 from .counted import counted_kind, noun_of, times_of
 from .redecide import Redecider, associated
@@ -181,7 +180,7 @@ class StepChain:
     def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
         self._redecider = Redecider(evidence)
         self._axes = axes
-        self._stages = [(s, find(STAGE_GROUPS, s.use)[1]) for s in evidence.config.stage]
+        self._stages = [(s, stage_named(s.use)) for s in evidence.config.stage]
         self._check(axes)
         self.links: list[Link] = []
         needed = self._last_stage(evidence)

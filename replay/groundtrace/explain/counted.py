@@ -9,8 +9,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
@@ -49,7 +48,7 @@ class Truth(Protocol):
 
 def counted_kind(config: PipelineConfig) -> CountedKind:
     """Return what a sweep of a pipeline counts; steps where it has nothing else."""
-    given = {emitted(find(STAGE_GROUPS, s.use)[1]) for s in config.stage}
+    given = {emitted(stage_named(s.use)) for s in config.stage}
     return next((kind for kind in reversed(KINDS) if kind in given), "step")
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..errors import PipelineError, did_you_mean
 from ..parameters import build, describe, parse_value
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..stage import associates, detects, emitted
 from .counted import counted_kind, noun_of
 
@@ -103,7 +102,7 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
             f"{did_you_mean(key, stages)}"
         )
-    _, kind = find(STAGE_GROUPS, stages[key].use)
+    kind = stage_named(stages[key].use)
     counted = counted_kind(config)
     if not (detects(kind) or associates(kind)) and emitted(kind) != counted:
         raise PipelineError(

@@ -9,8 +9,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score.step_timing import (
     answers_text,
     found_text,
@@ -433,7 +432,7 @@ def silent(
     floor, sought = None, MAXIMUM
     if stage is not None:
         floor = stage.parameters.get("floor")
-        sought = getattr(find(STAGE_GROUPS, stage.use)[1], "sought", MAXIMUM)
+        sought = getattr(stage_named(stage.use), "sought", MAXIMUM)
     quiet = silence(part, channel, time_ns - reach, time_ns + reach, floor, sought)
     if stage is None or quiet.cause not in {"quiet", "shape"}:
         return quiet.cause, quiet.text

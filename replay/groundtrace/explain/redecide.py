@@ -16,8 +16,7 @@ from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 from ..errors import PipelineError
 from ..gates import Candidates, decided_block, gate_specs
 from ..parameters import build, describe
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score import match_steps
 from ..stage import StageRunner, accepted_events, associates, detects
 
@@ -89,7 +88,7 @@ class Redecider:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        found = [(stage, find(STAGE_GROUPS, stage.use)[1]) for stage in evidence.config.stage]
+        found = [(stage, stage_named(stage.use)) for stage in evidence.config.stage]
         #: Configuration and class of each stage that decides about steps.
         self.stages = [each for each in found if detects(each[1]) or associates(each[1])]
         self._unchanged = {

@@ -19,8 +19,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..gates import Candidates, decided_block
 from ..localizers.api import Site, first_arrivals, place_candidate
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from .parts import accepted_picks, before, locating, onsets_of
 from .readings import readings
 
@@ -125,7 +124,7 @@ class Relocator:
         self.part = locating(evidence, stage)
         key = self.part.spec.stage
         self.config = next(s for s in evidence.config.stage if s.key == key)
-        _, self.kind = find(STAGE_GROUPS, self.config.use)
+        self.kind = stage_named(self.config.use)
         self.parameters = build(self.kind.Parameters, self.config.parameters, key)
         self.picking = before(evidence, self.part, ("pick",))
         self.stepping = before(evidence, self.part, ("step", "impact"))

@@ -20,8 +20,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..source import Source
 from ..stage import StageConfig, StageRunner, wanted_quantities
 from .evidence import stage_evidence
@@ -149,7 +148,7 @@ class Unfiltered:
         if picked is None:
             return None
         stage = self._stages[part.spec.stage]
-        kind: Any = find(STAGE_GROUPS, stage.use)[1]
+        kind: Any = stage_named(stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
         runner = StageRunner(stage, kind, parameters, {kind.takes[0]: (source.spec.stage,)})
         own = [
@@ -181,7 +180,7 @@ class Unfiltered:
         """
         if not self.at_hand or self._source is None:
             return None
-        kind: Any = find(STAGE_GROUPS, self._stages[part.spec.stage].use)[1]
+        kind: Any = stage_named(self._stages[part.spec.stage].use)
         longest: dict[str, float] = {}
         with Recording.open(self._source) as recording:
             stream = next((s for s in recording.streams if s.topic == part.spec.topic), None)
@@ -248,7 +247,7 @@ def _longest_flat(values: NDArray[Any], least_corner: float) -> int:
 
 def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
     """Return a detector's class and parameters without its filter; None where it has none."""
-    kind: Any = find(STAGE_GROUPS, stage.use)[1]
+    kind: Any = stage_named(stage.use)
     hook = getattr(kind, "unfiltered", None)
     if hook is None:
         return None
