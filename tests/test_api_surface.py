@@ -39,7 +39,7 @@ SURFACE = {
         trapezoid yager""",
     "groundtrace.conformance": """
         BLOCK_SIZES FAULTS Outcome TOLERANCE ToldCurves assert_same assert_same_curves
-        check_description check_detector check_faults check_gap check_gates check_state outcome
+        check_description check_faults check_gap check_gates check_restart check_stage check_state outcome
         rechunked run""",
     "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
     "groundtrace.exports": "Exporter Material Origin Written all_kinds choose export exporters",

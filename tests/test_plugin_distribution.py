@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from command_runs import run
 
-from groundtrace.conformance import check_detector
+from groundtrace.conformance import check_stage
 from groundtrace.parameters import describe
 from groundtrace.results import read_results
 from groundtrace.score import score_picks
@@ -39,7 +39,7 @@ name = "steps"
 use = "coincidence"
 """
 CHECK = """\
-from groundtrace.conformance import check_detector
+from groundtrace.conformance import check_stage
 from groundtrace.plugins import load
 from groundtrace.source import Source
 from groundtrace_codecs import Recording
@@ -47,7 +47,7 @@ from groundtrace_recordings import path_of
 
 with Recording.open(path_of("room-walk.mcap")) as recording:
     items = list(Source(recording, stop_ns=recording.start_ns + 3_000_000_000))
-found = check_detector(load("stages", "threshold"), items)
+found = check_stage(load("stages", "threshold"), items)
 print(len(found.times), int(found.accepted.sum()))
 """
 
@@ -130,7 +130,7 @@ def test_the_example_conforms_in_this_process_too(monkeypatch: pytest.MonkeyPatc
 
     with Recording.open(path_of("room-walk.mcap")) as recording:
         items = list(Source(recording, stop_ns=recording.start_ns + 2 * NS_PER_S))
-    found = check_detector(ThresholdPicker, items)
+    found = check_stage(ThresholdPicker, items)
     assert found.trace_times.size == 0
     assert [info.unit for info in describe(ThresholdPicker.Parameters)] == ["m/s", "m/s", "s"]
 

@@ -518,7 +518,7 @@ class StageRunner:
             if isinstance(item, StageSpec):
                 again._take_spec(item, out)
             elif type(item) in self._events and self._comes_from(item):
-                instance = again._state.instances.get(_topic_of(item))
+                instance = again._state.instances.get(topic_of(item))
                 if isinstance(instance, _Instance):
                     parts = found.setdefault(instance.context.topic, [])
                     parts += [x for x in instance.stage.process(item) if isinstance(x, Candidates)]
@@ -651,7 +651,7 @@ class StageRunner:
     ) -> None:
         if not self._comes_from(item):
             return
-        topic = _topic_of(item)
+        topic = topic_of(item)
         key = self._key_of(topic, "")
         instance = self._state.instances.get(key)
         if instance is None:
@@ -917,7 +917,7 @@ def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
     return [item for item in kept if id(item) not in old]
 
 
-def _topic_of(item: Any) -> str:
+def topic_of(item: Any) -> str:
     """Return the topic of an event, empty where its type has none."""
     columns = isinstance(item, CandidateBlock | TraceBlock)
     return str(item.spec.topic if columns else getattr(item, "topic", ""))

@@ -9,7 +9,7 @@ import pytest
 from replay_blocks import START_NS
 from scipy.spatial.transform import Rotation
 
-from groundtrace.conformance import check_detector, run
+from groundtrace.conformance import check_stage, run
 from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
 from groundtrace.detectors.dp import PeakDetector
 from groundtrace.score.steps import score_steps
@@ -154,7 +154,7 @@ def test_the_bundled_walk_is_found():
 
 def test_it_conforms_in_blocks_of_any_size():
     items, *_ = bundled()
-    found = check_detector(AdaptiveDetector, items[:40], block_sizes=(1, 7, 333))
+    found = check_stage(AdaptiveDetector, items[:40], block_sizes=(1, 7, 333))
     assert found.accepted.sum() > 10
 
 

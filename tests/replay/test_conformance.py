@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from groundtrace.conformance import BLOCK_SIZES, assert_same, check_detector, outcome, rechunked
+from groundtrace.conformance import BLOCK_SIZES, assert_same, check_stage, outcome, rechunked
 from groundtrace.parameters import describe
 from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
 from groundtrace.plugins import load, plugins, stage_named
@@ -54,7 +54,7 @@ def fitting(kind: Any) -> str:
 @pytest.mark.parametrize("name", DETECTORS)
 def test_every_detector_conforms_on_a_bundled_recording(name: str) -> None:
     kind = load("stages", name)
-    found = check_detector(kind, signal(fitting(kind), SECONDS.get(fitting(kind))))
+    found = check_stage(kind, signal(fitting(kind), SECONDS.get(fitting(kind))))
     assert found.accepted.any()
 
 

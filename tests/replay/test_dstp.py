@@ -11,7 +11,7 @@ import pytest
 from walking_blocks import START_NS, Walk, waist
 
 from groundtrace.belief import RULES, over_ignorance
-from groundtrace.conformance import Outcome, check_detector, run
+from groundtrace.conformance import Outcome, check_stage, run
 from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters, vertex
 from groundtrace.detectors.sensor_evidence import Evidence, Heights
 from groundtrace.gates import Candidates, decide
@@ -75,7 +75,7 @@ def test_all_steps_are_found_and_no_others(rate_hz, cadence_hz, gyroscope) -> No
 
 @pytest.mark.parametrize("walk", [waist(6.0, 1.0), waist(gyroscope=False)], ids=["6 Hz", "no gyro"])
 def test_it_conforms_at_low_rates_and_without_a_gyroscope(walk: Walk) -> None:
-    assert check_detector(BeliefDetector, [walk.block]).accepted.any()
+    assert check_stage(BeliefDetector, [walk.block]).accepted.any()
 
 
 @pytest.mark.parametrize("rule", sorted(RULES))

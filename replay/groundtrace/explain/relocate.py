@@ -124,7 +124,7 @@ class Relocator:
         self.part = locating(evidence, stage)
         key = self.part.spec.stage
         self.config = next(s for s in evidence.config.stage if s.key == key)
-        self.kind = stage_named(self.config.use)
+        self.kind: Any = stage_named(self.config.use)
         self.parameters = build(self.kind.Parameters, self.config.parameters, key)
         self.picking = before(evidence, self.part, ("pick",))
         self.stepping = before(evidence, self.part, ("step", "impact"))
