@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check warm test build wheel bench fuzz big accept proto screenshot recompile clean
+.PHONY: demo dev fmt check warm test golden build wheel bench fuzz big accept proto screenshot recompile clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -44,6 +44,9 @@ warm: dev ## what replays run is compiled once, before those who would compile i
 
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
+
+golden: dev ## the golden events anew, after a change that is meant to change results
+	OMP_NUM_THREADS=1 $(BIN)/python tests/golden_events.py
 
 build: dev
 	$(BIN)/python -m build --wheel --outdir dist .

@@ -99,6 +99,13 @@ def test_a_walk_without_a_wrong_step_has_nothing_to_explain(capsys: Capture) -> 
     assert text == "waist-walk.mcap: 74 right, 0 missed, 0 false\n"
 
 
+def test_a_step_that_has_no_type_is_explained_and_nothing_is_offered(capsys: Capture) -> None:
+    done(capsys, "replay", WALK, "--pipeline", "step-types", "--no-viewer")
+    found = done(capsys, "why", "waist-walk.results.mcap", "--json").document
+    (missed,) = found["missed"]
+    assert (missed["reason"]["gate"], missed["remedy"]) == ("share", None)
+
+
 def test_without_a_stage_every_step_is_undecided(capsys: Capture) -> None:
     done(capsys, "replay", str(WALK), "--pipeline", "signals", "--no-viewer", "--out", "s.mcap")
     table = done(capsys, "why", "s.mcap").out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,20 +13,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
-
-#: What an accepted candidate becomes.
-Emits = Literal[
-    "pick",
-    "step",
-    "impact",
-    "fix",
-    "track",
-    "bearing",
-    "disagreement",
-    "heading",
-    "presence",
-    "pass",
-]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,10 +18,15 @@ import msgspec
 from .errors import PipelineError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    from groundtrace_codecs.labels import Label
 
 T = TypeVar("T")
 Part = Literal["measure", "decide"]
+#: Known places that a stage takes in, by its parameter ``updates``: satellite fixes, or of the
+#: truth's waypoints the first two or all. No other parameter has a stage given truth.
+Updates = Literal["none", "gnss", "first-two", "waypoints"]
 
 
 def measured(unit: str, doc: str, **bounds: float) -> msgspec.Meta:
@@ -139,6 +144,17 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
         return parameters(**converted)
     except ValueError as error:  # of values that do not go together, in ``__post_init__``
         raise PipelineError(f"{place}.{error}") from None
+
+
+def given_waypoints(labels: Sequence[Label], updates: str) -> list[Label]:
+    """Return the waypoints that a stage is given by its parameter ``updates``, in order of time."""
+    count = {"first-two": 2, "waypoints": None}.get(updates, 0)
+    found = [
+        x
+        for x in sorted(labels, key=lambda x: x.time_ns)
+        if x.kind == "waypoint" and x.x_m is not None and x.y_m is not None
+    ]
+    return found[:count]
 
 
 def parse_value(text: str) -> Any:

@@ -16,6 +16,7 @@ from groundtrace_codecs.mcap.remote import RemoteBytes, as_url, is_url
 from groundtrace_codecs.signals import SignalBlock
 
 from .errors import RecordingError
+from .parameters import given_waypoints
 from .version import installed_version
 from .warned import warnings_of
 
@@ -224,8 +225,6 @@ def read_results(path: Path, *, blocks: bool = True, evidence: bool = False) -> 
 
 def given_to(pipeline: str, labels: Sequence[Label]) -> tuple[Label, ...]:
     """Return the waypoints that the stages of a resolved pipeline, TOML, are given of labels."""
-    from .reckoning.places import given_waypoints
-
     try:
         stages = tomllib.loads(pipeline).get("stage", [])
     except tomllib.TOMLDecodeError:

@@ -36,7 +36,7 @@ from .detector import Frames
 from .gates import Candidates, Carry, Gate, decided_block, gate_specs, never_passed
 from .lengths import in_length_unit, scaled_lengths
 from .nonfinite import Holder
-from .parameters import describe
+from .parameters import describe, given_waypoints
 from .recall import Recall
 from .rounds import Rounds
 
@@ -380,7 +380,8 @@ class StageRunner:
         Where the sensors are; None where unknown. Where its unit of length is not known, parameters
         in metres of a stage that takes fixes are brought to it.
     labels
-        Of the recording; only waypoints go on to the stage, and only if it takes labels.
+        Of the recording; only waypoints go on to a stage that takes labels, and only those that its
+        parameter ``updates`` asks for.
     placements
         By topic, where a sensor is worn that its stream does not say.
     window_s
@@ -415,8 +416,8 @@ class StageRunner:
         self._sources = dict(sources or {})
         self._placements = placements or {} if detects(kind) else {}
         takes = kind.takes
-        self._labels = tuple(x for x in labels if x.kind == "waypoint")
-        self._labels = self._labels if any(need.kind is Label for need in takes) else ()
+        asked = any(need.kind is Label for need in takes)
+        self._labels = tuple(given_waypoints(labels, parameters.updates)) if asked else ()
         self._signal = tuple(n for n in takes if n.kind is SignalBlock and not n.buffered)
         self._anywhere = tuple(n for n in self._signal if n.anywhere)
         self._buffered = tuple(n for n in takes if n.buffered)

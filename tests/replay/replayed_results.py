@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from groundtrace.engine import replay
 from groundtrace.explain import Evidence, evidence_of
-from groundtrace.explain.evidence import matched
+from groundtrace.explain.counted import matched
 from groundtrace.explain.measuring import EventList
 from groundtrace.explain.redecide import Counts
 from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings

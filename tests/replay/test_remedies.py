@@ -13,7 +13,7 @@ from replayed_results import Walk, waist_walk, walk_of
 from groundtrace.errors import PipelineError
 from groundtrace.explain import Counts, Healer, Redecider, Remedy
 from groundtrace.explain.account import Account, Mended, account
-from groundtrace.explain.evidence import matched
+from groundtrace.explain.counted import matched
 from groundtrace.explain.measuring import measure_evidence
 from groundtrace.pipeline import load_pipeline, with_settings
 from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write

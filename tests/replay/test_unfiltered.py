@@ -11,8 +11,10 @@ import pytest
 from test_planted_causes import Planting
 
 from groundtrace.commands import main
-from groundtrace.explain.unfiltered import unfiltered_kind
+from groundtrace.explain.reasons import unfiltered_kind
 from groundtrace.pipeline import StageConfig
+from groundtrace.plugins import plugins, stage_named
+from groundtrace.stage import detects
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
@@ -118,6 +120,9 @@ def test_a_signal_that_stands_out_is_no_proof_against_the_filter(capsys: Capture
     account = why(capsys, "r.mcap")
     assert account["counts"]["fn"] == len(STEPS_S)
     assert "filter" not in account["causes"]
+
+
+DETECTORS = sorted(p.name for p in plugins("stages") if detects(stage_named(p.name)))
 
 
 @pytest.mark.parametrize("name", DETECTORS)

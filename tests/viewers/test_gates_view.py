@@ -13,7 +13,8 @@ from viewer_sessions import read_back
 
 from groundtrace.explain import Evidence, evidence_of
 from groundtrace.explain.comparison import compare
-from groundtrace.explain.evidence import matched, stage_evidence
+from groundtrace.explain.counted import matched
+from groundtrace.explain.evidence import stage_evidence
 from groundtrace.explain.measuring import EventList
 from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
 from groundtrace.results import Provenance, Results

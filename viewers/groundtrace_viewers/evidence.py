@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.explain.evidence import matched, step_times
+from groundtrace.explain.counted import matched
+from groundtrace.explain.evidence import step_times
 from groundtrace.sinks import Session
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S

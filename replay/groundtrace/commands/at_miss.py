@@ -12,7 +12,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
 from ..explain import evidence_of
-from ..explain.evidence import matched
+from ..explain.counted import matched
 from ..results import read_results, replayed_labels
 from .truth import truth_of
 

@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..explain import Healer, Redecider, evidence_of
 from ..explain.account import account, moment, remedy_of
-from ..explain.evidence import matched
+from ..explain.counted import matched
 from ..explain.reasons import StepReasons
 from ..explain.unfiltered import beside, with_recording
 from ..plugins import load

@@ -13,9 +13,10 @@ from ..plugins import stage_named
 from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
-from ..score.step_matching import TrueSteps
+from ..score.step_matching import TrueSteps, match_steps
 from ..stage import emitted
 from .bootstrap import Verdicts
+from .evidence import step_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from ..gates import Candidates
     from ..pipeline import PipelineConfig
+    from ..score import StepMatch
     from .evidence import Evidence
 
 #: What is counted, by what the deciding stage emits; a later one here goes before an earlier.
@@ -55,6 +57,12 @@ def counted_kind(config: PipelineConfig) -> CountedKind:
 def noun_of(kind: CountedKind) -> str:
     """Return how what is counted is called."""
     return "steps" if kind == "step" else "passes"
+
+
+def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
+    """Match the steps of a result, as decided, to its truth."""
+    e = evidence
+    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
 def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -> Truth:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..detector import Frames
 from ..gates import Candidates
 from ..pipeline import parse_pipeline
-from ..score import match_steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,9 +25,7 @@ if TYPE_CHECKING:
 
     from ..pipeline import PipelineConfig
     from ..results import Results
-    from ..score import StepMatch
     from ..warned import Warned
-    from .unfiltered import Unfiltered
 
 
 #: Messages that evidence is made of, and what the replay warned of.
@@ -66,6 +63,46 @@ class StageEvidence:
         """Return the rows of candidates with start <= time <= end."""
         times = self.candidates.time_ns
         return np.flatnonzero((times >= start_ns) & (times <= end_ns))
+
+
+@dataclass(frozen=True, slots=True)
+class Unmuted:
+    """A candidate that is there without the filter.
+
+    Attributes
+    ----------
+    time_ns
+        Its time.
+    value
+        What its decision function reaches, in the unit of the candidates' first column.
+    """
+
+    time_ns: int
+    value: float
+
+
+class WithoutFilters(Protocol):
+    """The signal of a result, measured again without the filters of its stages."""
+
+    @property
+    def at_hand(self) -> bool:
+        """Whether the recording is."""
+
+    def around(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+        """Return what a stage measures without its filter in the stretch that a time lies in."""
+
+    def nearest(
+        self, part: StageEvidence, channel: int, start_ns: int, end_ns: int
+    ) -> Unmuted | None:
+        """Return what passes all thresholds in a span without the filter, nearest its middle."""
+
+    def group(
+        self, part: StageEvidence, source: StageEvidence, start_ns: int, end_ns: int
+    ) -> Unmuted | None:
+        """Return the accepted group of picks in a span where they are picked without the filter."""
+
+    def clipped(self, part: StageEvidence, start_ns: int, end_ns: int) -> tuple[str, float] | None:
+        """Return the channel that stood still at its extreme for longest, and for how long [s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +143,7 @@ class Evidence:
     geometry: Geometry | None = None
     track: tuple[TrackPoint, ...] = ()
     warnings: tuple[Warned, ...] = ()
-    unfiltered: Unfiltered | None = None
+    unfiltered: WithoutFilters | None = None
 
     @property
     def clock_steps_s(self) -> tuple[float, ...]:
@@ -147,12 +184,6 @@ def step_times(evidence: Evidence) -> NDArray[np.int64]:
     last = stages[-1].spec.stage if stages else ""
     times = [p.candidates.time_ns[p.accepted] for p in stages if p.spec.stage == last]
     return np.sort(np.concatenate([np.empty(0, np.int64), *times]))
-
-
-def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
-    """Match the steps of a result, as decided, to its truth."""
-    e = evidence
-    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
 
 
 def joined(events: Iterable[Event]) -> Iterator[Event]:

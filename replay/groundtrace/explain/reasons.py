@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..parameters import build
 from ..plugins import stage_named
 from ..score.step_timing import (
     answers_text,
@@ -18,20 +19,20 @@ from ..score.step_timing import (
     step_reach_s,
     timing_pairs,
 )
-from .evidence import matched, step_times
+from .counted import matched
+from .evidence import step_times
 from .readings import GateReading, below, closeness, readings, told_apart
 from .silence import MAXIMUM, silence
-from .unfiltered import unfiltered_kind
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Gap
 
+    from ..pipeline import StageConfig
     from ..score import StepMatch, TimingPair
-    from .evidence import Evidence, StageEvidence
+    from .evidence import Evidence, StageEvidence, Unmuted
     from .silence import Silence
-    from .unfiltered import Unmuted
 
 #: The cause of a miss, in one word; ``score`` and fleets count them.
 CAUSES = (
@@ -448,6 +449,16 @@ def silent(
         f"{quiet.text}; {quiet.levels}: it takes the recording to tell whether the filter took a "
         f"step out (why --recording)"
     )
+
+
+def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
+    """Return a detector's class and parameters without its filter; None where it has none."""
+    kind: Any = stage_named(stage.use)
+    hook = getattr(kind, "unfiltered", None)
+    if hook is None:
+        return None
+    worker: tuple[type[Any], Any] = hook(build(kind.Parameters, stage.parameters, stage.key))
+    return worker
 
 
 def _filtered_text(part: StageEvidence, found: Unmuted, quiet: Silence, time_ns: int) -> str:

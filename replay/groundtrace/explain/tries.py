@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
+from ..errors import PipelineError
 from .chain import StepChain
 from .counted import counted_kind
 from .grid import Axis
@@ -72,6 +73,10 @@ class Tries:
             Where a value is not allowed, or needs a replay.
         """
         for name in {stage for stage, _ in settings}:
+            if name not in self._stages:
+                raise PipelineError(
+                    f"{name}: expected a stage that candidates decide, found another"
+                )
             self._redecider.parameters(*self._stages[name], settings)
         return self._chain.passed(self._row(settings))
 

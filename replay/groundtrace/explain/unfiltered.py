@@ -8,7 +8,7 @@ passes all thresholds. That takes the recording; results alone do not say.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any
@@ -23,9 +23,10 @@ from ..parameters import build
 from ..plugins import stage_named
 from ..source import Source
 from ..stage import StageConfig, StageRunner, wanted_quantities
-from .evidence import stage_evidence
+from .evidence import Unmuted, stage_evidence
 from .measuring import recording_in
 from .parts import accepted_picks
+from .reasons import unfiltered_kind
 from .redecide import associated
 
 if TYPE_CHECKING:
@@ -47,22 +48,6 @@ FLAT_SAMPLES, CORNER_LEVELS, BESIDE_S = 5, 4, 1.0
 #: A stretch is measured from so long before it on, and until so long after [s]: what detectors
 #: look back and ahead, of which the rhythm of a phone in a hand is the longest, 12 s and 6 s.
 BEFORE_S, AFTER_S = 20.0, 15.0
-
-
-@dataclass(frozen=True, slots=True)
-class Unmuted:
-    """A candidate that is there without the filter.
-
-    Attributes
-    ----------
-    time_ns
-        Its time.
-    value
-        What its decision function reaches, in the unit of the candidates' first column.
-    """
-
-    time_ns: int
-    value: float
 
 
 class Unfiltered:
@@ -114,7 +99,7 @@ class Unfiltered:
         None where there is none, the recording is not at hand, or the detector has no filter.
         """
         middle_ns = (start_ns + end_ns) // 2
-        found = self._stretch(part, middle_ns)
+        found = self.around(part, middle_ns)
         if found is None:
             return None
         rows = found.between(start_ns, end_ns)
@@ -144,7 +129,7 @@ class Unfiltered:
         As :meth:`nearest`; its value is that of the first column, the channels that saw it.
         """
         middle_ns = (start_ns + end_ns) // 2
-        picked = self._stretch(source, middle_ns)
+        picked = self.around(source, middle_ns)
         if picked is None:
             return None
         stage = self._stages[part.spec.stage]
@@ -205,7 +190,11 @@ class Unfiltered:
                 longest[stream.channels[number].name] = flat / stream.rate_hz
         return max(longest.items(), key=lambda item: item[1], default=None)
 
-    def _stretch(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+    def around(self, part: StageEvidence, time_ns: int) -> StageEvidence | None:
+        """Return what a stage measures without its filter in the stretch that a time lies in.
+
+        None where the recording is not at hand, or the detector has no filter.
+        """
         spec, length = part.spec, round(STRETCH_S * NS_PER_S)
         key = (spec.stage, spec.topic, time_ns // length)
         if key not in self._measured:
@@ -243,16 +232,6 @@ def _longest_flat(values: NDArray[Any], least_corner: float) -> int:
             if (np.abs(beside - end) >= least_corner).any():
                 longest = max(longest, int(after - first))
     return longest
-
-
-def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
-    """Return a detector's class and parameters without its filter; None where it has none."""
-    kind: Any = stage_named(stage.use)
-    hook = getattr(kind, "unfiltered", None)
-    if hook is None:
-        return None
-    worker: tuple[type[Any], Any] = hook(build(kind.Parameters, stage.parameters, stage.key))
-    return worker
 
 
 def with_recording(evidence: Evidence, sha256: str, places: Sequence[Path]) -> Evidence:

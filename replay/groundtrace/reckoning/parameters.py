@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from ..parameters import gate, measured
-
-Updates = Literal["none", "gnss", "first-two", "waypoints"]
+from ..parameters import Updates, gate, measured
 
 
 @dataclass(frozen=True, slots=True)

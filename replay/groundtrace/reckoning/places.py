@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from .parameters import Updates
-
 
 @dataclass(frozen=True, slots=True)
 class KnownPlace:
@@ -29,22 +27,11 @@ class KnownPlace:
     sigma_m: float
 
 
-def given_waypoints(labels: Sequence[Label], updates: str) -> list[Label]:
-    """Return the waypoints that a reckoning is given, in order of time."""
-    count = {"first-two": 2, "waypoints": None}.get(updates, 0)
-    found = [
-        x
-        for x in sorted(labels, key=lambda x: x.time_ns)
-        if x.kind == "waypoint" and x.x_m is not None and x.y_m is not None
-    ]
-    return found[:count]
-
-
-def waypoints_of(labels: Sequence[Label], updates: Updates, sigma_m: float) -> list[KnownPlace]:
-    """Return the waypoints that a reckoning may take in, in order of time."""
+def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[KnownPlace]:
+    """Return the waypoints that a reckoning is given as known places."""
     return [
         KnownPlace(x.time_ns, x.x_m, x.y_m, sigma_m)
-        for x in given_waypoints(labels, updates)
+        for x in labels
         if x.x_m is not None and x.y_m is not None
     ]
 

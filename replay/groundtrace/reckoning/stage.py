@@ -83,7 +83,7 @@ class DeadReckoning(Stage):
         self._plane = TangentPlane(origin)
         self._reckoner = DeadReckoner(replace(p, axis=axis))
         self._reckoner.start(context.stage, context.tracks.next(), origin)
-        self._reckoner.know(waypoints_of(context.labels, p.updates, p.waypoint_m))
+        self._reckoner.know(waypoints_of(context.labels, p.waypoint_m))
         return ("walker",)
 
     def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:

@@ -1,0 +1,160 @@
+"""What the code is made of: files, lines, who imports whom, and what the command line loads.
+
+    python bench/structure.py            figures, and every circle of imports
+    python bench/structure.py --single   also the files that one other file alone imports
+
+Imports are read from the source, those inside functions and for type checking too. A name taken
+from a package counts as an import of the module that the package takes it from. ``-X importtime``
+tells what ``groundtrace --help`` loads; times are of a third run, its files are in memory then.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+FOLDERS = ("codecs", "replay", "viewers", "recordings")
+#: By module: the modules it imports.
+Graph = dict[str, set[str]]
+
+
+class Module(NamedTuple):
+    """A Python file."""
+
+    name: str
+    path: Path
+    tree: ast.Module
+    lines: int
+
+    @property
+    def is_package(self) -> bool:
+        """Whether it is the front of a package."""
+        return self.path.name == "__init__.py"
+
+
+def modules() -> dict[str, Module]:
+    """Return the files of all packages by the names of their modules."""
+    found = {}
+    for path in sorted(p for folder in FOLDERS for p in (ROOT / folder).rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+        name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+        text = path.read_text("utf-8")
+        found[name] = Module(name, path, ast.parse(text), len(text.splitlines()))
+    return found
+
+
+def imports(module: Module, known: dict[str, Module], *, types: bool) -> set[str]:
+    """Return what a module imports of ours; without ``types`` what it imports at run time."""
+    skipped: set[ast.AST] = set()
+    if not types:
+        for node in ast.walk(module.tree):
+            if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+                skipped.update(inner for part in node.body for inner in ast.walk(part))
+    found = set()
+    for node in ast.walk(module.tree):
+        if node in skipped:
+            continue
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = _base(module, node)
+            found.update(_source(base, alias.name, known) for alias in node.names)
+    return {name for name in found if name in known} - {module.name}
+
+
+def _base(module: Module, node: ast.ImportFrom) -> str:
+    if not node.level:
+        return node.module or ""
+    parts = module.name.split(".")
+    parts = parts[: len(parts) - node.level + module.is_package]
+    return ".".join([*parts, *([node.module] if node.module else [])])
+
+
+def _source(base: str, name: str, known: dict[str, Module]) -> str:
+    """Return the module that a name of a module comes of."""
+    if f"{base}.{name}" in known:
+        return f"{base}.{name}"
+    front = known.get(base)
+    if front is None or not front.is_package:
+        return base
+    for node in ast.walk(front.tree):
+        if isinstance(node, ast.ImportFrom) and node.level and name in {a.name for a in node.names}:
+            return _source(_base(front, node), name, known)
+    return base
+
+
+def circles(graph: Graph) -> list[list[str]]:
+    """Return the groups of modules that import each other, directly or not (Tarjan)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found = []
+
+    def visit(name: str) -> None:
+        index[name] = low[name] = len(index)
+        stack.append(name)
+        for other in sorted(graph[name]):
+            if other not in index:
+                visit(other)
+            if other in stack:
+                low[name] = min(low[name], low[other])
+        if low[name] == index[name]:
+            group = stack[stack.index(name) :]
+            del stack[stack.index(name) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    sys.setrecursionlimit(10_000)
+    for name in sorted(graph):
+        if name not in index:
+            visit(name)
+    return found
+
+
+def loaded() -> tuple[int, int, float]:
+    """Return how many modules ``groundtrace --help`` loads, how many of ours, and how long [s]."""
+    command = [Path(sys.executable).with_name("groundtrace"), "--help"]
+    for _ in range(3):
+        run = [sys.executable, "-X", "importtime", *command]
+        ran = subprocess.run(run, capture_output=True, text=True, check=True)
+    rows = [line.removeprefix("import time:").split("|") for line in ran.stderr.splitlines()[1:]]
+    own_us = [(int(own), name.strip()) for own, _, name in rows]
+    ours = [name for _, name in own_us if name.startswith("groundtrace")]
+    return len(own_us), len(ours), sum(us for us, _ in own_us) / 1e6
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--single", action="store_true")
+    options = parser.parse_args()
+    known = modules()
+    fronts = sum(module.is_package for module in known.values())
+    lines = sum(module.lines for module in known.values())
+    print(f"{len(known)} Python files, {fronts} of them fronts of packages; {lines} lines")
+    for words, types in (("at run time", False), ("counting types", True)):
+        graph = {name: imports(module, known, types=types) for name, module in known.items()}
+        groups = circles(graph)
+        print(f"{len(groups)} circles of imports {words}, {sum(map(len, groups))} modules in them")
+        for group in groups:
+            print("   " + ", ".join(group))
+    importers: dict[str, list[str]] = {name: [] for name in known}
+    for name, others in graph.items():
+        for other in others:
+            importers[other].append(name)
+    single = {n: i[0] for n, i in importers.items() if len(i) == 1 and not known[n].is_package}
+    print(f"{len(single)} modules that one other alone imports")
+    if options.single:
+        for name, other in sorted(single.items()):
+            print(f"   {name} ({known[name].lines} lines) by {other}")
+    count, ours, seconds = loaded()
+    print(f"groundtrace --help loads {count} modules, {ours} of ours, in {seconds:.2f} s")
+
+
+if __name__ == "__main__":
+    main()
