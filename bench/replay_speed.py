@@ -27,7 +27,7 @@ from groundtrace.results import Provenance, ResultsSink
 from groundtrace.simulate import RoomOptions, simulate_room, write
 from groundtrace.sinks import Session
 from groundtrace.source import Source
-from groundtrace.window_power import RunningPower, WindowPower
+from groundtrace.window_power import WindowPower
 from groundtrace_codecs.mcap.chunks import ChunkReader, Definitions
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
@@ -49,7 +49,8 @@ class PowerSink:
 
     def __init__(self) -> None:
         taper = np.hamming(WINDOW)
-        self._power = RunningPower(WindowPower(taper, WINDOW, kind=np.float32), HOP)
+        self._power = WindowPower(taper, WINDOW, kind=np.float32)
+        self._tail: np.ndarray | None = None
         self.largest = 0.0
 
     def open(self, session: Session) -> None:
@@ -57,8 +58,20 @@ class PowerSink:
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take a block."""
-        if isinstance(item, SignalBlock):
-            self.largest = max(self.largest, float(self._power(item.samples.T)[:, :, 1].max()))
+        if not isinstance(item, SignalBlock):
+            return
+        samples = item.samples.T
+        tail = samples[:, :0].copy() if self._tail is None else self._tail
+        before = tail.shape[1]
+        count = max(0, (before + samples.shape[1] - WINDOW) // HOP + 1)
+        power = self._power(samples, -before, HOP, count, tail)
+        self.largest = max(self.largest, float(power[:, :, 1].max(initial=0.0)))
+        left = count * HOP - before
+        self._tail = (
+            samples[:, left:].copy()
+            if left >= 0
+            else np.concatenate([tail[:, left:], samples], axis=1)
+        )
 
     def close(self) -> None:
         """End."""

@@ -22,6 +22,7 @@ from scipy.io import savemat
 sys.path.insert(0, str(Path(__file__).parent / "codecs"))
 
 from mcap_files import CHUNKED, of_kind, opened, read, rows_of, small, write_recording
+from memory_bytes import MemoryBytes
 
 from groundtrace.annotate.journal import FORMAT, VERSION, Action, Change, Header, read_journal
 from groundtrace.commands import main
@@ -43,7 +44,7 @@ from groundtrace_codecs.importers.phone import PhoneImporter
 from groundtrace_codecs.importers.sgt import read_sgt
 from groundtrace_codecs.importers.xsens import XsensImporter
 from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile, MemoryBytes
+from groundtrace_codecs.mcap import McapFile
 from groundtrace_codecs.mcap.records import CHUNK, DATA_END
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.truth import read_truth_csv

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from command_runs import assert_same_decisions, decisions, done, run
+from truth_tables import write_truth_csv
 
 from groundtrace.pipeline import load_pipeline, named_pipelines
 from groundtrace.results import read_results
@@ -27,7 +28,6 @@ from groundtrace_codecs import (
     Stream,
     write_recording,
 )
-from groundtrace_codecs.truth import write_truth_csv
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

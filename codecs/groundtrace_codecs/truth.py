@@ -121,43 +121,6 @@ def _labels_of(
     return tuple(labels)
 
 
-def write_truth_csv(path: Path, labels: Sequence[Label], start_ns: int) -> None:
-    """Write labels as a truth CSV that :func:`read_truth_csv` reads back exactly.
-
-    Parameters
-    ----------
-    path
-        The file to write.
-    labels
-        In the order to be written.
-    start_ns
-        Time of the recording's first sample [ns]; times are written relative to it.
-
-    Raises
-    ------
-    SchemaError
-        Naming line and column of the first label that would not be read back as it is: a kind
-        that is none, a span without its end, text with blanks at its ends. Nothing is written.
-    """
-    names = [n for n in COLUMNS if n not in ("time_ns", "end_ns")]
-    table = io.StringIO(newline="")
-    writer = csv.writer(table)
-    writer.writerow(names)
-    for label in labels:
-        writer.writerow([_cell(label, name, start_ns) for name in names])
-    for label, again in zip(labels, _labels_of(table.getvalue(), path.name, start_ns), strict=True):
-        changed = [n for n in Label.__slots__ if getattr(again, n) != getattr(label, n)]
-        if changed:
-            raise SchemaError(
-                f"{path.name}: {label.kind} at {_cell(label, 'time_s', start_ns)} s: {changed[0]}: "
-                f"expected what a table can hold, found {getattr(label, changed[0])!r}"
-            )
-    try:
-        path.write_bytes(table.getvalue().encode())
-    except UnicodeEncodeError as error:
-        raise SchemaError(f"{path.name}: expected UTF-8 text, found {error.reason}") from error
-
-
 def read_truth(
     path: Path,
     *,
@@ -370,12 +333,3 @@ class _Row:
 def _listed_files(files: Mapping[str, int]) -> str:
     names = list(files)
     return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
-
-
-def _cell(label: Label, name: str, start_ns: int) -> str:
-    """Return the text of one cell."""
-    if name in ("time_s", "end_s"):
-        time_ns = label.time_ns if name == "time_s" else label.end_ns
-        return "" if time_ns is None else f"{Decimal(time_ns - start_ns) / NS_PER_S:f}"
-    value = getattr(label, name)
-    return "" if value is None else str(value)

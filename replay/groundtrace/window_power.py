@@ -108,38 +108,3 @@ class WindowPower:
         window = (self._pairs, self._weights, self._share, self._cosines, self._sines)
         put_power(before, rows, start, self.window, hop, *window, power)
         return power.reshape(*samples.shape[:-1], *shape[1:])[..., :count, : self.frequencies]
-
-
-class RunningPower:
-    """Power of windows of all channels of a run, whatever the blocks.
-
-    Parameters
-    ----------
-    power
-        Of each window.
-    hop
-        From one window to the next [samples]: window k of the run begins with sample k * hop.
-    """
-
-    def __init__(self, power: WindowPower, hop: int) -> None:
-        self._power = power
-        self._hop = hop
-        self._tail: NDArray[Any] | None = None
-
-    def __call__(self, samples: NDArray[Any]) -> Real:
-        """Take samples, shape (n_channels, n); return the windows they complete.
-
-        Returns
-        -------
-        Shape (n_channels, windows, frequencies).
-        """
-        tail = samples[:, :0].copy() if self._tail is None else self._tail
-        before, new = tail.shape[1], samples.shape[1]
-        count = max(0, (before + new - self._power.window) // self._hop + 1)
-        found = self._power(samples, -before, self._hop, count, tail)
-        done = count * self._hop - before
-        joined = (
-            samples[:, done:] if done >= 0 else np.concatenate([tail[:, done:], samples], axis=1)
-        )
-        self._tail = joined.copy()
-        return found

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, Writer
+from memory_bytes import MemoryBytes
 
-from groundtrace_codecs.mcap import McapFile, MemoryBytes
+from groundtrace_codecs.mcap import McapFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,6 +10,7 @@ from annotated_recordings import START_NS, at, mark, recording_in
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from truth_tables import write_truth_csv
 
 from groundtrace_codecs.annotations import (
     Annotation,
@@ -24,7 +25,7 @@ from groundtrace_codecs.errors import CodecError, SchemaError
 from groundtrace_codecs.label_codec import decode_label, encode_label
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.truth import read_truth, write_truth_csv
+from groundtrace_codecs.truth import read_truth
 from groundtrace_codecs.writer import write_sidecar
 
 if TYPE_CHECKING:

@@ -22,9 +22,10 @@ from mcap_files import (
     rows_of,
     small,
 )
+from memory_bytes import MemoryBytes
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap import McapFile, MemoryBytes
+from groundtrace_codecs.mcap import McapFile
 
 
 def chunk_rows(data: bytes) -> list[tuple[Record, set[Row]]]:

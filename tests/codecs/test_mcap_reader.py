@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
 from mcap_files import ATTACHMENT, MAGIC, START_NS, of_kind, opened, oracle, read, write_recording
+from memory_bytes import MemoryBytes
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap import AttachmentRef, McapFile, MemoryBytes, MetadataRecord, Schema
+from groundtrace_codecs.mcap import AttachmentRef, McapFile, MetadataRecord, Schema
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import runpy
+import sys
 from pathlib import Path
 
 import pytest
 
-from groundtrace.physics.floors import FLOORS, GROUNDS, velocity_table
+sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
+
+from floor_tables import FLOORS, GROUNDS, main, velocity_table
 
 PAGE = Path(__file__).parents[2] / "docs" / "waves.md"
 
 
 @pytest.fixture
 def printed(capsys) -> str:
-    runpy.run_module("groundtrace.physics", run_name="__main__")
+    main()
     return capsys.readouterr().out
 
 
-def test_the_page_shows_what_the_module_prints(printed):
+def test_the_page_shows_what_the_bench_prints(printed):
     tables = [part for part in printed.split("\n\n") if part.startswith("|")]
     assert len(tables) == 3
     page = PAGE.read_text("utf-8")

@@ -16,7 +16,7 @@ from groundtrace.physics.perceived import (
     sensor_arrival_s,
     sensor_mps,
 )
-from groundtrace.physics.response import Response, envelope, stationary_omega, wavenumber
+from groundtrace.physics.response import Response, envelope, wavenumber
 from groundtrace.simulate.plate import Plate, Synthesis
 
 #: The thesis's concrete with its a rounded as printed: 183 m2/s.
@@ -85,11 +85,6 @@ def test_the_envelope_of_the_waveform_tends_to_stationary_phase_with_distance():
     assert (np.diff(error) < 0).all()
     assert error[0] < 0.035
     assert error[2] < 0.006  # at 20 m
-
-
-def test_the_frequency_that_passes_has_the_group_velocity():
-    omega = stationary_omega(Plate(), np.array(8.0), np.array(5e-3))
-    assert 2 * np.sqrt(Plate().dispersion_m2s * omega) == pytest.approx(8.0 / 5e-3)  # (4.6)
 
 
 def test_the_sensor_sees_the_maximum_faster_than_the_front_by_the_cube_root_of_two():

@@ -8,7 +8,7 @@ import shapely
 
 from groundtrace.errors import PipelineError
 from groundtrace.localizers.outline import outline_of
-from groundtrace.localizers.regions import Regions, find_regions, most_regions, pairs
+from groundtrace.localizers.regions import Regions, find_regions, pairs
 
 
 def corners(width: float, height: float) -> np.ndarray:
@@ -70,7 +70,6 @@ def test_areas_of_nine_sensors_on_ten_metres_are_the_known_ones() -> None:
 
 @pytest.mark.parametrize(("count", "most"), [(3, 6), (4, 18), (5, 46), (6, 101), (9, 583)])
 def test_sensors_anywhere_reach_the_corrected_maximum(count: int, most: int) -> None:
-    assert most_regions(count) == most
     sensors = np.random.default_rng(2).uniform(0, 1, (count, 2))
     assert len(find_regions(sensors, shapely.box(-3e3, -3e3, 3e3, 3e3))) == most
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes, MemoryBytes
+from groundtrace_codecs.mcap.bytesource import ByteSource, FileBytes
 from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.mcap.records import (
     AttachmentRef,
@@ -21,7 +21,6 @@ __all__ = [
     "Damage",
     "FileBytes",
     "McapFile",
-    "MemoryBytes",
     "Message",
     "MessageTable",
     "MetadataRecord",

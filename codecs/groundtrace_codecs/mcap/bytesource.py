@@ -73,30 +73,6 @@ class FileBytes:
         self._file.close()
 
 
-class MemoryBytes:
-    """Bytes already in memory.
-
-    Parameters
-    ----------
-    data
-        The whole recording.
-    name
-        What errors call it.
-    """
-
-    def __init__(self, data: bytes, name: str = "memory") -> None:
-        self.name = name
-        self.size = len(data)
-        self._data = data
-
-    def read_at(self, offset: int, length: int) -> bytes:
-        """Give the ``length`` bytes at ``offset``; fewer at the end."""
-        return bytes(self._data[offset : offset + length])
-
-    def close(self) -> None:
-        """Do nothing: the bytes belong to the caller."""
-
-
 class Window:
     """Small reads that run forward, served from one block of the source.
 

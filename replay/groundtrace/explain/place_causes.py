@@ -40,22 +40,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: The cause of a bad place, in one word.
-PLACE_CAUSES = (
-    "arrivals",
-    "dead",
-    "clipped",
-    "clock",
-    "position",
-    "late",
-    "early",
-    "together",
-    "ambiguous",
-    "model",
-    "gate",
-    "noise",
-    "unclear",
-)
 #: How likely an arrival is wrong before anything is known: one in twenty.
 WRONG = 0.05
 #: A cause is named where it beats what says that the arrivals are right, and the next one that
@@ -82,7 +66,8 @@ class PlaceCause:
     Attributes
     ----------
     cause
-        One of :data:`PLACE_CAUSES`.
+        In one word: ``arrivals``, ``dead``, ``clipped``, ``clock``, ``position``, ``late``,
+        ``early``, ``together``, ``ambiguous``, ``model``, ``gate``, ``noise`` or ``unclear``.
     text
         The same for people.
     channel
@@ -119,7 +104,7 @@ class Rival:
     Attributes
     ----------
     cause
-        One of :data:`PLACE_CAUSES`; ``noise`` says that all arrivals are right.
+        As of :class:`PlaceCause`; ``noise`` says that all arrivals are right.
     wrong
         The channels whose arrivals it calls wrong.
     misfit

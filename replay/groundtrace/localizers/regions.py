@@ -76,13 +76,6 @@ def pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return first, second
 
 
-def most_regions(count: int) -> int:
-    """Return how many regions ``count`` sensors make at most in an unbounded plane."""
-    twos = count * (count - 1) // 2
-    threes = twos * (count - 2) // 3
-    return 1 + twos + (3 * count - 1) * threes // 4
-
-
 def find_regions(sensors: Array, room: shapely.Polygon) -> Regions:
     """Arrange the lines halfway between all sensors inside a room.
 

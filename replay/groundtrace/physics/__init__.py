@@ -3,12 +3,10 @@
 ::
 
     solid       P, S and Rayleigh waves of a solid                      thesis, section 1.1 and 1.2
-    lamb        Lamb waves A0 and S0 of a plate, cut-off frequencies    section 1.3
-    shear       SH modes of a plate, Love waves of a layer              section 1.4
+    lamb        Lamb waves A0 of a plate, cut-off frequencies           section 1.3
     response    what a sensor on a thin plate sees, and its envelope    sections 4.1 to 4.3
     perceived   velocities and arrival times read off that              sections 4.2 and 4.3
-    floors      common floors and the table of their velocities
 
-The thesis is the one on locating people by seismic waves. ``python -m groundtrace.physics`` prints
-the table; docs/waves.md says what to make of it.
+The thesis is the one on locating people by seismic waves. docs/waves.md says what
+to make of it; ``bench/floor_tables.py`` prints its tables.
 """

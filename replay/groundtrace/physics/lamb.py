@@ -1,13 +1,10 @@
 """Lamb waves of a free plate: P and SV waves coupled by its two faces.
 
-Source: the thesis, section 1.3; velocities are roots of the Rayleigh-Lamb equations, with which
-(1.7) shares only the limit of low frequency. With s = (c / c_s)^2, p = (c / c_p)^2, k = omega / c,
-alpha = k sqrt(1 - p), beta = k sqrt(1 - s) and half the thickness b::
+Source: the thesis, section 1.3; the velocity of A0 is a root of a Rayleigh-Lamb equation, with
+which (1.7) shares only the limit of low frequency. With s = (c / c_s)^2, p = (c / c_p)^2,
+k = omega / c, alpha = k sqrt(1 - p), beta = k sqrt(1 - s) and half the thickness b::
 
     A0:  (2 - s)^2 tanh(alpha b) = 4 sqrt(1 - p) sqrt(1 - s) tanh(beta b)
-    S0:  (2 - s)^2 tanh(beta b) = 4 sqrt(1 - p) sqrt(1 - s) tanh(alpha b)
-
-Where c > c_s, beta is imaginary and tanh(beta b) / beta becomes tan(|beta| b) / |beta|.
 """
 
 from __future__ import annotations
@@ -21,16 +18,11 @@ from .bisection import bisect
 from .solid import Solid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from ..simulate.plate import Plate
 
     Array = NDArray[np.float64]
-    PhaseVelocity = Callable[[Plate, Array], Array]
-
-_STEP = 1e-3  # of ln f in the derivative that makes a group velocity of phase velocities
 
 
 def thin_a0_mps(plate: Plate, frequency_hz: Array) -> Array:
@@ -82,65 +74,10 @@ def a0_mps(plate: Plate, frequency_hz: Array) -> Array:
     return bisect(bent, lowest, highest)
 
 
-def s0_mps(plate: Plate, frequency_hz: Array) -> Array:
-    """Return the phase velocity of S0 [m/s], from (1.6) down to the Rayleigh velocity.
-
-    Parameters
-    ----------
-    plate
-        Its loss does not count.
-    frequency_hz
-        Shape (n,), above 0.
-
-    Returns
-    -------
-    NDArray
-        Shape (n,).
-    """
-    solid = Solid.of_plate(plate)
-
-    def stretched(c: Array) -> Array:
-        s, p, half_turn = _terms(plate, solid, frequency_hz, c)
-        alpha, beta = np.sqrt(np.maximum(1 - p, 0)), np.sqrt(np.abs(1 - s))
-        slow = s < 1
-        # both sides times cos, so that the tangent's poles are no changes of sign
-        across = np.where(slow, np.tanh(half_turn * beta), np.sin(half_turn * beta))
-        along = np.where(slow, 1.0, np.cos(half_turn * beta))
-        shear = np.divide(across, beta, out=half_turn.copy(), where=beta > 0)
-        balance: Array = (2 - s) ** 2 * shear - 4 * alpha * np.tanh(half_turn * alpha) * along
-        return balance
-
-    shape = np.shape(frequency_hz)
-    at_s = np.full(shape, solid.s_mps)
-    # faster than c_s there are other symmetric modes, but only once S0 is slower than c_s
-    slower = stretched(at_s) > 0
-    lowest = np.where(slower, solid.rayleigh_mps, at_s)
-    return bisect(stretched, lowest, np.where(slower, at_s, np.full(shape, solid.plate_mps)))
-
-
 def _terms(plate: Plate, solid: Solid, frequency_hz: Array, c: Array) -> tuple[Array, Array, Array]:
     """Return (c / c_s)^2, (c / c_p)^2 and k b, each shape (n,)."""
     half_turn: Array = np.pi * frequency_hz * plate.thickness_m / c
     return (c / solid.s_mps) ** 2, (c / solid.p_mps) ** 2, half_turn
-
-
-def group_mps(phase_mps: PhaseVelocity, plate: Plate, frequency_hz: Array) -> Array:
-    """Return the velocity of a mode's energy [m/s], c / (1 - d ln c / d ln f), shape (n,).
-
-    Parameters
-    ----------
-    phase_mps
-        :func:`a0_mps`, :func:`s0_mps` or :func:`thin_a0_mps`.
-    plate
-        The plate.
-    frequency_hz
-        Shape (n,), above 0.
-    """
-    ratio = np.exp(_STEP)
-    above = phase_mps(plate, frequency_hz * ratio)
-    below = phase_mps(plate, frequency_hz / ratio)
-    velocity: Array = phase_mps(plate, frequency_hz) / (1 - np.log(above / below) / (2 * _STEP))
-    return velocity
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,20 +98,6 @@ class Response:
         return round(rate_hz * self.terms / self.top_hz)
 
 
-def stationary_omega(plate: Plate, distance_m: Array, time_s: Array) -> Array:
-    """Return the frequency that passes a place at a time [rad/s], (4.20): d^2 / (4 a t^2).
-
-    Parameters
-    ----------
-    plate
-        The floor.
-    distance_m, time_s
-        Any shapes that numpy joins; times above 0.
-    """
-    omega: Array = (distance_m / time_s) ** 2 / (4 * plate.dispersion_m2s)
-    return omega
-
-
 def envelope(plate: Plate, distance_m: Array, time_s: Array) -> Array:
     """Return the envelope of a white source's wave by stationary phase, (4.21).
 

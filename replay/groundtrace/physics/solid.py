@@ -87,11 +87,6 @@ class Solid:
         return float(np.sqrt(self.shear_pa / self.density_kgm3))
 
     @property
-    def viktorov_mps(self) -> float:
-        """Viktorov's approximation of the Rayleigh velocity, (1.3): within 0.5 %."""
-        return (0.87 + 1.12 * self.poisson) / (1 + self.poisson) * self.s_mps
-
-    @property
     def rayleigh_mps(self) -> float:
         """Velocity of the Rayleigh wave: root of the equation of a free surface.
 

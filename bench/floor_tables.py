@@ -1,4 +1,4 @@
-"""Common floors and grounds, and the tables of their velocities."""
+"""Velocities of common floors and grounds: the tables of docs/waves.md."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..simulate.plate import Plate
-from .lamb import a0_mps, cutoffs, thin_a0_mps, thin_limit_hz
-from .perceived import front_mps, onset_s, sensor_mps
-from .response import Response
-from .solid import Solid
+from groundtrace.physics.lamb import a0_mps, cutoffs, thin_a0_mps, thin_limit_hz
+from groundtrace.physics.perceived import front_mps, onset_s, sensor_mps
+from groundtrace.physics.response import Response
+from groundtrace.physics.solid import Solid
+from groundtrace.simulate.plate import Plate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -85,3 +85,19 @@ def _markdown(rows: list[list[str]]) -> str:
     head, *body = rows
     rule = ["---", *["---:"] * (len(head) - 1)]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *body))
+
+
+def main() -> None:
+    """Print the velocities of common floors, and what becomes of them on the default one."""
+    print("Velocities [m/s]\n")
+    print(velocity_table())
+    for title, table in (
+        ("A0 [m/s]", thinness_table),
+        ("Perceived velocity [m/s]", perceived_table),
+    ):
+        print(f"\n{title}, concrete 0.20 m\n")
+        print(table(Plate()))
+
+
+if __name__ == "__main__":
+    main()
