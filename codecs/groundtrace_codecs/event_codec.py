@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
+from google.protobuf.message import DecodeError
 
 from .description import SPEC_KEY
 from .errors import SchemaError
 from .events import CandidateBlock, StageSpec, TraceBlock, kind_of_message
-from .schemas.protobuf import get_time, message_class, parse
+from .schemas.protobuf import get_time, message_class, parse, unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -183,11 +184,14 @@ def decoder_of(cls: type[Any]) -> Decoder:
 
 
 def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
-    message, values_of = layout.message, attrgetter(*layout.sources)
+    message_of, values_of = layout.message.FromString, attrgetter(*layout.sources)
     times, texts, lengths = layout.times, layout.texts, layout.lengths
 
     def decode(place: str, data: bytes | memoryview) -> Any:
-        values = list(values_of(parse(message, data, place)))
+        try:
+            values = list(values_of(message_of(data)))
+        except DecodeError as error:
+            raise unreadable(layout.message, place, error) from error
         for i in times:
             values[i] = get_time(values[i], place)
         for i in texts:

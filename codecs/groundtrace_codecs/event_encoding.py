@@ -89,13 +89,13 @@ def _made_encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
     layout = layout_of(cls)
     output = protobuf_output(EVENTS[cls].topic, cls.__name__)
     own = tuple(n for n in layout.names if n not in TIMES)
-    values_of = attrgetter(*own, "time_ns")  # two names at least: a tuple comes of it
+    message_of, values_of = layout.message, attrgetter(*own, "time_ns")
     span = "end_ns" in layout.names
 
     def encode(event: Any) -> Encoded:
-        *values, start_ns = values_of(event)
-        message = layout.message(**dict(zip(own, values, strict=True)))
-        last_ns = start_ns
+        values = values_of(event)
+        message = message_of(**dict(zip(own, values, strict=False)))  # the time comes after them
+        start_ns = last_ns = values[-1]
         if span:
             set_time(message.end, event.end_ns)
             last_ns = max(start_ns, event.end_ns)

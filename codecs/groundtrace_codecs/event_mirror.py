@@ -28,7 +28,8 @@ def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
         return
     level = LEVELS.get(getattr(event, "level", ""), "INFO")
     source = getattr(event, "stage", "") or getattr(event, "source", "")
-    time_ns = max(event.time_ns, getattr(event, "end_ns", event.time_ns))
+    start_ns = event.time_ns
+    time_ns = max(start_ns, getattr(event, "end_ns", start_ns))
     message = Log(level=Log.Level.Value(level), message=text, name=source)
     set_time(message.timestamp, time_ns)
     yield _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())

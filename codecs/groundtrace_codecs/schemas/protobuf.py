@@ -80,8 +80,12 @@ def parse(message: Any, data: bytes | memoryview, place: str) -> Any:
     try:
         return message.FromString(data)
     except DecodeError as error:
-        name = message.DESCRIPTOR.full_name
-        raise SchemaError(f"{place}: expected a {name}, found: {error}") from error
+        raise unreadable(message, place, error) from error
+
+
+def unreadable(message: Any, place: str, error: DecodeError) -> SchemaError:
+    """Return the error of bytes that are no such message."""
+    return SchemaError(f"{place}: expected a {message.DESCRIPTOR.full_name}, found: {error}")
 
 
 def set_time(stamp: Any, time_ns: int) -> None:
