@@ -36,7 +36,7 @@ _REACHED = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """What ``measure`` found: columns, in the order of (time, channel).
+    """What a stage measured: columns, in the order of (time, channel).
 
     Attributes
     ----------

@@ -184,6 +184,11 @@ class Pipeline:
         self._resolved = resolved
         self._check = check or TrackCheck(config.application, (), metric=False)
 
+    @property
+    def runs_ahead(self) -> bool:
+        """Whether the first stage needs nothing of what the others do: another core may run it."""
+        return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
+
     def recipe(self) -> str:
         """Return the pipeline as TOML, every parameter with its value and unit."""
         return self._resolved

@@ -158,7 +158,7 @@ class AdaptiveDetector(Stage):
         return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.finish()))
 
     def curve(self) -> Curve | None:
-        """Return the band of the steps over what the last ``measure`` or ``finish`` completed."""
+        """Return the band of the steps over what the last ``process`` or ``flush`` completed."""
         return self.state.curve
 
     def _wait(self, part: UpwardPart) -> None:

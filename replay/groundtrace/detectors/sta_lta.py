@@ -95,7 +95,7 @@ class StaLtaPicker(Stage):
         return self._measure(*self.state.slope(planar(block)))
 
     def curve(self) -> Curve | None:
-        """Return the ratio over the samples that the last ``measure`` completed."""
+        """Return the ratio over the samples that the last ``process`` completed."""
         return self.state.tracker.curve(self.state.cells.samples)
 
     def flush(self) -> Measured:

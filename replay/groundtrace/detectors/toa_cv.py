@@ -176,7 +176,7 @@ class VarianceChangePicker(Stage):
         return tracker.take(self.state.variance(block, tracker.history))
 
     def curve(self) -> Curve | None:
-        """Return the ratio over the samples that the last ``measure`` completed."""
+        """Return the ratio over the samples that the last ``process`` completed."""
         variance, tracker = self.state.variance, self.state.tracker
         return tracker.curve(
             lambda start, stop: variance.level(tracker.history.between(start, stop))

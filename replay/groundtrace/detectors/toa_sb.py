@@ -168,7 +168,7 @@ class NoiseStatisticsPicker(Stage):
         return self._measure(*self.state.stretches.add(recorded, band))
 
     def curve(self) -> Curve | None:
-        """Return the level over the samples that the last ``measure`` or ``finish`` completed."""
+        """Return the level over the samples that the last ``process`` or ``flush`` completed."""
         return self.state.tracker.curve(self.state.cells.samples)
 
     def flush(self) -> Measured:
