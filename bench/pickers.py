@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from groundtrace.plugins import load
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
@@ -40,10 +40,10 @@ def emergent(peak: float, count: int, rng: np.random.Generator) -> np.ndarray:
 
 def lateness(picker: str, samples: np.ndarray) -> np.ndarray:
     """How late each channel is picked [s], NaN where it is not, shape (n_channels,)."""
-    kind = load("detectors", picker)
+    kind = load("stages", picker)
     channels = tuple(Channel(f"G{i}", "seismic", "count") for i in range(samples.shape[1]))
     block = SignalBlock(Stream("/s", channels, RATE_HZ), START_NS, 0, samples)
-    stage = DetectorStage(picker, picker, kind, kind.Parameters())
+    stage = StageRunner(StageConfig(picker), kind, kind.Parameters())
     late = np.full(samples.shape[1], np.nan)
     for event in [*stage.process(block), *stage.flush()]:
         if isinstance(event, Pick):

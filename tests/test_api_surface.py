@@ -41,9 +41,9 @@ SURFACE = {
         trapezoid yager""",
     "groundtrace.conformance": """
         BLOCK_SIZES FAULTS Outcome TOLERANCE ToldCurves assert_same assert_same_curves
-        check_description check_detector check_faults check_gap check_gates check_state outcome
-        rechunked run""",
-    "groundtrace.detector": "Associator Curve Detector Emits Frames Measured NO_FRAMES joined",
+        check_description check_faults check_gap check_gates check_restart check_stage check_state
+        outcome rechunked run""",
+    "groundtrace.detector": "Curve Frames Measured NO_FRAMES joined",
     "groundtrace.exports": "Exporter Material Origin Written all_kinds choose export exporters",
     "groundtrace.gates": """
         Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
@@ -59,6 +59,10 @@ SURFACE = {
     "groundtrace.simulate": """
         RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
         simulate_walk write""",
+    "groundtrace.stage": """
+        CLOCK_STEP CannotStart Context EARLY_FIRST_NS EARLY_NS Input Numbers Stage StageConfig
+        StageRunner accepted_events allows associates detects emitted takes_signal_alone topic_of
+        wanted_quantities""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }

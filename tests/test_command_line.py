@@ -14,7 +14,7 @@ from command_runs import done, run
 
 from groundtrace.commands import COMMANDS, SIMULATIONS
 from groundtrace.parameters import describe
-from groundtrace.pipeline import STAGE_GROUPS, load_pipeline, named_pipelines
+from groundtrace.pipeline import load_pipeline, named_pipelines
 from groundtrace.plugins import GROUPS, load, plugins
 from groundtrace.results import read_results
 from groundtrace_codecs import Channel, SignalBlock, Stream, write_recording
@@ -242,13 +242,12 @@ def test_plugins_lists_every_registered_plugin_of_every_group(capsys: Capture) -
 
 def test_plugins_lists_every_parameter_with_its_unit(capsys: Capture) -> None:
     text = done(capsys, "plugins", "--parameters").out
-    for group in STAGE_GROUPS:
-        for plugin in plugins(group):
-            for info in describe(load(group, plugin.name).Parameters):
-                assert any(
-                    line.startswith(info.name) and info.unit in line and line.endswith(info.doc)
-                    for line in text.splitlines()
-                ), (plugin.name, info.name)
+    for plugin in plugins("stages"):
+        for info in describe(load("stages", plugin.name).Parameters):
+            assert any(
+                line.startswith(info.name) and info.unit in line and line.endswith(info.doc)
+                for line in text.splitlines()
+            ), (plugin.name, info.name)
 
 
 def test_pipelines_lists_those_that_ship(capsys: Capture) -> None:

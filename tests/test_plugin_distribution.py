@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from command_runs import run
 
-from groundtrace.conformance import check_detector
+from groundtrace.conformance import check_stage
 from groundtrace.parameters import describe
 from groundtrace.results import read_results
 from groundtrace.score import score_picks
@@ -39,7 +39,7 @@ name = "steps"
 use = "coincidence"
 """
 CHECK = """\
-from groundtrace.conformance import check_detector
+from groundtrace.conformance import check_stage
 from groundtrace.plugins import load
 from groundtrace.source import Source
 from groundtrace_codecs import Recording
@@ -47,7 +47,7 @@ from groundtrace_recordings import path_of
 
 with Recording.open(path_of("room-walk.mcap")) as recording:
     items = list(Source(recording, stop_ns=recording.start_ns + 3_000_000_000))
-found = check_detector(load("detectors", "threshold"), items)
+found = check_stage(load("stages", "threshold"), items)
 print(len(found.times), int(found.accepted.sum()))
 """
 
@@ -90,8 +90,8 @@ def test_an_installed_plugin_is_listed_with_its_distribution(
 ) -> None:
     listed = groundtrace(installed, tmp_path, "plugins", "--parameters")
     rows = [line.split() for line in listed.splitlines()]
-    assert ["detectors", "threshold", "groundtrace-threshold", "0.1.0"] in rows
-    assert ["detectors", "toa-cv", "groundtrace", rows[1][3]] in rows
+    assert ["stages", "threshold", "groundtrace-threshold", "0.1.0"] in rows
+    assert ["stages", "toa-cv", "groundtrace", rows[1][3]] in rows
     assert "threshold: An arrival is a peak of the amplitude" in listed
 
 
@@ -130,7 +130,7 @@ def test_the_example_conforms_in_this_process_too(monkeypatch: pytest.MonkeyPatc
 
     with Recording.open(path_of("room-walk.mcap")) as recording:
         items = list(Source(recording, stop_ns=recording.start_ns + 2 * NS_PER_S))
-    found = check_detector(ThresholdPicker, items)
+    found = check_stage(ThresholdPicker, items)
     assert found.trace_times.size == 0
     assert [info.unit for info in describe(ThresholdPicker.Parameters)] == ["m/s", "m/s", "s"]
 

@@ -127,6 +127,22 @@ class Geometry:
         ahead = {s.channel: s.clock_offset_s for s in self.sensors}
         return np.array([ahead.get(name, 0.0) for name in channels], np.float64)
 
+    def placed(self, channels: Sequence[str]) -> tuple[dict[str, int], Array]:
+        """Return the row of each channel whose place is known, and the places, shape (n, 2) [m].
+
+        Channels of several axes at one place are one sensor: that of z, which the waves of a step
+        move most, or of the first axis where there is no z.
+        """
+        known = {s.channel: s for s in self.sensors}
+        sensors = [known[name] for name in dict.fromkeys(channels) if name in known]
+        axis: dict[tuple[float, float, float], str] = {}
+        for s in sensors:
+            place = s.x, s.y, s.z
+            axis[place] = "z" if s.axis == "z" else axis.get(place, s.axis)
+        placed = [s for s in sensors if axis[s.x, s.y, s.z] == s.axis]
+        positions = np.array([(s.x, s.y) for s in placed], np.float64).reshape(-1, 2)
+        return {s.channel: index for index, s in enumerate(placed)}, positions
+
     def stations(self) -> Stations:
         """Return the stations: the sensors of one place are one."""
         names: list[str] = []

@@ -17,10 +17,11 @@ from .alignment import Moments
 from .engine import replay
 from .errors import RecordingError
 from .explain.measuring import EventList
-from .pipeline import STAGE_GROUPS, build_pipeline, load_pipeline
-from .plugins import find
+from .pipeline import build_pipeline, load_pipeline
+from .plugins import stage_named
 from .results import RUN, file_sha256, read_results
 from .source import Source
+from .stage import associates, detects
 from .suitability import with_placements
 
 if TYPE_CHECKING:
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Groups of plugins that find steps.
-_FINDING = ("detectors", "associators")
 #: Length of a bin of the strength of a signal [s].
 _BIN_S = 0.005
 #: Impacts nearer than this are one [s], and how far before its peak one begins at most.
@@ -60,7 +59,8 @@ def steps_by_replay(
         Told the time reached [ns].
     """
     config, _, _ = with_placements(load_pipeline(pipeline), recording)
-    finding = tuple(s for s in config.stage if find(STAGE_GROUPS, s.use)[0] in _FINDING)
+    kinds = {s.use: stage_named(s.use) for s in config.stage}
+    finding = tuple(s for s in config.stage if detects(kinds[s.use]) or associates(kinds[s.use]))
     kept = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)
     replay(Source(recording), chain, [kept], progress=progress)

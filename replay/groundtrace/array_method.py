@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated
+
+from groundtrace_codecs.events import EVENTS, Pick, StepEvent
+from groundtrace_codecs.signals import SignalBlock
 
 from .parameters import measured
+from .stage import CannotStart, Context, Input, Stage
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Quantity
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
-    from .detector import Emits
-    from .gates import Candidates, Gate
+    from .gates import Candidates
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,27 +59,52 @@ class Window:
     arrivals_s: NDArray[np.float64]
 
 
-class ArrayMethod(Protocol):
+class ArrayMethod(Stage):
     """Examines the waveforms around steps: it measures, and its gates decide.
 
     Notes
     -----
-    ``Parameters`` is a dataclass that derives from :class:`ArrayParameters`; ``quantities`` are
-    those of the channels it wants; ``needs`` says in words what ``start`` looks for; ``columns``
-    and ``gates`` are as those of a detector.
+    ``Parameters`` is a dataclass that derives from :class:`ArrayParameters`; ``takes`` is
+    :func:`takes_steps` of the quantities that it wants; ``needs`` says in words what ``prepare``
+    looks for.
+
+    What is found of a step comes before the step itself reaches the stages behind, so that a
+    localizer there has it.
     """
 
-    Parameters: type[Any]
-    quantities: frozenset[str]
     needs: str = "channels of another kind"
-    emits: Emits
-    columns: tuple[Quantity, ...]
-    gates: tuple[Gate, ...]
+    ends_at = "clock step"
 
-    def __init__(self, parameters: Any) -> None: ...
-
-    def start(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
+    def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin with a stream; return the names of the candidates' channels, none if it cannot."""
+        raise NotImplementedError
 
     def examine(self, window: Window) -> Candidates:
         """Return what is found around one step, in the order of (time, channel)."""
+        raise NotImplementedError
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin with a stream."""
+        assert context.signal is not None  # it is asked for
+        self._signal = context.signal
+        names = self.prepare(context.stream, context.geometry)
+        if not names:
+            given = EVENTS[self.gives[0]].name
+            raise CannotStart(f"no {given}s: expected {self.needs}, found none")
+        return names
+
+    def process(self, item: Pick | StepEvent) -> tuple[Candidates, ...]:
+        """Gather picks, and examine steps."""
+        signal = self._signal
+        if isinstance(item, Pick):
+            signal.pick(item)
+            return ()
+        start_ns, values = signal.window(item.time_ns)
+        arrivals = signal.arrivals(item.time_ns, start_ns)
+        window = Window(item.time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
+        return (self.examine(window),)
+
+
+def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:
+    """Return what an array method takes: signal to look back at, and its picks and steps."""
+    return Input(SignalBlock, quantities, buffered=True), Input(Pick), Input(StepEvent)

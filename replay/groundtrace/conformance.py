@@ -1,23 +1,31 @@
-"""The conformance test that every detector passes, ours and those of other distributions.
+"""The conformance test of stages, ours and those of other distributions.
 
-In a test of your own: ``check_detector(MyDetector, blocks)`` with a few seconds of signal it is
-meant for. It raises AssertionError with a sentence that says which rule is broken.
+In a test of your own: ``check_stage(MyPicker, blocks)`` with a few seconds of signal it is meant
+for, or with what stages before it state and give. It raises AssertionError with a sentence that
+says which rule is broken.
 """
 
 from __future__ import annotations
 
 import copy
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Pick, StepEvent, TraceBlock
+from groundtrace_codecs.events import (
+    CandidateBlock,
+    Fix,
+    Gap,
+    Pick,
+    StepEvent,
+    TraceBlock,
+)
 from groundtrace_codecs.signals import SignalBlock
 
 from .detector import Curve
 from .parameters import describe
-from .stage import DetectorStage
+from .stage import CLOCK_STEP, Stage, StageConfig, StageRunner, detects, topic_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,8 +34,9 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Event
 
-    from .detector import Detector
+    from .stage import Item
 
+T = TypeVar("T")
 #: Block sizes whose decisions must equal those of the whole.
 BLOCK_SIZES = (7, 200, 2000)
 TOLERANCE = 1e-12
@@ -35,7 +44,7 @@ TOLERANCE = 1e-12
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """Everything a detector said, as columns."""
+    """Everything a stage said, as columns."""
 
     times: NDArray[np.int64]
     channels: NDArray[np.int32]
@@ -47,10 +56,10 @@ class Outcome:
     events: tuple[Pick | StepEvent | Fix, ...]
 
 
-def rechunked(items: Iterable[SignalBlock | Gap], samples: int) -> Iterator[SignalBlock | Gap]:
+def rechunked(items: Iterable[T], samples: int) -> Iterator[T | SignalBlock]:
     """Yield the same signal in blocks of ``samples`` samples."""
     for item in items:
-        if isinstance(item, Gap):
+        if not isinstance(item, SignalBlock):
             yield item
             continue
         for start in range(0, len(item), samples):
@@ -89,7 +98,7 @@ class ToldCurves:
         """The topics of which something was told."""
         return set(self._pieces)
 
-    def take(self, stage: DetectorStage, topic: str) -> None:
+    def take(self, stage: StageRunner, topic: str) -> None:
         """Keep what is new: a detector that holds nothing back tells its last piece again."""
         curve, known = stage.curve(topic), self._pieces.get(topic, [])
         if curve is None or not len(curve.time_ns):
@@ -105,17 +114,16 @@ class ToldCurves:
         )
 
 
-def run(
-    stage: DetectorStage, items: Iterable[SignalBlock | Gap], curves: ToldCurves | None = None
-) -> Outcome:
+def run(stage: StageRunner, items: Iterable[Item], curves: ToldCurves | None = None) -> Outcome:
     """Feed items to a stage and flush it; keep in ``curves`` the decision functions it tells."""
     told = ToldCurves() if curves is None else curves
     events: list[Event] = []
     topics: dict[str, None] = {}
     for item in items:
-        topics[item.topic] = None
+        topic = topic_of(item)
+        topics[topic] = None
         events += stage.process(item)
-        told.take(stage, item.topic)
+        told.take(stage, topic)
     events += stage.flush()
     for topic in topics:
         told.take(stage, topic)
@@ -144,20 +152,25 @@ def _events_key(events: tuple[Pick | StepEvent | Fix, ...]) -> list[tuple[Any, .
     ]
 
 
-def check_detector(
-    kind: type[Detector],
-    items: Sequence[SignalBlock | Gap],
+def check_stage(
+    kind: type[Stage],
+    items: Sequence[Item],
     parameters: Any = None,
     block_sizes: Sequence[int] = BLOCK_SIZES,
 ) -> Outcome:
-    """Check all rules on a signal of the kind the detector is meant for.
+    """Check all rules on items of the kind the stage is meant for.
+
+    Blocks of any size give what the whole gives; a run after ``flush`` and ``start`` gives what a
+    new stage gives; a ``copy.deepcopy`` in the middle goes on as the stage does; input that is
+    empty, not finite, still, clipped or has gaps has a defined outcome.
 
     Parameters
     ----------
     kind
-        The detector's class.
+        Its class.
     items
-        A few seconds of blocks (with gaps, if you like) of one or more streams.
+        A few seconds of blocks (with gaps, if you like) of one or more streams; before its events
+        the StageSpec of a stage that it takes from.
     parameters
         Its parameters; the defaults where None.
     block_sizes
@@ -165,28 +178,30 @@ def check_detector(
 
     Returns
     -------
-    What the detector says of the signal.
+    What the stage says of them.
     """
     parameters = kind.Parameters() if parameters is None else parameters
     check_description(kind)
     curves = ToldCurves()
     whole = run(_stage(kind, parameters), items, curves)
-    assert len(whole.times), "expected candidates in a signal the detector is meant for, found none"
+    assert len(whole.times), "expected candidates in what the stage is meant for, found none"
     check_gates(kind, whole)
     for size in block_sizes:
         parts, what = ToldCurves(), f"blocks of {size} samples"
         assert_same(whole, run(_stage(kind, parameters), rechunked(items, size), parts), what)
         assert_same_curves(curves, parts, what)
     check_state(kind, parameters, items, whole)
-    check_faults(kind, parameters, items)
+    check_restart(kind, parameters, items, whole)
+    if detects(kind):
+        check_faults(kind, parameters, items)
     return whole
 
 
-def _stage(kind: type[Detector], parameters: Any) -> DetectorStage:
-    return DetectorStage("detector", "detector", kind, parameters)
+def _stage(kind: type[Stage], parameters: Any) -> StageRunner:
+    return StageRunner(StageConfig("stage"), kind, parameters)
 
 
-def check_description(kind: type[Detector]) -> None:
+def check_description(kind: type[Stage]) -> None:
     """Check that parameters are documented, gates have one each, columns are named."""
     named = {info.name: info for info in describe(kind.Parameters)}
     for gate in kind.gates:
@@ -197,7 +212,7 @@ def check_description(kind: type[Detector]) -> None:
     assert kind.__doc__, "expected a docstring"
 
 
-def check_gates(kind: type[Detector], found: Outcome) -> None:
+def check_gates(kind: type[Stage], found: Outcome) -> None:
     """Check that candidates have all margins and are accepted just where all are passed."""
     expected = (len(found.times), len(kind.gates))
     assert found.margins.shape == expected, f"margins: expected {expected}"
@@ -205,7 +220,7 @@ def check_gates(kind: type[Detector], found: Outcome) -> None:
     assert np.array_equal(passed, found.accepted), "accepted: expected where all margins are >= 0"
     order = np.lexsort((found.channels, found.times))
     assert np.array_equal(order, np.arange(len(order))), "expected the order of (time, channel)"
-    if kind.emits != "presence":  # which is told in spans
+    if kind.decided is Stage.decided:  # else it is told otherwise, as in spans
         assert len(found.events) == int(found.accepted.sum()), "expected an event for each accepted"
 
 
@@ -221,9 +236,7 @@ def assert_same_curves(one: ToldCurves, other: ToldCurves, what: str) -> None:
         assert same, f"{what}: expected the same curve of {topic}, found another"
 
 
-def check_state(
-    kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap], whole: Outcome
-) -> None:
+def check_state(kind: type[Stage], parameters: Any, items: Sequence[Item], whole: Outcome) -> None:
     """Check that a copy of a stage goes on as the stage does, and neither disturbs the other."""
     parts = list(rechunked(items, 200))
     middle = len(parts) // 2
@@ -235,7 +248,24 @@ def check_state(
         assert_same(whole, outcome([*before, *after, *stage.flush()]), what)
 
 
-def check_faults(kind: type[Detector], parameters: Any, items: Sequence[SignalBlock | Gap]) -> None:
+def check_restart(
+    kind: type[Stage], parameters: Any, items: Sequence[Item], whole: Outcome
+) -> None:
+    """Check that after a run has ended, where the clock steps, the next gives what a new one would.
+
+    What a stage learns, as the pace of a floor, may go on: times and verdicts must be the same.
+    """
+    topics = dict.fromkeys(topic_of(item) for item in items)
+    last_ns = max(x.end_ns for x in items if isinstance(x, SignalBlock)) if detects(kind) else 0
+    gaps = [Gap(topic, last_ns, last_ns, CLOCK_STEP, 0) for topic in topics]
+    twice = run(_stage(kind, parameters), [*items, *gaps, *items])
+    for name in ("times", "channels", "accepted", "trace_times"):
+        once, both = getattr(whole, name), getattr(twice, name)
+        same = np.array_equal(np.concatenate([once, once]), both)
+        assert same, f"flushed and started again: expected the same {name} as of a new stage"
+
+
+def check_faults(kind: type[Stage], parameters: Any, items: Sequence[Item]) -> None:
     """Check that empty, not finite, still, clipped and gapped input has a defined outcome."""
     blocks = [item for item in items if isinstance(item, SignalBlock)]
     nothing = run(_stage(kind, parameters), [b.slice(0, 0) for b in blocks])
@@ -249,7 +279,7 @@ def check_faults(kind: type[Detector], parameters: Any, items: Sequence[SignalBl
     check_gap(kind, parameters, blocks)
 
 
-def check_gap(kind: type[Detector], parameters: Any, blocks: Sequence[SignalBlock]) -> None:
+def check_gap(kind: type[Stage], parameters: Any, blocks: Sequence[SignalBlock]) -> None:
     """Check that a detector starts anew after a gap that is not bridged."""
     block = max(blocks, key=len)
     half = len(block) // 2

@@ -116,7 +116,7 @@ class ReplayLoop:
         self._sinks = sinks
         self._clock = clock
         self._progress = progress
-        self._ahead = AHEAD if clock is None and cores() > 1 else 0
+        self._ahead = AHEAD if clock is None and cores() > 1 and pipeline.runs_ahead else 0
         self._gathered: list[Item] = []
         self._gathered_samples = 0
         self._begun: deque[tuple[list[Item], Future[list[Begun]]]] = deque()

@@ -36,7 +36,7 @@ _REACHED = 1e-3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """What ``measure`` found: columns, in the order of (time, channel).
+    """What a stage measured: columns, in the order of (time, channel).
 
     Attributes
     ----------
@@ -98,20 +98,24 @@ class Reach:
     why: str
 
 
-def never_passed(spec: StageSpec, reach: Mapping[str, Reach]) -> list[str]:
+def never_passed(
+    topic: str, stage: str, gates: Sequence[GateSpec], reach: Mapping[str, Reach]
+) -> list[str]:
     """Return a line for each gate of a stage whose threshold no candidate can reach.
 
     Parameters
     ----------
-    spec
-        The stage, its gates as they stand.
+    topic, stage
+        Where, and which.
+    gates
+        As they stand.
     reach
         What the values of gates can reach, by the gate's name.
     """
     return [
-        f"{spec.topic}: {spec.stage} accepts nothing: {gate.parameter} is {gate.threshold:.4g}, "
+        f"{topic}: {stage} accepts nothing: {gate.parameter} is {gate.threshold:.4g}, "
         f"but {gate.name} reaches {reach[gate.name].most:.4g} at most ({reach[gate.name].why})"
-        for gate in spec.gates
+        for gate in gates
         if gate.at_least
         and gate.name in reach
         and gate.threshold > reach[gate.name].most + _REACHED * abs(reach[gate.name].most)

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import SignalBlock
 
-    from .stage import Stage
+
+class Taking(Protocol):
+    """What takes items along the line; many at once where it has a method ``process_all``."""
+
+    name: str
+
+    def process(self, item: SignalBlock | Event) -> Iterable[Event]:
+        """Take one item; return the events it brings about."""
+
+    def flush(self) -> Iterable[Event]:
+        """End of the recording: return what was held back."""
 
 
 @dataclass(slots=True)
@@ -33,7 +43,7 @@ class Made:
         return found
 
 
-def pass_on(line: list[Made], stages: Sequence[Stage]) -> None:
+def pass_on(line: list[Made], stages: Sequence[Taking]) -> None:
     """Let every stage take what comes along the line; what it makes of an item goes before it.
 
     So later stages see items in the order in which they would if each went through all stages
@@ -55,7 +65,7 @@ def pass_on(line: list[Made], stages: Sequence[Stage]) -> None:
             made.last = events
 
 
-def _made_by(stage: Stage, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:
+def _made_by(stage: Taking, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:
     """Return what a stage makes of each of items that come one after the other."""
     at_once: Callable[..., list[list[Event]]] | None = getattr(stage, "process_all", None)
     if at_once is not None:

@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.geometry_toml import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 
-from .array_stage import ArrayStage
 from .errors import PipelineError, did_you_mean
 from .parameters import build, describe, parse_value
 from .passing import Made, pass_on
-from .plugins import find
+from .plugins import stage_named
+from .stage import StageConfig as StageConfig
+from .stage import StageRunner
 from .track_check import TrackCheck
-from .wiring import Before
+from .wiring import tracking, waits_s, wire
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -28,54 +30,12 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.labels import Label
 
-    from .stage import Stage
+    from .passing import Taking
 
 APPLICATIONS = ("room", "walker", "vehicle", "shots")
 RECIPE_KEYS = ("name", "description", "application")
 #: Written in a recipe where it is not empty.
 PLACEMENTS = "placements"
-#: Groups of plugins a stage may use.
-STAGE_GROUPS = (
-    "detectors",
-    "associators",
-    "classifiers",
-    "arrays",
-    "localizers",
-    "comparisons",
-    "trackers",
-    "navigators",
-    "reckoners",
-    "headings",
-    "vehicles",
-    "ratios",
-)
-
-
-@dataclass(frozen=True, slots=True)
-class StageConfig:
-    """One ``[[stage]]`` of a pipeline.
-
-    Attributes
-    ----------
-    use
-        Name of the registered plugin.
-    name
-        Name in this pipeline; the plugin's where empty.
-    topics
-        Patterns of topics it may run on; empty means all that fit.
-    parameters
-        Values that differ from the plugin's defaults.
-    """
-
-    use: str
-    name: str = ""
-    topics: tuple[str, ...] = ()
-    parameters: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def key(self) -> str:
-        """The name that settings use."""
-        return self.name or self.use
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +162,7 @@ def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> Pipelin
     """
     config = with_settings(load_pipeline(name_or_path), settings)
     for stage in config.stage:
-        build(find(STAGE_GROUPS, stage.use)[1].Parameters, stage.parameters, stage.key)
+        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
     return config
 
 
@@ -215,7 +175,7 @@ class Pipeline:
     def __init__(
         self,
         config: PipelineConfig,
-        stages: Sequence[Stage],
+        stages: Sequence[Taking],
         resolved: str,
         check: TrackCheck | None = None,
     ) -> None:
@@ -223,6 +183,11 @@ class Pipeline:
         self.stages = tuple(stages)
         self._resolved = resolved
         self._check = check or TrackCheck(config.application, (), metric=False)
+
+    @property
+    def runs_ahead(self) -> bool:
+        """Whether the first stage needs nothing of what the others do: another core may run it."""
+        return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
 
     def recipe(self) -> str:
         """Return the pipeline as TOML, every parameter with its value and unit."""
@@ -245,8 +210,8 @@ class Pipeline:
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         if isinstance(item, SignalBlock):
             for stage in self.stages:
-                if isinstance(stage, ArrayStage):
-                    stage.remember(item)
+                if isinstance(stage, StageRunner) and stage.buffers:
+                    stage.buffer(item)
         born = [Made(event) for event in begun]
         whole = Made(item, list(born))
         pass_on([*born, whole], self.stages[1:])
@@ -284,27 +249,44 @@ def build_pipeline(
         An unknown plugin, key, type or value out of range, or a localizer or tracker without what
         it needs before it, in one line.
     """
-    stages: list[Stage] = []
-    before = Before(config.placements)
+    kinds = [stage_named(stage.use) for stage in config.stage]
+    given = [
+        build(kind.Parameters, stage.parameters, stage.key)
+        for stage, kind in zip(config.stage, kinds, strict=True)
+    ]
+    wired = wire(config.stage, kinds)
+    windows = {s.key: getattr(p, "window_s", 0.0) for s, p in zip(config.stage, given, strict=True)}
+    stages, tracked = [], []
+    for stage, kind, parameters, sources in zip(config.stage, kinds, given, wired, strict=True):
+        window_s = waits_s(stage.key, parameters, sources, windows)
+        stages.append(
+            StageRunner(
+                stage,
+                kind,
+                parameters,
+                sources,
+                geometry,
+                labels,
+                placements=config.placements,
+                window_s=window_s,
+            )
+        )
+        if TrackPoint in kind.gives:
+            tracked.append(tracking(stage.key, kind, sources))
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
     lines += [] if config.stage else ["stage = []"]
-    for stage in config.stage:
-        group, kind = find(STAGE_GROUPS, stage.use)
-        parameters = build(kind.Parameters, stage.parameters, stage.key)
-        given = (stage.key, stage.use, kind, parameters, stage.topics)
-        stages.append(before.stage(group, given, geometry, labels))
-        before.add(group, stage.key, kind.emits, parameters)
+    for stage, kind, parameters in zip(config.stage, kinds, given, strict=True):
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
-    check = TrackCheck(config.application, before.tracking, metric=metric)
+    check = TrackCheck(config.application, tracked, metric=metric)
     return Pipeline(config, stages, "\n".join(lines) + "\n", check)
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
     lines = ["", "[[stage]]", f"name = {_toml(stage.key)}", f"use = {_toml(stage.use)}"]
-    if stage.topics:
-        lines.append(f"topics = {_toml(list(stage.topics))}")
+    names = {"topics": stage.topics, "source": stage.source}
+    lines += [f"{key} = {_toml(list(given))}" for key, given in names.items() if given]
     lines.append("[stage.parameters]")
     lines += [
         f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}"

@@ -10,28 +10,10 @@ from typing import TYPE_CHECKING, Any
 from .errors import PluginError, did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from .stage import Stage
 
 #: Entry-point groups a distribution may add plugins to.
-GROUPS = (
-    "detectors",
-    "associators",
-    "classifiers",
-    "arrays",
-    "localizers",
-    "comparisons",
-    "trackers",
-    "navigators",
-    "reckoners",
-    "headings",
-    "vehicles",
-    "ratios",
-    "importers",
-    "exporters",
-    "sinks",
-    "views",
-    "servers",
-)
+GROUPS = ("stages", "importers", "exporters", "sinks", "views")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,21 +59,21 @@ def plugins(group: str) -> tuple[Plugin, ...]:
     return tuple(found)
 
 
-def find(groups: Sequence[str], name: str) -> tuple[str, Any]:
-    """Import the plugin that one of ``groups`` has under ``name``; return its group and itself.
+def stage_named(name: str) -> type[Stage]:
+    """Import the stage that is registered under a name, as a pipeline uses it.
 
     Raises
     ------
     PluginError
-        Where none of them has it, or it does not import.
+        Where there is none, or it does not import.
     """
-    for group in groups:
-        if name in _points(group):
-            return group, load(group, name)
-    known = sorted(known for group in groups for known in _points(group))
-    raise PluginError(
-        f"use: expected one of {', '.join(known)}, found {name!r}{did_you_mean(name, known)}"
-    )
+    known = sorted(_points("stages"))
+    if name not in known:
+        raise PluginError(
+            f"use: expected one of {', '.join(known)}, found {name!r}{did_you_mean(name, known)}"
+        )
+    kind: type[Stage] = load("stages", name)
+    return kind
 
 
 def load(group: str, name: str) -> Any:

@@ -36,14 +36,18 @@ class Spans:
         By channel.
     last_ns, cycle_ns
         Of each channel the last candidate, and how far candidates are apart [ns].
+    spec
+        What the candidates so far are; None before any.
     """
 
     open: dict[int, _Open] = field(default_factory=dict)
     last_ns: dict[int, int] = field(default_factory=dict)
     cycle_ns: int = 0
+    spec: StageSpec | None = None
 
     def take(self, block: CandidateBlock) -> Iterator[Presence]:
         """Take decided candidates; yield the spans that have ended."""
+        self.spec = block.spec
         rows = zip(
             block.time_ns.tolist(),
             block.channel.tolist(),
@@ -62,10 +66,11 @@ class Spans:
             elif accepted and known is not None:
                 known.last_ns, known.value = time_ns, max(known.value, value)
 
-    def finish(self, spec: StageSpec) -> Iterator[Presence]:
+    def finish(self) -> Iterator[Presence]:
         """End all spans."""
-        for channel in sorted(self.open):
-            yield self._ended(spec, channel)
+        if self.spec is not None:
+            for channel in sorted(self.open):
+                yield self._ended(self.spec, channel)
         self.last_ns.clear()
 
     def _space(self, channel: int, time_ns: int) -> None:

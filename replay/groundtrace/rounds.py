@@ -35,11 +35,12 @@ class Rounds:
 
     Attributes
     ----------
-    leading
-        Quantity of the streams that come last: what stands beside them is then known.
+    order
+        Quantities of streams: the last one's come last, what stands beside them is then known; the
+        others' come first of all, in this order; all other streams between, as they come.
     """
 
-    leading: str
+    order: tuple[str, ...]
     _items: list[Item] = field(default_factory=list)
 
     def add(self, item: Item) -> list[Item]:
@@ -51,7 +52,7 @@ class Rounds:
     def finish(self) -> list[Item]:
         """Return what is held back, in order."""
         items, self._items = self._items, []
-        return in_order(items, self.leading)
+        return in_order(items, self.order)
 
     def _over(self, item: Item) -> bool:
         if not self._items:
@@ -76,7 +77,7 @@ def _last_ns(item: Item) -> int:
     return item.end_ns if isinstance(item, Gap) else item.last_ns
 
 
-def in_order(items: Sequence[Item], leading: str) -> list[Item]:
+def in_order(items: Sequence[Item], order: Sequence[str]) -> list[Item]:
     """Return the items of a round, each stream's in its order, as :class:`Rounds` gives them."""
     gaps = [item for item in items if isinstance(item, Gap) and not item.bridged]
     cuts = sorted({gap.end_ns for gap in gaps if gap.reason != STEPPED})
@@ -90,7 +91,11 @@ def in_order(items: Sequence[Item], leading: str) -> list[Item]:
             place = bisect_right(cuts, item.end_ns)
             keyed.append(((stepped[item.topic], place, 0), item))
             continue
-        last = 2 if item.stream.columns_of({leading}) else 1
+        first = [i for i, q in enumerate(order[:-1]) if item.stream.columns_of({q})]
+        if first:
+            keyed.append(((-1, first[0], item.start_ns), item))
+            continue
+        last = 2 if item.stream.columns_of({order[-1]}) else 1
         for part in _parts(item, cuts):
             place = bisect_right(cuts, part.start_ns)
             keyed.append(((stepped.get(item.topic, 0), place, last), part))

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.geometry import geometry_warnings
+from groundtrace_codecs.signals import SignalBlock
 
 from .errors import PipelineError
 from .pipeline import (
-    STAGE_GROUPS,
     Pipeline,
     PipelineConfig,
     StageConfig,
@@ -26,7 +26,7 @@ from .pipeline import (
     load_pipeline,
     named_pipelines,
 )
-from .plugins import find
+from .plugins import stage_named
 from .stage import allows
 
 if TYPE_CHECKING:
@@ -37,14 +37,12 @@ if TYPE_CHECKING:
 
     from .placement import PlacementGuess
     from .source import Readable
+    from .stage import Stage
 
 #: The pipeline without stages, which fits everything.
 SIGNALS = "signals"
 #: Who says it in a replay.
 GEOMETRY, PLACEMENT, RECORDING = "geometry", "placement", "recording"
-#: What stages without ``quantities`` of their own want all of.
-_INERTIAL = (frozenset({"angular_velocity"}), frozenset({"acceleration"}))
-_WANTED_BY_GROUP = {"headings": _INERTIAL, "navigators": _INERTIAL, "reckoners": _INERTIAL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +116,17 @@ def _wanted(config: PipelineConfig) -> list[_Wanted]:
     """Return what those stages want that hear signals."""
     found: list[_Wanted] = []
     for stage in config.stage:
-        group, kind = find(STAGE_GROUPS, stage.use)
-        own = getattr(kind, "quantities", None)
-        quantities = _WANTED_BY_GROUP.get(group, ()) if not own else (frozenset(own),)
+        kind = stage_named(stage.use)
+        quantities = _quantities(kind)
         if quantities:
             found.append((stage, quantities))
     return found
+
+
+def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
+    """Return the sets of quantities of each of which a stage needs a channel."""
+    needs = [need for need in kind.takes if need.kind is SignalBlock and need.required]
+    return tuple(need.quantities for need in needs if need.quantities)
 
 
 def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
@@ -184,14 +187,14 @@ def with_placements(
 
 def _asks(stage: StageConfig) -> bool:
     """Return whether a stage takes a placement and is told none."""
-    _, kind = find(STAGE_GROUPS, stage.use)
+    kind = stage_named(stage.use)
     fields: Mapping[str, Any] = kind.Parameters.__dataclass_fields__
     return "placement" in fields and not stage.parameters.get("placement")
 
 
 def _wanted_by(stage: StageConfig) -> _Wanted:
-    _, kind = find(STAGE_GROUPS, stage.use)
-    return stage, (frozenset(getattr(kind, "quantities", ())),)
+    kind = stage_named(stage.use)
+    return stage, _quantities(kind)
 
 
 def _guesses(recording: Readable, topics: Sequence[str]) -> dict[str, PlacementGuess | None]:

@@ -14,8 +14,8 @@ import pytest
 from groundtrace.errors import PipelineError
 from groundtrace.pipeline import build_pipeline, parse_pipeline
 from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.reckoner import DeadReckoner
-from groundtrace.reckoning.stage import ReckoningStage
+from groundtrace.reckoning.stage import DeadReckoning
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,
@@ -99,13 +99,13 @@ def items(blocks: Sequence[SignalBlock], found: Sequence[StepEvent]) -> list[Ite
     return out + list(waiting)
 
 
-def stage(parameters: ReckoningParameters = P, labels: Sequence[Label] = ()) -> ReckoningStage:
-    return ReckoningStage(
-        "track", "reckoning", DeadReckoner, parameters, stepping="steps", labels=labels
-    )
+def stage(parameters: ReckoningParameters = P, labels: Sequence[Label] = ()) -> StageRunner:
+    sources = {DeadReckoning.takes[0]: ("steps",)}
+    config = StageConfig("reckoning", "track")
+    return StageRunner(config, DeadReckoning, parameters, sources, labels=labels)
 
 
-def run(made: ReckoningStage, given: Iterable[Item]) -> list[Event]:
+def run(made: StageRunner, given: Iterable[Item]) -> list[Event]:
     return [e for item in given for e in made.process(item)] + list(made.flush())
 
 

@@ -12,9 +12,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.reckoner import DeadReckoner
-from groundtrace.reckoning.stage import ReckoningStage
+from groundtrace.reckoning.stage import DeadReckoning
 from groundtrace.simulate import WalkOptions, simulate_walk
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Heading, Note, StageSpec, StepEvent, TrackPoint
 from groundtrace_codecs.signals import SignalBlock
 
@@ -72,7 +72,9 @@ def reckoned(given: Iterable[SignalBlock], **parameters: str) -> list[Event]:
         ReckoningParameters(step_length="fixed", length_m=length_m()),
         **parameters,  # type: ignore[arg-type]
     )
-    stage = ReckoningStage("track", "reckoning", DeadReckoner, p, stepping="steps")
+    stage = StageRunner(
+        StageConfig("reckoning", "track"), DeadReckoning, p, {DeadReckoning.takes[0]: ("steps",)}
+    )
     waiting, out = steps(), list(stage.process(SPEC))
     for block in given:
         out += stage.process(block)

@@ -12,8 +12,9 @@ from groundtrace.explain.evidence import Evidence, StageEvidence
 from groundtrace.explain.places import PlaceExplainer
 from groundtrace.gates import Candidates, gate_specs
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import parse_pipeline
+from groundtrace.plugins import stage_named
+from groundtrace.stage import emitted
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.labels import SIMULATOR, Label
@@ -136,11 +137,11 @@ class Walk:
 
 def _part(stage: Any, channels: tuple[str, ...], time_ns: Any, channel: Any) -> StageEvidence:
     """Return candidates that all passed their gates."""
-    kind: Any = find(STAGE_GROUPS, stage.use)[1]
+    kind: Any = stage_named(stage.use)
     parameters = build(kind.Parameters, stage.parameters, stage.key)
     gates = gate_specs(kind.gates, parameters)
     spec = StageSpec(
-        stage.key, stage.use, TOPIC, channels, tuple(kind.columns), gates, (), kind.emits
+        stage.key, stage.use, TOPIC, channels, tuple(kind.columns), gates, (), emitted(kind)
     )
     count = len(time_ns)
     value = np.ones((count, len(spec.columns)), np.float32)

@@ -9,12 +9,12 @@ import pytest
 from replay_blocks import START_NS
 from scipy.spatial.transform import Rotation
 
-from groundtrace.conformance import check_detector, run
+from groundtrace.conformance import check_stage, run
 from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
 from groundtrace.detectors.dp import PeakDetector
 from groundtrace.score.steps import score_steps
 from groundtrace.source import Source
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
@@ -39,7 +39,9 @@ def walking(rate_hz, cadence_hz=1.8, duration_s=30.0, stride=0.3, swing=2.0):
 def steps_of(samples, rate_hz, worn="phone", channels=AXES, **parameters):
     """Times of the steps [s]."""
     stream = Stream("/acc", channels, rate_hz, placement=worn)
-    stage = DetectorStage("steps", "adaptive", AdaptiveDetector, AdaptiveParameters(**parameters))
+    stage = StageRunner(
+        StageConfig("adaptive", "steps"), AdaptiveDetector, AdaptiveParameters(**parameters)
+    )
     found = run(stage, [SignalBlock(stream, START_NS, 0, samples)])
     return np.array([e.time_ns - START_NS for e in found.events]) / NS_PER_S
 
@@ -143,7 +145,7 @@ def bundled():
 
 def test_the_bundled_walk_is_found():
     items, labels, start_ns, end_ns = bundled()
-    stage = DetectorStage("steps", "adaptive", AdaptiveDetector, AdaptiveParameters())
+    stage = StageRunner(StageConfig("adaptive", "steps"), AdaptiveDetector, AdaptiveParameters())
     times = np.array([e.time_ns for e in run(stage, items).events], np.int64)
     score = score_steps(labels, times, start_ns, end_ns)
     assert score.f1 >= 0.95
@@ -152,7 +154,7 @@ def test_the_bundled_walk_is_found():
 
 def test_it_conforms_in_blocks_of_any_size():
     items, *_ = bundled()
-    found = check_detector(AdaptiveDetector, items[:40], block_sizes=(1, 7, 333))
+    found = check_stage(AdaptiveDetector, items[:40], block_sizes=(1, 7, 333))
     assert found.accepted.sum() > 10
 
 
@@ -176,7 +178,7 @@ def test_axes_in_an_unknown_unit_are_walked_with_as_in_a_known_one(unit, turn_de
 def test_a_unit_that_no_threshold_can_be_compared_with_is_told(kind, level, said):
     detector = {"adaptive": AdaptiveDetector, "dp": PeakDetector}[kind]
     channels = tuple(Channel(f"acc_{axis}", "acceleration", "a.u.", axis) for axis in "xyz")
-    stage = DetectorStage("steps", kind, detector, detector.Parameters())
+    stage = StageRunner(StageConfig(kind, "steps"), detector, detector.Parameters())
     block = SignalBlock(Stream("/acc", channels, 100.0), START_NS, 0, walking(100.0))
     notes = [e for e in [*stage.process(block), *stage.flush()] if isinstance(e, Note)]
     assert [(n.level, n.text) for n in notes] == [

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from replay_blocks import START_NS, stream_of
 
-from groundtrace.array_method import ArrayParameters, Window
-from groundtrace.array_stage import ArrayStage
+from groundtrace.array_method import ArrayMethod, ArrayParameters, Window, takes_steps
 from groundtrace.errors import PipelineError
 from groundtrace.gates import Candidates
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
+from groundtrace.recall import Recall
+from groundtrace.stage import StageRunner
 from groundtrace_codecs.events import (
+    Bearing,
     CandidateBlock,
     Gap,
     Note,
@@ -32,27 +35,34 @@ if TYPE_CHECKING:
 MS = 1_000_000
 STREAM = stream_of(3)  # 1 kHz: a sample every ms
 NAMES = ("G1", "G2", "G3")
-STEPPED = StageSpec("steps", "coincidence", "/s", ("all",), (), (), (), "step")
+STATED = [
+    StageSpec("steps", "coincidence", "/s", ("all",), (), (), (), "step"),
+    StageSpec("picks", "toa-cv", "/s", NAMES, (), (), (), "pick"),
+]
 
 
-class Witness:
+#: What the last witness was shown.
+WINDOWS: list[Window] = []
+
+
+class Witness(ArrayMethod):
     """Keeps the windows it is shown; one candidate a channel, at its pick."""
 
     Parameters = ArrayParameters
-    quantities = frozenset({"seismic"})
+    takes = takes_steps(frozenset({"seismic"}))
     needs = "channels"
-    emits = "pick"
+    gives = (Pick,)
     columns = (Quantity("first", "1"), Quantity("last", "1"))
     gates = ()
 
     def __init__(self, parameters: ArrayParameters) -> None:  # noqa: ARG002
-        self.windows: list[Window] = []
+        WINDOWS.clear()
 
-    def start(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
+    def prepare(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
         return tuple(c.name for c in stream.channels)
 
     def examine(self, window: Window) -> Candidates:
-        self.windows.append(window)
+        WINDOWS.append(window)
         heard = np.flatnonzero(np.isfinite(window.arrivals_s))
         times = window.start_ns + np.rint(window.arrivals_s[heard] * 1e9).astype(np.int64)
         ends = window.values[[0, -1]].T[heard]
@@ -63,18 +73,17 @@ class Deaf(Witness):
     """Wants what no stream has."""
 
     needs = "stations of three axes in the geometry"
-    emits = "bearing"
+    gives = (Bearing,)
 
-    def start(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
+    def prepare(self, stream: Any, geometry: Any) -> tuple[str, ...]:  # noqa: ARG002
         return ()
 
 
-def stage(kind: type[Any] = Witness, geometry: Geometry | None = None) -> ArrayStage:
+def stage(kind: type[Any] = Witness, geometry: Geometry | None = None) -> StageRunner:
     parameters = ArrayParameters(before_s=0.02, after_s=0.03)
-    names = {"picking": "picks", "stepping": "steps"}
-    return ArrayStage(
-        "arrivals", "witness", kind, parameters, **names, window_s=0.05, geometry=geometry
-    )
+    sources = dict(zip(kind.takes, ((), ("picks",), ("steps",)), strict=True))
+    config = StageConfig("witness", "arrivals")
+    return StageRunner(config, kind, parameters, sources, geometry, window_s=0.05)
 
 
 def ramp(first: int, count: int, anchor_ns: int = START_NS) -> SignalBlock:
@@ -91,20 +100,14 @@ def step(at_ms: float) -> StepEvent:
     return StepEvent(START_NS + round(at_ms * MS), "step", "", "/s", "steps", 3.0, 3)
 
 
-def fed(runner: ArrayStage, items: Sequence[Any]) -> list[Any]:
+def fed(runner: StageRunner, items: Sequence[Any]) -> list[Any]:
     """What comes of blocks, which are remembered first, and events."""
     events = []
     for item in items:
         if isinstance(item, SignalBlock):
-            runner.remember(item)
+            runner.buffer(item)
         events += list(runner.process(item))
-    return events + list(runner.flush())
-
-
-def shown(runner: ArrayStage) -> list[Window]:
-    run = runner._runs["/s"]
-    assert run is not None
-    return run.worker.windows  # type: ignore[attr-defined]
+    return events
 
 
 ARRIVALS = [pick(2, 500.0), pick(1, 501.5), pick(3, 540.0)]
@@ -112,15 +115,15 @@ ARRIVALS = [pick(2, 500.0), pick(1, 501.5), pick(3, 540.0)]
 
 def test_a_step_is_shown_with_its_waveforms_and_first_arrivals() -> None:
     runner = stage()
-    fed(runner, [STEPPED, ramp(0, 2000), STEPPED, *ARRIVALS, pick(2, 503.0), step(500.0)])
-    (window,) = shown(runner)
+    fed(runner, [*STATED, ramp(0, 2000), *STATED, *ARRIVALS, pick(2, 503.0), step(500.0)])
+    (window,) = WINDOWS
     assert window.step_ns - window.start_ns == 20 * MS
     assert window.values[:, 0].tolist() == (3.0 * np.arange(480, 530)).tolist()
     assert window.arrivals_s == pytest.approx([0.0215, 0.020, 0.060])
 
 
 def test_its_picks_come_before_the_step_reaches_the_stages_behind() -> None:
-    items = [ramp(0, 2000), STEPPED, *ARRIVALS, step(500.0)]
+    items = [ramp(0, 2000), *STATED, *ARRIVALS, step(500.0)]
     spec, block, *picks = fed(stage(), items)
     assert isinstance(spec, StageSpec)
     assert (spec.stage, spec.channels, spec.emits) == ("arrivals", NAMES, "pick")
@@ -141,31 +144,30 @@ def test_a_step_announced_late_is_shown_the_same_window_whatever_the_blocks(
     size = max(size, total // 2000)  # enough blocks of a sample near the step
     for first in range(0, total, size):
         block = ramp(first, size)
-        runner.remember(block)
+        runner.buffer(block)
         if not first:
-            events += list(runner.process(STEPPED))
+            events += fed(runner, STATED)
         while done < 2 and coming[done][0] <= first + size:
             for event in coming[done][1]:
                 events += list(runner.process(event))
             done += 1
-    (window,) = shown(runner)
+    (window,) = WINDOWS
     assert window.values[:, 0].tolist() == (3.0 * np.arange(480, 530)).tolist()
     assert window.arrivals_s == pytest.approx([0.0215, 0.020, 0.060])
 
 
 def test_what_no_step_can_ask_for_is_forgotten() -> None:
-    runner = stage()
-    fed(runner, [ramp(0, 100), STEPPED, *[ramp(100 * k, 100) for k in range(1, 100)]])
-    run = runner._runs["/s"]
-    assert run is not None
-    assert sum(len(b) for b in run.recall._blocks) <= 3100
+    recall = Recall(STREAM, 20 * MS, 30 * MS, 50 * MS, np.zeros(3))
+    for k in range(100):
+        recall.hear(ramp(100 * k, 100))
+    assert sum(len(b) for b in recall._blocks) <= 3100
 
 
 def test_samples_that_were_never_recorded_hold_the_nearest() -> None:
     runner = stage()
     lost = Gap("/s", START_NS + 495 * MS, START_NS + 505 * MS, "missing", 10)
-    fed(runner, [ramp(0, 495), STEPPED, lost, ramp(505, 500), *ARRIVALS, step(500.0)])
-    column = shown(runner)[0].values[:, 0]
+    fed(runner, [ramp(0, 495), *STATED, lost, ramp(505, 500), *ARRIVALS, step(500.0)])
+    column = WINDOWS[0].values[:, 0]
     assert column[:15].tolist() == (3.0 * np.arange(480, 495)).tolist()
     assert set(column[15:25].tolist()) == {3.0 * 494, 3.0 * 505}
     assert column[25:].tolist() == (3.0 * np.arange(505, 530)).tolist()
@@ -173,8 +175,8 @@ def test_samples_that_were_never_recorded_hold_the_nearest() -> None:
 
 def test_a_window_over_the_ends_of_the_recording_holds_the_nearest() -> None:
     runner = stage()
-    fed(runner, [ramp(0, 20), STEPPED, pick(1, 10.0), step(10.0)])
-    column = shown(runner)[0].values[:, 0]
+    fed(runner, [ramp(0, 20), *STATED, pick(1, 10.0), step(10.0)])
+    column = WINDOWS[0].values[:, 0]
     assert column.tolist() == (3.0 * np.clip(np.arange(-10, 40), 0, 19)).tolist()
 
 
@@ -183,16 +185,16 @@ def test_after_a_clock_step_nothing_from_before_is_shown() -> None:
     back = Gap("/s", START_NS + 1000 * MS, START_NS, "clock step", 0)
     again = ramp(0, 1000)
     again = SignalBlock(STREAM, START_NS, 0, again.samples + 1e6)
-    items = [ramp(0, 1000), STEPPED, *ARRIVALS, step(500.0), back, again, pick(1, 700), step(700)]
+    items = [ramp(0, 1000), *STATED, *ARRIVALS, step(500.0), back, again, pick(1, 700), step(700)]
     fed(runner, items)
-    _, after = shown(runner)
+    _, after = WINDOWS
     assert (after.values > 1e6).all()
     assert np.isfinite(after.arrivals_s).tolist() == [True, False, False]
 
 
 def test_a_copy_made_between_pick_and_step_goes_on_for_itself() -> None:
     one = stage()
-    fed(one, [ramp(0, 2000), STEPPED, *ARRIVALS[:2]])
+    fed(one, [ramp(0, 2000), *STATED, *ARRIVALS[:2]])
     other = copy.deepcopy(one)
     fed(one, [pick(2, 900.0), step(900.0)])  # what the first does later is not seen by the second
     events = fed(other, [ARRIVALS[2], step(500.0)])
@@ -202,8 +204,8 @@ def test_a_copy_made_between_pick_and_step_goes_on_for_itself() -> None:
 def test_other_topics_and_stages_are_left_alone() -> None:
     runner = stage()
     foreign = Pick(START_NS + 500 * MS, "G1", "/t", "picks", 1e-4, 9.0)
-    other = StageSpec("steps", "coincidence", "/t", ("all",), (), (), (), "step")
-    assert fed(runner, [other, ramp(0, 1000), foreign, step(500.0)]) == []
+    other = [replace(spec, topic="/t") for spec in STATED]
+    assert fed(runner, [*other, ramp(0, 1000), foreign, step(500.0)]) == []
 
 
 def test_a_window_longer_than_a_step_waits_is_refused() -> None:
@@ -224,8 +226,8 @@ def test_channels_whose_clocks_are_known_to_be_off_are_moved_to_the_common_one()
     runner = stage(geometry=Geometry(sensors))
     # by the common clock: 498 ms, 500 ms, 510 ms
     arrivals = [pick(2, 497.0), pick(1, 502.0), pick(3, 510.0)]
-    fed(runner, [ramp(0, 2000), STEPPED, ramp(2000, 100), *arrivals, step(497.0)])
-    (window,) = shown(runner)
+    fed(runner, [ramp(0, 2000), *STATED, ramp(2000, 100), *arrivals, step(497.0)])
+    (window,) = WINDOWS
     assert window.start_ns == START_NS + 478 * MS
     assert window.arrivals_s == pytest.approx([0.020, 0.022, 0.032])
     assert window.values[0].tolist() == [3 * 482 + 0, 3 * (478 - 3) + 1, 3 * 478 + 2]
@@ -234,7 +236,7 @@ def test_channels_whose_clocks_are_known_to_be_off_are_moved_to_the_common_one()
 
 def test_what_a_method_lacks_is_said_once_with_the_first_step() -> None:
     runner = stage(Deaf)
-    events = fed(runner, [ramp(0, 2000), STEPPED, *ARRIVALS, step(500.0), step(900.0)])
+    events = fed(runner, [ramp(0, 2000), *STATED, *ARRIVALS, step(500.0), step(900.0)])
     (note,) = events
     assert isinstance(note, Note)
     assert note.text == (

@@ -9,14 +9,14 @@ import pytest
 
 from groundtrace.conformance import BLOCK_SIZES, assert_same, rechunked, run
 from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
-from groundtrace.plugins import load, plugins
-from groundtrace.stage import DetectorStage
+from groundtrace.plugins import load, plugins, stage_named
+from groundtrace.stage import StageConfig, StageRunner, detects, wanted_quantities
 from groundtrace_codecs.events import CandidateBlock, Gap, TraceBlock
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 RATE_HZ = 30.0
-DETECTORS = [plugin.name for plugin in plugins("detectors")]
+DETECTORS = [p.name for p in plugins("stages") if detects(stage_named(p.name))]
 IMU = Stream(
     "/imu",
     tuple(
@@ -72,8 +72,8 @@ def signals(quantities: frozenset[str]) -> list[SignalBlock]:
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_no_candidate_of_a_detector_is_before_the_first_sample(name: str) -> None:
-    kind = load("detectors", name)
-    for block in signals(kind.quantities):
+    kind = load("stages", name)
+    for block in signals(wanted_quantities(kind)):
         whole = run(_stage(kind), [block])
         assert (whole.times >= 0).all()
         assert (whole.trace_times >= 0).all()
@@ -85,9 +85,9 @@ def test_no_candidate_of_a_detector_is_before_the_first_sample(name: str) -> Non
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_no_candidate_after_a_gap_is_before_the_first_sample_after_it(name: str) -> None:
-    kind = load("detectors", name)
+    kind = load("stages", name)
     late_ns = 100 * NS_PER_S
-    for block in signals(kind.quantities):
+    for block in signals(wanted_quantities(kind)):
         gap = Gap(block.topic, block.end_ns, late_ns, "missing", 1800)
         second = SignalBlock(block.stream, late_ns, 0, block.samples)
         times = run(_stage(kind), [block, gap, second]).times
@@ -95,7 +95,7 @@ def test_no_candidate_after_a_gap_is_before_the_first_sample_after_it(name: str)
 
 
 def test_a_candidate_that_a_filters_delay_puts_before_the_first_sample_is_at_it() -> None:
-    found = run(_stage(load("detectors", "zc")), [walker(3.0)])
+    found = run(_stage(load("stages", "zc")), [walker(3.0)])
     assert found.times[0] == 0
     assert found.times[1] > 0
 
@@ -115,5 +115,5 @@ def _times(event: Any) -> list[int]:
     return [event.time_ns] if hasattr(event, "time_ns") else []
 
 
-def _stage(kind: Any) -> DetectorStage:
-    return DetectorStage("d", "d", kind, kind.Parameters())
+def _stage(kind: Any) -> StageRunner:
+    return StageRunner(StageConfig("d", "d"), kind, kind.Parameters())

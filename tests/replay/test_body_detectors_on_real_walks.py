@@ -10,7 +10,7 @@ from groundtrace.conformance import Outcome, run
 from groundtrace.plugins import load
 from groundtrace.score import match_steps
 from groundtrace.source import Source
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.importers import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
@@ -31,8 +31,8 @@ def imported(source: Path, folder: Path, columns: str) -> tuple[list, list[Label
 
 
 def detected(name: str, items: list) -> Outcome:
-    kind = load("detectors", name)
-    return run(DetectorStage("steps", name, kind, kind.Parameters()), items)
+    kind = load("stages", name)
+    return run(StageRunner(StageConfig(name, "steps"), kind, kind.Parameters()), items)
 
 
 def test_belief_and_swing_find_most_contacts_of_a_waist(data: Path, tmp_path: Path) -> None:

@@ -23,11 +23,11 @@ from groundtrace.calibrate import (
 )
 from groundtrace.calibrate.arrivals import Gathered
 from groundtrace.errors import RecordingError
-from groundtrace.localizer_stage import LocalizerStage
 from groundtrace.physics.perceived import PLATE
 from groundtrace.plugins import load
 from groundtrace.results import read_results
 from groundtrace.score import score_positions
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Fix, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.labels import Label
@@ -77,9 +77,8 @@ def walked(
 
 
 def fixes(method: str, geometry: Geometry, events: list[Event]) -> list[Event]:
-    kind: Any = load("localizers", method)
-    given = (method, method, kind, kind.Parameters())
-    stage = LocalizerStage(*given, picking="picks", stepping="steps", geometry=geometry)
+    kind: Any = load("stages", method)
+    stage = StageRunner(StageConfig(method), kind, kind.Parameters(), geometry=geometry)
     return [e for item in events for e in stage.process(item) if isinstance(e, Fix | Note)]
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from stage_contexts import context_of, rows_in
 
-from groundtrace.associator_stage import AssociatorStage
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.gates import Candidates, decide
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,
@@ -41,12 +42,15 @@ def pick(channel: int, time_ms: float, topic: str = "/s") -> Pick:
 
 def groups(picks, **parameters) -> Candidates:
     worker = Coincidence(CoincidenceParameters(**parameters))
-    assert worker.start(SPEC) == ("all",)
-    return Candidates.concatenate([*(worker.associate(p) for p in picks), worker.finish()])
+    assert worker.start(context_of(SPEC)) == ("all",)
+    parts = [part for p in picks for part in worker.process(p)]
+    return Candidates.concatenate([*parts, *worker.flush()])
 
 
-def stage(**parameters) -> AssociatorStage:
-    return AssociatorStage("steps", "coincidence", Coincidence, CoincidenceParameters(**parameters))
+def stage(**parameters) -> StageRunner:
+    return StageRunner(
+        StageConfig("coincidence", "steps"), Coincidence, CoincidenceParameters(**parameters)
+    )
 
 
 def test_picks_within_the_window_of_the_first_are_one_group():
@@ -69,9 +73,11 @@ def test_a_channel_counts_once():
 
 def test_a_group_comes_out_as_soon_as_the_next_pick_is_outside_its_window():
     worker = Coincidence(CoincidenceParameters())
-    assert [len(worker.associate(p)) for p in (pick(0, 0), pick(1, 10), pick(0, 100))] == [0, 0, 1]
-    assert len(worker.finish()) == 1
-    assert len(worker.finish()) == 0
+    worker.start(context_of(SPEC))
+    picks = pick(0, 0), pick(1, 10), pick(0, 100)
+    assert [rows_in(worker.process(p)) for p in picks] == [0, 0, 1]
+    assert rows_in(worker.flush()) == 1
+    assert rows_in(worker.flush()) == 0
 
 
 @given(
@@ -96,7 +102,7 @@ def impact(time_ms: float, channels: int = 4, topic: str = "/s") -> list[Pick]:
     return [pick(c, time_ms + c, topic) for c in range(channels)]
 
 
-def run(chain: AssociatorStage, items) -> list:
+def run(chain: StageRunner, items) -> list:
     return [e for item in items for e in chain.process(item)] + list(chain.flush())
 
 
@@ -122,7 +128,9 @@ def test_topics_are_associated_apart():
     mixed = sorted([*impact(0, 2), *impact(2, 4, "/t")], key=lambda p: p.time_ns)
     events = run(stage(), [SPEC, other, *mixed])
     assert [(e.topic, e.channels) for e in steps_of(events)] == [("/t", 4)]
-    chosen = AssociatorStage("s", "c", Coincidence, CoincidenceParameters(min_channels=2), ["/s*"])
+    chosen = StageRunner(
+        StageConfig("c", "s", ("/s*",)), Coincidence, CoincidenceParameters(min_channels=2)
+    )
     assert [e.topic for e in steps_of(run(chosen, [SPEC, other, *mixed]))] == ["/s"]
 
 

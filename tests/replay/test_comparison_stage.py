@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from groundtrace.comparison_stage import ComparisonStage
 from groundtrace.comparisons.disagreement import LocalizerDisagreement
 from groundtrace.conformance import assert_same, outcome
 from groundtrace.errors import PipelineError
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
+from groundtrace.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Disagreement, Fix, Gap, Note, StageSpec
 from groundtrace_codecs.geometry import Geometry, Sensor
 
@@ -24,19 +24,18 @@ SPECS = [StageSpec(name, "any", "/s", ("all",), (), (), (), "fix") for name in S
 SPREAD = (0.01, 0.0, 0.01)
 
 
-def stage(geometry: Geometry | None = None, **given: Any) -> ComparisonStage:
+def stage(geometry: Geometry | None = None, **given: Any) -> StageRunner:
     kind = LocalizerDisagreement
     parameters = kind.Parameters(**given)
-    return ComparisonStage(
-        "apart", "disagreement", kind, parameters, sources=SOURCES, geometry=geometry
-    )
+    config = StageConfig("disagreement", "apart")
+    return StageRunner(config, kind, parameters, {kind.takes[0]: SOURCES}, geometry)
 
 
 def fix(name: str, time_ns: int, x: float, spread: tuple[float, float, float] = SPREAD) -> Fix:
     return Fix(time_ns, x, 1.0, spread, 1e-4, name, 9, name)
 
 
-def said(runner: ComparisonStage, items: list[Any]) -> list[Event]:
+def said(runner: StageRunner, items: list[Any]) -> list[Event]:
     return [e for item in items for e in runner.process(item)] + list(runner.flush())
 
 

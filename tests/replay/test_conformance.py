@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from groundtrace.conformance import BLOCK_SIZES, assert_same, check_detector, outcome, rechunked
+from groundtrace.conformance import BLOCK_SIZES, assert_same, check_stage, outcome, rechunked
 from groundtrace.parameters import describe
 from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
-from groundtrace.plugins import load, plugins
+from groundtrace.plugins import load, plugins, stage_named
 from groundtrace.source import Source
+from groundtrace.stage import detects, emitted, wanted_quantities
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
@@ -29,9 +30,8 @@ RECORDINGS = {
 }
 #: How much of a recording is cut into blocks of 7 samples: six steps in 10 000 blocks of a room.
 SECONDS = {"room": 3.5, "shots": 3.5, "walker": 30.0}
-DETECTORS = [plugin.name for plugin in plugins("detectors")]
-LOCALIZERS = [plugin.name for plugin in plugins("localizers")]
-ASSOCIATORS = [plugin.name for plugin in plugins("associators")]
+STAGES = [plugin.name for plugin in plugins("stages")]
+DETECTORS = [name for name in STAGES if detects(stage_named(name))]
 
 
 def signal(name: str, seconds: float | None = None) -> list[SignalBlock | Gap]:
@@ -46,21 +46,21 @@ def site(name: str) -> Geometry | None:
 
 
 def fitting(kind: Any) -> str:
-    if kind.emits == "presence":
+    if emitted(kind) == "presence":
         return "vehicle"
-    return "walker" if "acceleration" in kind.quantities else "room"
+    return "walker" if "acceleration" in wanted_quantities(kind) else "room"
 
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_every_detector_conforms_on_a_bundled_recording(name: str) -> None:
-    kind = load("detectors", name)
-    found = check_detector(kind, signal(fitting(kind), SECONDS.get(fitting(kind))))
+    kind = load("stages", name)
+    found = check_stage(kind, signal(fitting(kind), SECONDS.get(fitting(kind))))
     assert found.accepted.any()
 
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_every_detector_takes_blocks_of_a_single_sample(name: str) -> None:
-    kind = load("detectors", name)
+    kind = load("stages", name)
     items = signal(fitting(kind), 1.0 if fitting(kind) == "room" else 8.0)
     items = [b.slice(0, round(0.2 * b.stream.rate_hz)) for b in _one_run(items)]
     stage_of = _stages(kind)
@@ -79,23 +79,21 @@ def _one_run(items: list[Any]) -> list[SignalBlock]:
 
 
 def _stages(kind: Any) -> Any:
-    from groundtrace.stage import DetectorStage
+    from groundtrace.stage import StageConfig, StageRunner
 
-    return lambda: DetectorStage("d", "d", kind, kind.Parameters())
+    return lambda: StageRunner(StageConfig("d", "d"), kind, kind.Parameters())
 
 
 def _events(stage: Any, items: list[Any]) -> list[Any]:
     return [event for item in items for event in stage.process(item)] + list(stage.flush())
 
 
-@pytest.mark.parametrize(
-    ("group", "name"),
-    [*(("associators", n) for n in ASSOCIATORS), *(("localizers", n) for n in LOCALIZERS)],
-)
-def test_every_associator_and_localizer_documents_its_parameters_and_gates(
-    group: str, name: str
-) -> None:
-    kind = load(group, name)
+@pytest.mark.parametrize("name", STAGES)
+def test_every_stage_documents_its_parameters_and_gates(name: str) -> None:
+    kind = stage_named(name)
+    assert kind.takes
+    assert kind.gives
+    assert kind.__doc__
     named = {info.name for info in describe(kind.Parameters)}
     assert {gate.parameter for gate in kind.gates} <= named
 

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from groundtrace.parameters import build
 from groundtrace.results import read_results
 from groundtrace.score import score_events, score_tracks
-from groundtrace.tracker_stage import TrackerStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace.trackers.walkers import Walkers, WalkersParameters
 from groundtrace_codecs.events import CandidateBlock, Fix, StageSpec, StepEvent, TrackPoint
 from groundtrace_codecs.labels import Label
@@ -35,7 +35,9 @@ def fix(seconds: float, x: float, y: float) -> Fix:
 
 def tracked(fixes: Sequence[Fix]) -> list[Event]:
     parameters = build(WalkersParameters, {"sigma_q": SIGMA, "sigma_r": SIGMA}, "track")
-    runner = TrackerStage("track", "walkers", Walkers, parameters, source="locate")
+    runner = StageRunner(
+        StageConfig("walkers", "track"), Walkers, parameters, {Walkers.takes[0]: ("locate",)}
+    )
     events = [e for item in [SPEC, *fixes] for e in runner.process(item)]
     return [*events, *runner.flush()]
 

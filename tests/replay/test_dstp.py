@@ -11,12 +11,12 @@ import pytest
 from walking_blocks import START_NS, Walk, waist
 
 from groundtrace.belief import RULES, over_ignorance
-from groundtrace.conformance import Outcome, check_detector, run
+from groundtrace.conformance import Outcome, check_stage, run
 from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters, vertex
 from groundtrace.detectors.sensor_evidence import Evidence, Heights
 from groundtrace.gates import Candidates, decide
 from groundtrace.source import Source
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of
@@ -33,7 +33,7 @@ MASSES = ("{0}_{1}", "{0}_non{1}", "{0}_{1}_ignorance")
 
 def detected(walk: Walk, parameters: BeliefParameters | None = None) -> Outcome:
     parameters = parameters or BeliefParameters()
-    return run(DetectorStage("steps", "dstp", BeliefDetector, parameters), [walk.block])
+    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), [walk.block])
 
 
 @cache
@@ -44,7 +44,7 @@ def recorded() -> tuple[SignalBlock | Gap, ...]:
 
 def bundled(parameters: BeliefParameters) -> Outcome:
     """What is found in the walk that ships with us, whose steps are of many heights."""
-    return run(DetectorStage("steps", "dstp", BeliefDetector, parameters), recorded())
+    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), recorded())
 
 
 def seconds(outcome: Outcome) -> NDArray[np.float64]:
@@ -75,7 +75,7 @@ def test_all_steps_are_found_and_no_others(rate_hz, cadence_hz, gyroscope) -> No
 
 @pytest.mark.parametrize("walk", [waist(6.0, 1.0), waist(gyroscope=False)], ids=["6 Hz", "no gyro"])
 def test_it_conforms_at_low_rates_and_without_a_gyroscope(walk: Walk) -> None:
-    assert check_detector(BeliefDetector, [walk.block]).accepted.any()
+    assert check_stage(BeliefDetector, [walk.block]).accepted.any()
 
 
 @pytest.mark.parametrize("rule", sorted(RULES))

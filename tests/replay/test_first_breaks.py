@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from stage_contexts import context_of, rows_in
 
-from groundtrace.associator_stage import AssociatorStage
 from groundtrace.detectors.first_breaks import FirstBreakParameters, FirstBreaks
 from groundtrace.gates import Candidates
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import GateSpec, Pick, Quantity, StageSpec
 
 MS = 1_000_000
@@ -33,15 +34,16 @@ def in_order(found: Pick) -> tuple[int, int]:
 
 
 def associated(picks, channels: int = 24, **parameters) -> Candidates:
-    worker = FirstBreaks(FirstBreakParameters(**parameters))
-    assert worker.start(spec(channels)) == spec(channels).channels
+    stage = FirstBreaks(FirstBreakParameters(**parameters))
+    assert stage.start(context_of(spec(channels))) == spec(channels).channels
     ordered = sorted(picks, key=in_order)
-    return Candidates.concatenate([*(worker.associate(p) for p in ordered), worker.finish()])
+    parts = [part for p in ordered for part in stage.process(p)]
+    return Candidates.concatenate([Candidates.empty(len(COLUMNS)), *parts, *stage.flush()])
 
 
 def chosen(picks, channels: int = 24) -> dict[int, list[float]]:
     """Times [ms] of the picks that a stage passes on, by channel."""
-    stage = AssociatorStage("fb", "first-breaks", FirstBreaks, FirstBreakParameters())
+    stage = StageRunner(StageConfig("first-breaks", "fb"), FirstBreaks, FirstBreakParameters())
     ordered = sorted(picks, key=in_order)
     events = [e for item in [spec(channels), *ordered] for e in stage.process(item)]
     events += stage.flush()
@@ -157,11 +159,10 @@ def test_deficits_are_those_of_all_paths_tried(rows):
 
 
 def test_picks_are_resolved_as_soon_as_their_shot_is_over():
-    worker = FirstBreaks(FirstBreakParameters(quorum=2))
-    worker.start(spec(4))
-    counts = [
-        len(worker.associate(p)) for p in (pick(0, 0), pick(1, 5), pick(2, 150), pick(3, 400))
-    ]
+    stage = FirstBreaks(FirstBreakParameters(quorum=2))
+    stage.start(context_of(spec(4)))
+    picks = pick(0, 0), pick(1, 5), pick(2, 150), pick(3, 400)
+    counts = [rows_in(stage.process(p)) for p in picks]
     assert counts == [0, 0, 0, 3]
-    assert len(worker.finish()) == 1
-    assert len(worker.finish()) == 0
+    assert rows_in(stage.flush()) == 1
+    assert rows_in(stage.flush()) == 0

@@ -29,7 +29,7 @@ def made_stream(rate_hz: float) -> Stream:
 
 def method(rate_hz: float = 20_000.0, **given: Any) -> GccPhat:
     made = GccPhat(GccPhat.Parameters(before_s=BEFORE_S, after_s=AFTER_S, **given))
-    assert made.start(made_stream(rate_hz), SITE) == NAMES
+    assert made.prepare(made_stream(rate_hz), SITE) == NAMES
     return made
 
 
@@ -178,7 +178,7 @@ def test_pairs_locked_on_to_an_echo_hardly_move_the_arrivals() -> None:
 
 def test_an_array_of_two_is_not_enough() -> None:
     stream = Stream("/s", tuple(Channel(n, "seismic", "count") for n in NAMES[:2]), 1000.0)
-    assert GccPhat(GccPhat.Parameters()).start(stream, Geometry()) == ()
+    assert GccPhat(GccPhat.Parameters()).prepare(stream, Geometry()) == ()
     assert REFERENCE_HZ == 100.0
 
 
@@ -191,7 +191,7 @@ def test_clocks_that_are_known_to_be_off_do_not_show_but_in_the_times(rate_hz: f
     late = np.array([waves(distance, rate_hz, at_s=s)[:, c] for c, s in enumerate(ahead - moved)]).T
     sensors = tuple(replace(s, clock_offset_s=x) for s, x in zip(SITE.sensors, ahead, strict=True))
     made = method(rate_hz)
-    made.start(made_stream(rate_hz), Geometry(sensors))
+    made.prepare(made_stream(rate_hz), Geometry(sensors))
     times = arrivals(made, made.examine(window(late, distance, rate_hz)))
     assert times.min() >= 0.0
     assert fitted(times - ahead, distance) < 0.05
@@ -206,7 +206,7 @@ def test_of_three_axes_at_one_place_the_vertical_is_compared() -> None:
     names = [s.channel for s in sensors]
     stream = Stream("/s", tuple(Channel(n, "ground_velocity", "m/s") for n in names), 20_000.0)
     made = GccPhat(GccPhat.Parameters(before_s=BEFORE_S, after_s=AFTER_S))
-    assert made.start(stream, Geometry(sensors)) == tuple(names)
+    assert made.prepare(stream, Geometry(sensors)) == tuple(names)
     distance = away(1.3, 4.1)
     three = window(np.repeat(waves(distance), 3, axis=1), np.repeat(distance, 3))
     found = made.examine(three)

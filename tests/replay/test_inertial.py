@@ -14,10 +14,9 @@ from hypothesis import strategies as st
 from groundtrace.detectors.zupt import ZeroVelocityParameters
 from groundtrace.heading.rotations import headings_of, levelled, turned
 from groundtrace.inertial.compass import Compass
-from groundtrace.inertial.navigator import FootNavigator
+from groundtrace.inertial.navigator import FootNavigator, inertial_columns
 from groundtrace.inertial.parameters import FootNavigatorParameters
 from groundtrace.inertial.smoothing_kernels import error_between
-from groundtrace.inertial.stage import inertial_columns
 from groundtrace.inertial.stances import Segments
 from groundtrace.inertial.strapdown import GYRO, PLACE, SPEED, TURN, Pose, integrate
 from groundtrace.score.closure import aligned_distances
@@ -44,7 +43,7 @@ def segments_of(walk: FootWalk) -> list:
 def navigated(walk: FootWalk, **changes: float) -> tuple[FootNavigator, list[TrackPoint]]:
     """Every candidate accepted that passes; the navigator before its end, and all points."""
     navigator = FootNavigator(FootNavigatorParameters(**changes))
-    navigator.start("track", 1)
+    navigator.begin("track", 1)
     points = []
     for segment in segments_of(walk):
         found = navigator.measure(segment)
@@ -123,7 +122,7 @@ def test_it_does_not_matter_how_the_sensor_is_worn(worn: tuple[float, float, flo
 def test_up_is_where_the_force_of_standing_points_and_left_turns_are_left() -> None:
     walk = foot_walk(Gait((np.pi / 2, 0.0)))
     navigator = FootNavigator(FootNavigatorParameters())
-    navigator.start("track", 1)
+    navigator.begin("track", 1)
     heights, points = [], []
     for segment in segments_of(walk):
         found = navigator.measure(segment)

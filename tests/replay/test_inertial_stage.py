@@ -13,8 +13,8 @@ from foot_walks import START_NS, Gait, Sensor, circle, foot_stream, foot_walk
 from groundtrace.conformance import FAULTS, rechunked
 from groundtrace.inertial.navigator import FootNavigator
 from groundtrace.inertial.parameters import FootNavigatorParameters
-from groundtrace.inertial.stage import NavigatorStage
 from groundtrace.pipeline import build_pipeline, load_pipeline
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TrackPoint
 
 if TYPE_CHECKING:
@@ -24,11 +24,12 @@ NOISY = Sensor((0.1, 0.2, 0.3), (0.01, 0.0, -0.01), (0.0, 0.05, 0.0), 0.005, 0.0
 WALK = foot_walk(circle(6), NOISY, 100.0)
 
 
-def stage(**changes: float) -> NavigatorStage:
-    return NavigatorStage("track", "zupt-ins", FootNavigator, FootNavigatorParameters(**changes))
+def stage(**changes: float) -> StageRunner:
+    config = StageConfig("zupt-ins", "track")
+    return StageRunner(config, FootNavigator, FootNavigatorParameters(**changes))
 
 
-def said(items: list, runner: NavigatorStage | None = None) -> list:
+def said(items: list, runner: StageRunner | None = None) -> list:
     runner = runner or stage()
     return [event for item in items for event in runner.process(item)] + list(runner.flush())
 

@@ -13,10 +13,10 @@ from groundtrace.errors import PipelineError
 from groundtrace.explain.evidence import Evidence, stage_evidence
 from groundtrace.explain.grid import parse_axis
 from groundtrace.explain.redecide import Redecider
-from groundtrace.localizer_stage import LocalizerStage, placed_channels
 from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline, load_pipeline
 from groundtrace.plugins import load
 from groundtrace.source import Source
+from groundtrace.stage import StageRunner
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.recording import Recording
@@ -35,19 +35,13 @@ SITE = Geometry(
     medium=Medium(velocity_mps=1225.0, theta_s=THETA_S),
 )
 PICKED = StageSpec("picks", "toa-cv", "/s", NAMES, (), (), (), "pick")
+STEPPED = StageSpec("steps", "coincidence", "/s", ("all",), (), (), (), "step")
 
 
 def stage(method: str = "power-law", geometry: Geometry | None = SITE, **given: Any) -> Any:
-    kind = load("localizers", method)
-    return LocalizerStage(
-        method,
-        method,
-        kind,
-        kind.Parameters(**given),
-        picking="picks",
-        stepping="steps",
-        geometry=geometry,
-    )
+    kind = load("stages", method)
+    sources = dict(zip(kind.takes, (("picks",), ("steps",)), strict=True))
+    return StageRunner(StageConfig(method), kind, kind.Parameters(**given), sources, geometry)
 
 
 def pick(channel: str, since_s: float) -> Pick:
@@ -67,7 +61,8 @@ def impact(x: float, y: float, at_s: float = 1.0) -> list[Event]:
 
 
 def said(runner: Any, items: list[Event]) -> list[Event]:
-    return [e for item in items for e in runner.process(item)] + list(runner.flush())
+    given = [STEPPED, *items]
+    return [e for item in given for e in runner.process(item)] + list(runner.flush())
 
 
 def fixes(events: list[Event]) -> list[Fix]:
@@ -174,7 +169,7 @@ def test_a_copy_goes_on() -> None:
     items = [PICKED, *impact(2.0, 7.0), *impact(3.0, 6.0, 1.6)]
     whole = said(stage(), items)
     one = stage()
-    events = [e for item in items[:5] for e in one.process(item)]
+    events = [e for item in [STEPPED, *items[:5]] for e in one.process(item)]
     other = copy.deepcopy(one)
     assert_same(outcome(whole), outcome([*events, *said(other, items[5:])]), "copied")
 
@@ -208,6 +203,6 @@ def test_three_axes_at_one_place_are_one_sensor_the_vertical() -> None:
     sensors = [Sensor(f"A{axis}", f"A{axis}", 1.0, 2.0, axis=axis) for axis in "xyz"]
     sensors += [Sensor("B", "B", 3.0, 2.0), Sensor("Cx", "Cx", 0.0, 0.0, axis="x")]
     names = ["Ax", "Ay", "Az", "B", "Cx", "unplaced"]
-    rows, places = placed_channels(names, Geometry(tuple(sensors)))
+    rows, places = Geometry(tuple(sensors)).placed(names)
     assert rows == {"Az": 0, "B": 1, "Cx": 2}
     assert places.tolist() == [[1.0, 2.0], [3.0, 2.0], [0.0, 0.0]]

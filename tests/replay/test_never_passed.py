@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.associator_stage import AssociatorStage
 from groundtrace.belief import RULES
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters
 from groundtrace.detectors.sensor_evidence import Evidence, Heights
 from groundtrace.errors import PipelineError
 from groundtrace.parameters import build
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import GateSpec, Note, Quantity, StageSpec
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
@@ -32,7 +31,7 @@ def walking(*, gyroscope: bool = True) -> SignalBlock:
 
 def told(block: SignalBlock, **parameters: object) -> list[str]:
     given_ = build(BeliefParameters, parameters, "steps")
-    stage = DetectorStage("steps", "dstp", BeliefDetector, given_)
+    stage = StageRunner(StageConfig("dstp", "steps"), BeliefDetector, given_)
     notes = [event for event in stage.process(block) if isinstance(event, Note)]
     assert all(note.level == "WARN" and note.time_ns == 5 * NS for note in notes)
     return [note.text for note in notes]
@@ -93,7 +92,7 @@ def test_corners_that_fall_are_refused_before_a_replay() -> None:
 @pytest.mark.parametrize(("wanted", "lines"), [(6, 0), (7, 1)])
 def test_more_channels_than_there_are_cannot_coincide(wanted: int, lines: int) -> None:
     parameters = CoincidenceParameters(min_channels=wanted)
-    stage = AssociatorStage("steps", "coincidence", Coincidence, parameters)
+    stage = StageRunner(StageConfig("coincidence", "steps"), Coincidence, parameters)
     names = tuple(f"G{i}" for i in range(6))
     gates = (GateSpec("ratio", "1", "ratio", 5.0),)
     spec = StageSpec("picks", "toa-cv", "/imu", names, (Quantity("r", "1"),), gates, (), "pick")

@@ -13,7 +13,7 @@ from replay_blocks import START_NS, block_of, cuts_of, split, stream_of
 from groundtrace.nonfinite import Holder
 from groundtrace.pipeline import build_pipeline, load_pipeline
 from groundtrace.plugins import load
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -121,13 +121,13 @@ def test_a_new_run_does_not_begin_with_a_value_from_before_the_gap():
 
     measured = []
 
-    class Steps(load("detectors", "adaptive")):
-        def measure(self, block):
+    class Steps(load("stages", "adaptive")):
+        def process(self, block):
             measured.append(block)
-            return super().measure(block)
+            return super().process(block)
 
     def first_value(items) -> float:
-        stage = DetectorStage("steps", "adaptive", Steps, Steps.Parameters())
+        stage = StageRunner(StageConfig("adaptive", "steps"), Steps, Steps.Parameters())
         for item in [*items, after.slice(0, 1)]:
             list(stage.process(item))
         return float(measured[-1].samples[0, 0])

@@ -66,7 +66,8 @@ def test_a_pipeline_without_stages_must_say_so_and_its_recipe_is_read_again() ->
         ),
         (
             'name = "m"\n[[stage]]\nuse = "dp"\n[[stage]]\nuse = "dp"\nparams = {}',
-            "mine.toml: stage 2: params: expected one of use, name, topics, parameters, found an",
+            "mine.toml: stage 2: params: expected one of use, name, topics, parameters, source, "
+            "found an",
         ),
         (
             'name = "m"\n[[stage]]\nuse = "dp"\n[[stage]]\nuse = "zc"\nname = "dp"',

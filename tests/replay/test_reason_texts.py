@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reason_texts import CHANNELS, Claims
 
-from groundtrace.associator_stage import AssociatorStage
 from groundtrace.detector import Frames
 from groundtrace.explain import CAUSES, Evidence, Reason, StageEvidence, StepReasons
 from groundtrace.explain.measuring import resolved
@@ -20,8 +19,9 @@ from groundtrace.explain.parts import accepted_picks
 from groundtrace.explain.redecide import associated
 from groundtrace.gates import Candidates, decided_block, gate_specs
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, PipelineConfig, load_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import PipelineConfig, load_pipeline
+from groundtrace.plugins import stage_named
+from groundtrace.stage import StageConfig, StageRunner, emitted
 from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S
@@ -38,7 +38,7 @@ def pipeline(name: str) -> PipelineConfig:
 
 def stage_of(config: PipelineConfig, index: int) -> tuple[Any, Any, Any]:
     stage = config.stage[index]
-    kind = find(STAGE_GROUPS, stage.use)[1]
+    kind = stage_named(stage.use)
     return stage, kind, build(kind.Parameters, stage.parameters, stage.key)
 
 
@@ -59,7 +59,7 @@ def detectors(draw: st.DrawFn, name: str, index: int, channels: tuple[str, ...])
     stage, kind, parameters = stage_of(pipeline(name), index)
     gates = gate_specs(kind.gates, parameters)
     spec = StageSpec(stage.key, stage.use, "/x", channels, kind.columns, gates, kind.trace,
-                     kind.emits)  # fmt: skip
+                     emitted(kind))  # fmt: skip
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     times = draw(MOMENTS)
     jitter = draw(st.sampled_from([0, 1, 999_999]))
@@ -158,7 +158,9 @@ def test_what_is_said_of_a_worn_sensor_is_so(data, name, labels, found, toleranc
 def test_what_is_said_of_groups_of_picks_is_so(data, labels, found, tolerance_s) -> None:
     picked = data.draw(detectors("room-steps", 0, CHANNELS))
     stage, kind, parameters = stage_of(pipeline("room-steps"), 1)
-    runner = AssociatorStage(stage.key, stage.use, kind, parameters, (), picked.spec.stage)
+    runner = StageRunner(
+        StageConfig(stage.use, stage.key), kind, parameters, {kind.takes[0]: (picked.spec.stage,)}
+    )
     empty = Frames(np.empty(0, np.int64), np.empty((0, 1, 0), np.float32))
     blocks = associated(runner, [(picked.spec, accepted_picks(picked))])
     grouped = [b for b in blocks if isinstance(b, CandidateBlock)]
@@ -172,7 +174,7 @@ def one(*times_s: float, swing: float = 1.0, label_s: float = 2.0) -> StepReason
     """Return the reasons of a walk with candidates at some times."""
     _, kind, parameters = stage_of(pipeline("waist-steps"), 0)
     spec = StageSpec("steps", "adaptive", "/x", ("up",), kind.columns,
-                     gate_specs(kind.gates, parameters), kind.trace, kind.emits)  # fmt: skip
+                     gate_specs(kind.gates, parameters), kind.trace, emitted(kind))  # fmt: skip
     time_ns = START + np.array([round(t * NS_PER_S) for t in times_s], np.int64)
     value = np.full((len(times_s), len(kind.columns)), 1.0, np.float32)
     value[:, 1] = swing

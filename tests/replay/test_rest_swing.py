@@ -6,16 +6,18 @@ import numpy as np
 import pytest
 from walking_blocks import START_NS, waist
 
-from groundtrace.conformance import check_detector, run
+from groundtrace.conformance import check_stage, run
 from groundtrace.detectors.rest_swing import SwingDetector, SwingParameters, extreme
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 GATES = [gate.name for gate in SwingDetector.gates]
 
 
 def detected(walk, **changes):
-    stage = DetectorStage("steps", "rest-swing", SwingDetector, SwingParameters(**changes))
+    stage = StageRunner(
+        StageConfig("rest-swing", "steps"), SwingDetector, SwingParameters(**changes)
+    )
     return run(stage, [walk.block])
 
 
@@ -29,7 +31,7 @@ def test_all_steps_are_found_and_no_others(rate_hz: float, cadence_hz: float) ->
 
 
 def test_it_conforms_at_a_low_rate() -> None:
-    assert check_detector(SwingDetector, [waist(6.0, 1.0).block]).accepted.any()
+    assert check_stage(SwingDetector, [waist(6.0, 1.0).block]).accepted.any()
 
 
 @pytest.mark.parametrize(

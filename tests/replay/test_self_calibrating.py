@@ -23,7 +23,7 @@ METHODS = ("hyperbolic", "power-law", "self-calibrating", "so-tdoa")
 def begun(kind: Any, medium: Medium | None = None, outline: Any = ROOM, **given: Any) -> Any:
     worker = kind(kind.Parameters(**given))
     medium = Medium(velocity_mps=1225.0) if medium is None else medium
-    assert worker.start(Site(SENSORS, outline, medium)) == ""
+    assert worker.prepare(Site(SENSORS, outline, medium)) == ""
     return worker
 
 
@@ -109,11 +109,11 @@ def test_three_arrivals_suffice_for_a_place_with_a_covariance(
 ) -> None:
     times = np.full(9, np.nan)
     times[list(sensors)] = uniform(1, 2e-4)[1][0, list(sensors)]
-    found = begun(load("localizers", method)).locate(times)
+    found = begun(load("stages", method)).locate(times)
     assert found.found
     assert found.picks == len(sensors)
     assert np.isfinite(found.residual)
     assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
     times[sensors[0]] = np.nan
     if len(sensors) == 3:
-        assert not begun(load("localizers", method)).locate(times).found
+        assert not begun(load("stages", method)).locate(times).found

@@ -12,7 +12,7 @@ from slow_arrivals import slow_toa_cv
 from groundtrace.conformance import outcome, rechunked
 from groundtrace.detectors.toa_cv import VarianceChangePicker
 from groundtrace.gates import Candidates, decide
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import SignalBlock
 
 
@@ -51,7 +51,7 @@ def test_the_compiled_picker_says_what_the_plain_one_says(channels, rate_hz, kin
     decisions, _ = decide(candidates, columns, gates, parameters)
     assert decisions.accepted.sum() >= channels
     for size in (10**9, round(0.3 * rate_hz) + 1):
-        stage = DetectorStage("picks", "toa-cv", VarianceChangePicker, parameters)
+        stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChangePicker, parameters)
         events = [e for item in rechunked([block], size) for e in stage.process(item)]
         found = outcome([*events, *stage.flush()])
         assert np.array_equal(found.times, slow.time_ns)
@@ -67,7 +67,7 @@ def test_a_sensor_whose_scale_is_negative_is_picked_as_the_plain_picker_does():
     block = replace(block, stream=replace(block.stream, channels=turned))
     parameters = VarianceChangePicker.Parameters()
     slow = slow_toa_cv(block, parameters)
-    stage = DetectorStage("picks", "toa-cv", VarianceChangePicker, parameters)
+    stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChangePicker, parameters)
     found = outcome([*stage.process(block), *stage.flush()])
     assert np.array_equal(found.times, slow.time_ns)
     assert np.allclose(found.trace, slow.frames, rtol=1e-6, atol=1e-12)
@@ -78,8 +78,8 @@ def test_a_sensor_that_comes_alive_after_long_silence_is_no_arrival():
     x = rng.normal(0, 300, (10_000, 2))
     x[2_000:8_000] = 0.0
     block = SignalBlock(stream_of(2, 2_000.0), START_NS, 0, x)
-    stage = DetectorStage(
-        "picks", "toa-cv", VarianceChangePicker, VarianceChangePicker.Parameters()
+    stage = StageRunner(
+        StageConfig("toa-cv", "picks"), VarianceChangePicker, VarianceChangePicker.Parameters()
     )
     found = outcome([*stage.process(block), *stage.flush()])
     assert not ((found.times - START_NS) // 1_000_000 == 4_000).any()

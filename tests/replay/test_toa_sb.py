@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from groundtrace.detectors.toa_sb import STRETCHES, NoiseStatisticsPicker
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
@@ -22,7 +22,7 @@ RATE_HZ = 20_000.0
 def picks(samples: np.ndarray, **given: float) -> list[Pick]:
     parameters = NoiseStatisticsPicker.Parameters(low_hz=0.0, high_hz=0.0, **given)
     stream = Stream("/s", (Channel("G1", "seismic", "count"),), RATE_HZ)
-    runner = DetectorStage("picks", "toa-sb", NoiseStatisticsPicker, parameters)
+    runner = StageRunner(StageConfig("toa-sb", "picks"), NoiseStatisticsPicker, parameters)
     events = [*runner.process(SignalBlock(stream, 0, 0, samples[:, None])), *runner.flush()]
     return [e for e in events if isinstance(e, Pick)]
 

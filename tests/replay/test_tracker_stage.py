@@ -12,10 +12,12 @@ import pytest
 from groundtrace.errors import PipelineError
 from groundtrace.parameters import build
 from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.plugins import stage_named
 from groundtrace.score import score_tracks
-from groundtrace.tracker_stage import TrackerStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace.trackers.api import SMOOTHED
 from groundtrace.trackers.walkers import Walkers, WalkersParameters
+from groundtrace.wiring import wire
 from groundtrace_codecs.events import CandidateBlock, Event, Fix, Gap, StageSpec, TrackPoint
 from groundtrace_codecs.labels import Label
 
@@ -41,9 +43,10 @@ def straight(count: int, start_s: float = 0.0, y: float = 0.0) -> list[Fix]:
     return [fix(start_s + 0.5 * k, 0.35 * k, y) for k in range(count)]
 
 
-def stage(**parameters: object) -> TrackerStage:
+def stage(**parameters: object) -> StageRunner:
     made = build(WalkersParameters, parameters, "track")
-    return TrackerStage("track", "walkers", Walkers, made, source="locate")
+    sources = {Walkers.takes[0]: ("locate",)}
+    return StageRunner(StageConfig("walkers", "track"), Walkers, made, sources)
 
 
 def tracked(items: Iterable[Event], **parameters: object) -> list[Event]:
@@ -261,11 +264,25 @@ use = "walkers"
 """
 
 
-def test_a_tracker_takes_the_fixes_of_the_first_localizer_or_of_the_one_it_names() -> None:
-    config = parse_pipeline(CHAIN, "chain.toml")
-    assert build_pipeline(config).stages[-1].source == "so-tdoa"
-    named = CHAIN + b'parameters = {source = "power-law"}\n'
-    assert build_pipeline(parse_pipeline(named, "chain.toml")).stages[-1].source == "power-law"
+@pytest.mark.parametrize(
+    ("line", "source"),
+    [
+        (b"", "so-tdoa"),
+        (b'parameters = {source = "power-law"}\n', "power-law"),
+        (b'source = ["power-law"]\n', "power-law"),
+    ],
+)
+def test_a_tracker_takes_the_fixes_of_the_first_localizer_or_of_the_one_it_names(
+    line: bytes, source: str
+) -> None:
+    config = parse_pipeline(CHAIN + line, "chain.toml")
+    kinds = [stage_named(stage.use) for stage in config.stage]
+    assert wire(config.stage, kinds)[-1] == {Walkers.takes[0]: (source,)}
+
+
+def test_a_source_that_gives_nothing_that_is_taken_is_refused() -> None:
+    with pytest.raises(PipelineError, match=r"walkers.source: expected .*, found coincidence"):
+        build_pipeline(parse_pipeline(CHAIN + b'source = ["coincidence"]\n', "chain.toml"))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from test_planted_causes import Planting
 from groundtrace.commands import main
 from groundtrace.explain.reasons import unfiltered_kind
 from groundtrace.pipeline import StageConfig
-from groundtrace.plugins import plugins
+from groundtrace.plugins import plugins, stage_named
+from groundtrace.stage import detects
 from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
@@ -121,11 +122,14 @@ def test_a_signal_that_stands_out_is_no_proof_against_the_filter(capsys: Capture
     assert "filter" not in account["causes"]
 
 
-@pytest.mark.parametrize("name", sorted(p.name for p in plugins("detectors")))
+DETECTORS = sorted(p.name for p in plugins("stages") if detects(stage_named(p.name)))
+
+
+@pytest.mark.parametrize("name", DETECTORS)
 def test_a_detector_without_its_filter_measures_the_same_things(name: str) -> None:
     from groundtrace.plugins import load
 
-    kind: Any = load("detectors", name)
+    kind: Any = load("stages", name)
     found = unfiltered_kind(StageConfig(name))
     if not hasattr(kind, "unfiltered"):
         assert found is None

@@ -139,7 +139,7 @@ def block(stream: Stream, first: int, count: int) -> SignalBlock:
 
 
 def test_a_round_ends_where_a_stream_goes_on_speaks_again_or_comes_after_all() -> None:
-    rounds = Rounds("angular_velocity")
+    rounds = Rounds(("angular_velocity",))
     first, field = block(IMU, 0, 100), block(MAG, 0, 50)
     assert rounds.add(first) == []
     assert rounds.add(field) == []
@@ -153,7 +153,7 @@ def test_a_round_ends_where_a_stream_goes_on_speaks_again_or_comes_after_all() -
 def test_blocks_are_cut_where_another_stream_s_gap_ends() -> None:
     gap = Gap("/imu", NS_PER_S, 2 * NS_PER_S, "missing", 100)
     items = [block(IMU, 0, 100), gap, block(IMU, 200, 100), block(MAG, 0, 150)]
-    found = in_order(items, "angular_velocity")
+    found = in_order(items, ("angular_velocity",))
     assert [type(x) for x in found] == [SignalBlock, SignalBlock, Gap, SignalBlock, SignalBlock]
     assert [(x.topic, x.start_ns // NS_PER_S, len(x)) for x in found if x is not gap] == [
         ("/mag", 0, 100),

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from walking_blocks import START_NS, Walk, foot, waist
 
-from groundtrace.conformance import check_detector, run
+from groundtrace.conformance import check_stage, run
 from groundtrace.detectors.zupt import (
     ZeroVelocityDetector,
     ZeroVelocityParameters,
     ZeroVelocityStatistic,
 )
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 LEAD = ZeroVelocityParameters().lead_s
@@ -22,7 +22,9 @@ LEAD = ZeroVelocityParameters().lead_s
 
 def detected(walk: Walk, **changes: float):
     parameters = ZeroVelocityParameters(**changes)
-    return run(DetectorStage("steps", "zupt", ZeroVelocityDetector, parameters), [walk.block])
+    return run(
+        StageRunner(StageConfig("zupt", "steps"), ZeroVelocityDetector, parameters), [walk.block]
+    )
 
 
 def statistic_of(samples: np.ndarray, window: int, p: ZeroVelocityParameters) -> np.ndarray:
@@ -62,7 +64,7 @@ def test_every_stance_after_a_swing_is_a_step(rate_hz: float, gyroscope: bool) -
 
 @pytest.mark.parametrize("gyroscope", [True, False])
 def test_it_conforms_on_a_foot(gyroscope: bool) -> None:
-    assert check_detector(ZeroVelocityDetector, [foot(gyroscope=gyroscope).block]).accepted.any()
+    assert check_stage(ZeroVelocityDetector, [foot(gyroscope=gyroscope).block]).accepted.any()
 
 
 def test_a_window_of_one_sample_works_too() -> None:

@@ -17,13 +17,13 @@ from typed_walks import (
     stage,
     step_at,
     told,
+    types_of,
 )
 
 from groundtrace.errors import PipelineError
 from groundtrace.parameters import describe
 from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline
 from groundtrace.score import score_events
-from groundtrace.step_type_stage import StepTypeStage
 from groundtrace_codecs.events import CandidateBlock, Event, Gap, Note, StageSpec, StepEvent
 
 
@@ -158,9 +158,7 @@ def test_silence_and_samples_that_are_not_finite_give_defined_candidates() -> No
 
 def test_only_the_steps_of_its_topics_are_taken(walk: Walk) -> None:
     made = stage()
-    other = StepTypeStage(
-        "types", "step-types", made.kind, made.parameters, ("/other*",), stepping="steps"
-    )
+    other = types_of(made.kind, made.parameters, ("/other*",))
     assert not list(told(begun(other), walk))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from groundtrace.conformance import rechunked
 from groundtrace.plugins import load
 from groundtrace.simulate import WalkOptions, simulate_walk
-from groundtrace.step_type_stage import StepTypeStage
+from groundtrace.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import StageSpec, StepEvent
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
@@ -62,12 +62,18 @@ def mounted(walk: Walk, turned_deg: float) -> Walk:
     return Walk(blocks, walk.labels)
 
 
-def stage(**settings: object) -> StepTypeStage:
-    kind = load("classifiers", "step-types")
-    return StepTypeStage("types", "step-types", kind, kind.Parameters(**settings), stepping="steps")
+def stage(**settings: object) -> StageRunner:
+    kind = load("stages", "step-types")
+    return types_of(kind, kind.Parameters(**settings))
 
 
-def begun(made: StepTypeStage, topic: str = TOPIC) -> StepTypeStage:
+def types_of(kind: type[Any], parameters: Any, topics: tuple[str, ...] = ()) -> StageRunner:
+    """A stage that takes the steps of the stage ``steps``."""
+    config = StageConfig("step-types", "types", topics)
+    return StageRunner(config, kind, parameters, {kind.takes[1]: ("steps",)})
+
+
+def begun(made: StageRunner, topic: str = TOPIC) -> StageRunner:
     """A stage that knows the stage before it."""
     list(made.process(StageSpec("steps", "any", topic, (), (), (), (), "step")))
     return made
@@ -78,7 +84,7 @@ def step_at(time_ns: int, topic: str = TOPIC) -> StepEvent:
 
 
 def told(
-    made: StepTypeStage, walk: Walk, samples: int = 50, late_ns: int = 0
+    made: StageRunner, walk: Walk, samples: int = 50, late_ns: int = 0
 ) -> Iterator[tuple[int, Event]]:
     """Feed signal, and each contact once the signal has come so far; yield the time with events."""
     contacts = walk.contacts_ns

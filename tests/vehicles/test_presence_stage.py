@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from vehicle_runs import START_NS, replayed, road
 
-from groundtrace.conformance import check_detector
+from groundtrace.conformance import check_stage
 from groundtrace.gates import Candidates, Carry
 from groundtrace.simulate import VehicleOptions
 from groundtrace.vehicles.detector import PresenceParameters, VehiclePresence
@@ -18,7 +18,7 @@ WALKED = VehicleOptions(layout="stations", passes=1, duration_s=120, walkers=1, 
 
 def test_the_detector_conforms() -> None:
     _, blocks = road(ANTENNAS)
-    found = check_detector(VehiclePresence, [b.slice(0, len(b)) for b in blocks][:4])
+    found = check_stage(VehiclePresence, [b.slice(0, len(b)) for b in blocks][:4])
     assert len(found.trace_times)
 
 

@@ -125,7 +125,7 @@ def test_a_run_of_any_powers_at_a_row_ends_without_an_error(seed: int) -> None:
         CycleCourseFinder(CycleCourseParameters()),
         CurveFinder(CurveParameters()),
     ):
-        worker.start(nodes(*map(tuple, PLACES.tolist())).stations(), "course")
+        worker.begin(nodes(*map(tuple, PLACES.tolist())).stations(), "course")
         for time_s, power, floor in zip(times, powers, floors, strict=True):
             worker.take(Cycle(round(time_s * 1e9), power, floor, 0 * floor, floor > 0))
         found = worker.finish()

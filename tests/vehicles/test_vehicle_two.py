@@ -103,7 +103,7 @@ def followed(stage: type[RunWorker], parameters: object, powers: Observed) -> li
     """Return the notes of one run of cycles."""
     sensors = tuple(Sensor(f"S{i}", f"S{i}", x, y) for i, (x, y) in enumerate(ANTENNAS))
     worker = stage(parameters)
-    worker.start(Geometry(sensors=sensors).stations(), "course")
+    worker.begin(Geometry(sensors=sensors).stations(), "course")
     for time_s, power in zip(powers.times_s, powers.powers, strict=True):
         floors = np.full(len(power), FLOOR)
         cycle = Cycle(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from groundtrace.gates import Candidates, Carry, decided_block, gate_specs
+from groundtrace.reckoning.parameters import ReckoningParameters
 from groundtrace.reckoning.reckoner import DeadReckoner
 from groundtrace_codecs.events import StageSpec
 from groundtrace_viewers.azimuths import AzimuthLog
@@ -31,7 +32,7 @@ class Sent:
 
 def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlock:
     """One step of a reckoner, with its cadence."""
-    worker = DeadReckoner(DeadReckoner.Parameters())
+    worker = DeadReckoner(ReckoningParameters())
     gates = gate_specs(worker.gates, worker.parameters)
     spec = StageSpec("track", "x", "/imu", ("walker",), worker.columns, gates, (), emits)
     values = {"cadence": cadence_hz, "speed": 1.0, "length": 0.7, "azimuth": 12.345}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from groundtrace.stage import DetectorStage
+from groundtrace.stage import StageConfig, StageRunner
 
 from .recipe import used
 
@@ -31,13 +31,12 @@ class Retold:
 
     def __init__(self, session: Session, spec: StageSpec) -> None:
         self._topic = spec.topic
-        self._stage: DetectorStage | None = None
+        self._stage: StageRunner | None = None
         self._last: Curve | None = None
         found = used(session, spec)
         if found is not None and hasattr(found.kind, "curve"):
-            self._stage = DetectorStage(
-                spec.stage, spec.plugin, found.kind, found.parameters, found.topics
-            )
+            config = StageConfig(spec.plugin, spec.stage, found.topics)
+            self._stage = StageRunner(config, found.kind, found.parameters)
 
     @property
     def known(self) -> bool:
@@ -60,7 +59,7 @@ class Retold:
             pass
         return self._completed(self._stage)
 
-    def _completed(self, stage: DetectorStage) -> Curve | None:
+    def _completed(self, stage: StageRunner) -> Curve | None:
         """Return what is new: a detector that holds nothing back tells its last piece again."""
         curve = stage.curve(self._topic)
         if curve is None or curve is self._last:

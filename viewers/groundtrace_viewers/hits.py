@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizer_stage import first_arrivals, placed_channels
+from groundtrace.localizers.api import first_arrivals
 from groundtrace.localizers.location import LEAST_PICKS
 from groundtrace.localizers.outline import outline_of
 from groundtrace.localizers.regions import borders, corners
@@ -100,7 +100,7 @@ class RegionLog:
         self._timeline = timeline
         self._window_s = window_s
         self._colour = colour
-        self._channels, self._positions = placed_channels(picking.channels, geometry)
+        self._channels, self._positions = geometry.placed(picking.channels)
         self._offsets = geometry.clock_offsets(self._channels)
         self._outline = np.array(geometry.outline, np.float64)
         shown = {s.channel: s.name for s in geometry.sensors}
@@ -120,7 +120,7 @@ class RegionLog:
         """Whether there are enough sensors with places to have regions."""
         if geometry is None or picking is None:
             return False
-        _, positions = placed_channels(picking.channels, geometry)
+        _, positions = geometry.placed(picking.channels)
         return len(np.unique(positions, axis=0)) >= LEAST_PICKS
 
     def _log_borders(self) -> None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace.errors import PipelineError, PluginError
 from groundtrace.parameters import build
-from groundtrace.pipeline import STAGE_GROUPS, parse_pipeline
-from groundtrace.plugins import find
+from groundtrace.pipeline import parse_pipeline
+from groundtrace.plugins import stage_named
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def used(session: Session, spec: StageSpec) -> Used | None:
     try:
         config = parse_pipeline(session.pipeline.encode(), session.name)
         stage = next(s for s in config.stage if (s.key, s.use) == (spec.stage, spec.plugin))
-        _, kind = find(STAGE_GROUPS, stage.use)
+        kind = stage_named(stage.use)
         return Used(kind, build(kind.Parameters, stage.parameters, stage.key), stage.topics)
     except (PipelineError, PluginError, StopIteration):
         return None

@@ -8,7 +8,6 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
-from ..localizer_stage import placed_channels
 from ..source import Source
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def amplitudes(
         Shape (impacts, sensors): [m], and in the channels' unit; NaN under the noise.
     """
     names = [c.name for s in recording.streams for c in s.channels]
-    rows, positions = placed_channels(names, geometry)
+    rows, positions = geometry.placed(names)
     places = np.array([(x.x_m, x.y_m) for x in impacts], np.float64).reshape(-1, 2)
     distances = np.hypot(*(positions[None] - places[:, None]).transpose(2, 0, 1))
     times = np.array([x.time_ns for x in impacts], np.int64)

@@ -10,14 +10,13 @@ import msgspec
 
 from ..parameters import build, describe
 from ..pipeline import (
-    STAGE_GROUPS,
     PipelineConfig,
     build_pipeline,
     load_pipeline,
     named_pipelines,
     with_settings,
 )
-from ..plugins import find
+from ..plugins import stage_named
 from .markup import html_table
 
 if TYPE_CHECKING:
@@ -98,7 +97,7 @@ class Pipeline:
     def _rows(self) -> Iterator[tuple[str, Any, str, str]]:
         """Yield name, value, unit and meaning of every parameter."""
         for stage in self.config.stage:
-            kind = find(STAGE_GROUPS, stage.use)[1]
+            kind = stage_named(stage.use)
             values = build(kind.Parameters, stage.parameters, stage.key)
             for info in describe(kind.Parameters):
                 yield f"{stage.key}.{info.name}", getattr(values, info.name), info.unit, info.doc
@@ -121,7 +120,7 @@ def with_parameters(config: PipelineConfig, settings: Mapping[str, Any]) -> Pipe
     """
     changed = with_settings(config, (f"{name}={setting_text(v)}" for name, v in settings.items()))
     for stage in changed.stage:
-        build(find(STAGE_GROUPS, stage.use)[1].Parameters, stage.parameters, stage.key)
+        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
     return changed
 
 

@@ -11,7 +11,7 @@ from groundtrace_codecs.events import Pick, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..localizer_stage import first_arrivals, placed_channels
+from ..localizers.api import first_arrivals
 from ..localizers.location import LEAST_PICKS
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def gather(
     if picking is None or stepping is None:
         what = "picks" if picking is None else "steps"
         raise RecordingError(f"calibrate: expected a pipeline that gives {what}, found none")
-    rows, positions = placed_channels(picking.channels, geometry)
+    rows, positions = geometry.placed(picking.channels)
     if len(np.unique(positions, axis=0)) < LEAST_PICKS:
         raise RecordingError(
             f"calibrate: geometry: expected three or more sensors at {picking.topic}, "

@@ -178,11 +178,9 @@ def _check_words(asked: _Asked) -> None:
 def _server() -> Any:
     from ..plugins import load, plugins
 
-    if "annotate" not in {plugin.name for plugin in plugins("servers")}:
-        raise AnnotationError(
-            "--serve: expected an installed page (groundtrace.servers), found none"
-        )
-    return partial(load("servers", "annotate"), report=say, progress=progress)
+    if "annotate" not in {plugin.name for plugin in plugins("views")}:
+        raise AnnotationError("--serve: expected an installed page (groundtrace.views), found none")
+    return partial(load("views", "annotate"), report=say, progress=progress)
 
 
 def _results(path: Path, given: Path | None) -> Path | None:

@@ -103,7 +103,7 @@ def _version(name: str) -> str | None:
 
 def _viewer() -> ViewerState:
     try:
-        program = load("servers", "program")()
+        program = load("views", "program")()
         ran = subprocess.run(
             [program, "--version"],
             capture_output=True,

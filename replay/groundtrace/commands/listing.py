@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 from ..errors import PluginError
 from ..parameters import describe
-from ..pipeline import STAGE_GROUPS, build_pipeline, load_pipeline, named_pipelines
+from ..pipeline import build_pipeline, load_pipeline, named_pipelines
 from ..plugins import GROUPS, load
 from ..plugins import plugins as found
 from .output import print_table, say
@@ -27,7 +27,7 @@ def plugins(*, parameters: Annotated[bool, Parameter(negative="")] = False) -> N
     print_table(header, [(p.group, p.name, p.distribution, p.version) for p in everything])
     if parameters:
         for plugin in everything:
-            if plugin.group in STAGE_GROUPS:
+            if plugin.group == "stages":
                 _print_parameters(plugin.group, plugin.name)
 
 

@@ -193,7 +193,7 @@ def _where_to_show(
 
 def _stay_with_the_page(shown: Any) -> None:
     """Serve what was shown to browsers until the user stops."""
-    url, server = load("servers", "web")(shown)
+    url, server = load("views", "web")(shown)
     say(f"serving {url} (Ctrl-C ends it)")
     try:
         server.wait()

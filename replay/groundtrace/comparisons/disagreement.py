@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Disagreement, Fix, Note, Quantity
 
 from ..gates import Candidates, Level
+from ..lengths import length_note
 from ..parameters import gate
+from ..stage import Context, Input, Stage
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    from groundtrace_codecs.events import Fix
-
-    from ..detector import Emits
+    from ..stage import Output
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +31,23 @@ class DisagreementParameters:
     ] = 3.0
 
 
-class LocalizerDisagreement:
+class LocalizerDisagreement(Stage):
     """The pair of localizers whose places of one step differ most for their uncertainty.
 
     The distance in standard deviations is that of Mahalanobis with the sum of both covariances:
     as if the errors were independent. Localizers share their arrivals, so that it is rather
     understated.
+
+    Fixes of one step share its time. They are compared when the first fix of the next step has
+    come, or at the end. A step with a single fix has nothing to compare, and no candidate.
     """
 
     Parameters = DisagreementParameters
-    emits: Emits = "disagreement"
+    takes = (Input(Fix, every=True),)
+    gives = (Disagreement,)
+    scope = "recording"
+    ends_at = "clock step"
+    site_lengths = True
     columns = (
         Quantity("distance", "m"),
         Quantity("deviations", "1"),
@@ -52,6 +59,28 @@ class LocalizerDisagreement:
 
     def __init__(self, parameters: DisagreementParameters) -> None:
         self.parameters = parameters
+        self._waiting: dict[str, Fix] = {}
+        self._told = False
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin with the pairs of the localizers."""
+        self._context, self._localizers = context, tuple(context.sources)
+        return tuple(f"{one}, {other}" for one, other in combinations(self._localizers, 2))
+
+    def process(self, fix: Fix) -> Iterator[Output]:
+        """Take a fix; where it is of another step than those that wait, compare these."""
+        if self._waiting and next(iter(self._waiting.values())).time_ns != fix.time_ns:
+            yield from self.flush()
+        self._waiting[fix.stage] = fix
+        note = "" if self._told else length_note(self._context.geometry)
+        self._told = True
+        if note:
+            yield Note(fix.time_ns, note, "INFO", self._context.stage)
+
+    def flush(self) -> Iterator[Output]:
+        """Compare the fixes of the last step."""
+        fixes, self._waiting = self._waiting, {}
+        yield self.compare([fixes.get(name) for name in self._localizers])
 
     def compare(self, fixes: Sequence[Fix | None]) -> Candidates:
         """Return the pair farthest apart, with the middle between its places."""

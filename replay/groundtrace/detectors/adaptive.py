@@ -19,11 +19,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import SignalBlock
 
-from ..detector import Curve, Emits, Measured, joined
+from ..detector import Curve, Measured, joined
 from ..gates import Candidates, Level
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .adaptive_band import Followed, StepBand
 from .adaptive_peaks import Peaks
 from .even_grid import GRID_HZ, Kept
@@ -34,8 +36,6 @@ from .upward import FORCE, MAGNITUDE, Upward, UpwardPart
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..detector import Frames
 
@@ -83,14 +83,14 @@ class _State:
     curve: Curve | None = None
 
 
-class AdaptiveDetector:
+class AdaptiveDetector(Stage):
     """A step is a peak that rises far enough, dominates its step time, and keeps the rhythm."""
 
     Parameters = AdaptiveParameters
-    quantities = FORCE | MAGNITUDE
+    takes = (Input(SignalBlock, FORCE | MAGNITUDE),)
     #: Of a signal in unknown units, see :class:`.upward.Upward`.
     mean_is_gravity = True
-    emits: Emits = "step"
+    gives = (StepEvent,)
     columns = (
         Quantity("height", "m/s2"),
         Quantity("swing", "m/s2"),
@@ -120,8 +120,9 @@ class AdaptiveDetector:
     def __init__(self, parameters: AdaptiveParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the acceleration upward is one channel."""
+        stream = context.stream
         p = self.parameters
         trunk = (p.placement or stream.placement) in TRUNK
         self.state = _State(
@@ -135,7 +136,7 @@ class AdaptiveDetector:
         )
         return ("up",)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Follow the rhythm; a maximum waits until its surroundings are complete."""
         state = self.state
         if state.start_ns is None and len(block):
@@ -145,7 +146,7 @@ class AdaptiveDetector:
         followed = state.band(part.up)
         return self._measured(followed, state.peaks(followed))
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; what waited for more is judged by what there is."""
         state = self.state
         part = state.upward.finish()
@@ -157,7 +158,7 @@ class AdaptiveDetector:
         return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.finish()))
 
     def curve(self) -> Curve | None:
-        """Return the band of the steps over what the last ``measure`` or ``finish`` completed."""
+        """Return the band of the steps over what the last ``process`` or ``flush`` completed."""
         return self.state.curve
 
     def _wait(self, part: UpwardPart) -> None:

@@ -19,20 +19,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Pick, Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Candidates, Level, Reach
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Pick, StageSpec
-
-    from ..detector import Emits
     from ..gates import Carry
 
 
@@ -107,11 +105,13 @@ class _State:
     groups: list[_Group] = field(default_factory=list)
 
 
-class Coincidence:
+class Coincidence(Stage):
     """An impact begins with a pick and takes in all picks of the window that follows it."""
 
     Parameters = CoincidenceParameters
-    emits: Emits = "step"
+    takes = (Input(Pick),)
+    gives = (StepEvent,)
+    ends_at = "clock step"
     columns = (Quantity("channels", "1"), Quantity("span", "s"), Quantity("sharp", "1"))
     gates = (Level("channels", "1", "min_channels"), SparingRefractory())
 
@@ -123,10 +123,10 @@ class Coincidence:
         self._window_ns = parameters.window_s * NS_PER_S
         self._sharp_ns = parameters.sharp_s * NS_PER_S
 
-    def start(self, spec: StageSpec) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin; an impact is not of one channel."""
         self.state = _State()
-        self._channels = len(spec.channels)
+        self._channels = len(context.source.channels)
         self._most = ceil(MOST * self._channels)
         return ("all",)
 
@@ -134,29 +134,29 @@ class Coincidence:
         """Return how many channels can see an impact: those that are picked."""
         return {"channels": Reach(self._channels, "the channels that are picked")}
 
-    def associate(self, pick: Pick) -> Candidates:
-        """Take a pick; return the groups before it whose window is over."""
+    def process(self, pick: Pick) -> tuple[Candidates, ...]:
+        """Take a pick; give the groups before it whose window is over."""
         state, time_ns = self.state, pick.time_ns
         front, groups = state.front, state.groups
         if front is not None:
             if time_ns - front.last_ns <= self._sharp_ns:
                 front.last_ns = time_ns
                 front.channels.add(pick.channel)
-                return NOTHING
+                return ()
             self._close(front)
         state.front = _Group(time_ns, time_ns, {pick.channel})
         if not groups or time_ns - groups[0].first_ns <= self._window_ns:
-            return NOTHING
+            return ()
         over = [group for group in groups if time_ns - group.first_ns > self._window_ns]
         state.groups = groups[len(over) :]
-        return self._candidates(over)
+        return (self._candidates(over),)
 
-    def finish(self) -> Candidates:
-        """Return the groups under way."""
+    def flush(self) -> tuple[Candidates]:
+        """Give the groups under way."""
         if self.state.front:
             self._close(self.state.front)
         state, self.state = self.state, _State()
-        return self._candidates(state.groups)
+        return (self._candidates(state.groups),)
 
     def _close(self, front: _Group) -> None:
         """Let a sharp front that nearly all channels saw stand alone, and join the others."""

@@ -13,19 +13,18 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..detector import Curve, Emits, Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .frames import FrameTrace, trace_of
 from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, Activity, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +63,12 @@ class _State:
     curve: Curve | None = None
 
 
-class PeakDetector:
+class PeakDetector(Stage):
     """A step is a peak high enough, over its valley far enough, among walking, and in time."""
 
     Parameters = PeakParameters
-    quantities = frozenset({"acceleration"})
-    emits: Emits = "step"
+    takes = (Input(SignalBlock, frozenset({"acceleration"})),)
+    gives = (StepEvent,)
     columns = (Quantity("height", "m/s2"), Quantity("swing", "m/s2"), Quantity("activity", "m/s2"))
     trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
     gates = (
@@ -87,8 +86,9 @@ class PeakDetector:
     def __init__(self, parameters: PeakParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
+        stream = context.stream
         p = self.parameters
         self.state = _State(
             WalkingSignal(stream.rate_hz, p.cutoff_hz, p.gravity_hz),
@@ -101,7 +101,7 @@ class PeakDetector:
         )
         return ("norm",)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Find the local maxima; each waits until its surroundings are complete."""
         state = self.state
         norm, y = state.walking(block)
@@ -125,7 +125,7 @@ class PeakDetector:
         """Return the filtered norm of the last block, the filter's delay taken out."""
         return self.state.curve
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; a maximum at its very end is not one."""
         return Measured(self._complete(self.state.activity.end), self.state.trace.finish())
 

@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..belief import Criterion, Rule  # noqa: TC001 (annotations are read at run time)
-from ..detector import Curve, Emits, Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates, Level, Reach, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .frames import FrameTrace, trace_of
 from .lookaround import Lookaround, level
 from .pairing import Pairing
@@ -36,8 +37,6 @@ from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 #: Corners of the trapezoids that must not fall.
@@ -134,7 +133,7 @@ class _State:
     curve: Curve | None = None
 
 
-class BeliefDetector:
+class BeliefDetector(Stage):
     """A step is a peak that both sensors believe in, followed by a valley they believe in.
 
     The candidates are the peaks of the acceleration's magnitude, each with the lowest valley before
@@ -145,8 +144,8 @@ class BeliefDetector:
     """
 
     Parameters = BeliefParameters
-    quantities = frozenset({"acceleration", "angular_velocity"})
-    emits: Emits = "step"
+    takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
+    gives = (StepEvent,)
     columns = (
         Quantity("height", "m/s2"),
         Quantity("depth", "m/s2"),
@@ -177,8 +176,9 @@ class BeliefDetector:
     def __init__(self, parameters: BeliefParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
+        stream = context.stream
         p, rate = self.parameters, stream.rate_hz
         around, match = round(p.around_s * rate), round(p.match_s * rate)
         after = max(around, self._valley_samples(rate) + match) + 1
@@ -206,7 +206,7 @@ class BeliefDetector:
             for what in ("peak", "valley")
         }
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Find the peaks; each waits until its valley and its surroundings are complete."""
         state = self.state
         norm, y = state.acceleration(block.select(state.columns[0]))
@@ -220,7 +220,7 @@ class BeliefDetector:
         """Return the accelerometer's filtered norm of the last block, without the delay."""
         return self.state.curve
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; a peak at its very end is not one."""
         return Measured(self._look(self.state.signal.finish()), self.state.trace.finish())
 

@@ -14,18 +14,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.events import Pick, StageSpec
-
-    from ..detector import Emits
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +47,13 @@ class _State:
     pending: list[Pick] = field(default_factory=list)
 
 
-class FirstBreaks:
+class FirstBreaks(Stage):
     """A shot is a quorum of channels with picks close in time; one path runs through its picks."""
 
     Parameters = FirstBreakParameters
-    emits: Emits = "pick"
+    takes = (Input(Pick),)
+    gives = (Pick,)
+    ends_at = "clock step"
     columns = (
         Quantity("ratio", "1"),
         Quantity("deficit", "1"),
@@ -67,28 +66,29 @@ class FirstBreaks:
         self.parameters = parameters
         self.state = _State()
 
-    def start(self, spec: StageSpec) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin with the channels of the picking stage, in the order of the line."""
+        spec = context.source
         self.state = _State({name: i for i, name in enumerate(spec.channels)})
         level = next((g for g in spec.gates if g.name == spec.columns[0].name), None)
         self.state.threshold = level.threshold if level is not None and level.threshold > 0 else 1.0
         return spec.channels
 
-    def associate(self, pick: Pick) -> Candidates:
-        """Take a pick; return those whose shot is complete by now."""
+    def process(self, pick: Pick) -> list[Candidates]:
+        """Take a pick; give those whose shot is complete by now."""
         state, event_ns = self.state, self.parameters.event_s * NS_PER_S
         found = []
         while state.pending and pick.time_ns > state.pending[0].time_ns + event_ns:
             found.append(self._resolve())
         state.pending.append(pick)
-        return Candidates.concatenate(found) if found else Candidates.empty(len(self.columns))
+        return [Candidates.concatenate(found)] if found else []
 
-    def finish(self) -> Candidates:
-        """Return the picks under way."""
-        found = [Candidates.empty(len(self.columns))]
+    def flush(self) -> list[Candidates]:
+        """Give the picks under way."""
+        found = []
         while self.state.pending:
             found.append(self._resolve())
-        return Candidates.concatenate(found)
+        return [Candidates.concatenate(found)] if found else []
 
     def _resolve(self) -> Candidates:
         """Take the shot that begins with the first pending pick, or that pick alone."""

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
-from ..array_method import ArrayParameters
+from ..array_method import ArrayMethod, ArrayParameters, takes_steps
 from ..gates import Candidates, Carry, Level
-from ..localizer_stage import placed_channels
 from ..parameters import gate, measured
 from ..recall import whole_samples
 from .filters import corner
@@ -34,7 +33,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..array_method import Window
-    from ..detector import Emits
 
     Array = NDArray[np.float64]
 
@@ -160,13 +158,13 @@ def _nearest_s(
     return found
 
 
-class GccPhat:
+class GccPhat(ArrayMethod):
     """Arrivals on which the correlations of all pairs of channels agree; else the onsets."""
 
     Parameters = GccPhatParameters
-    quantities = SEISMIC_QUANTITIES
+    takes = takes_steps(SEISMIC_QUANTITIES)
     needs = "three or more channels"
-    emits: Emits = "pick"
+    gives = (Pick,)
     columns = COLUMNS
     gates = (
         Unless("height", "1", "min_height"),
@@ -178,7 +176,7 @@ class GccPhat:
     def __init__(self, parameters: GccPhatParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
+    def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin; at least three channels are needed for pairs to contradict each other."""
         names = tuple(c.name for c in stream.channels)
         known = {s.channel: (s.x, s.y) for s in geometry.sensors}
@@ -188,7 +186,7 @@ class GccPhat:
         longest_s = self.parameters.after_s
         self._farthest_s = np.fmin(apart / self.parameters.slowest_mps, longest_s)
         # of the axes at one place, the one that localizers take
-        taken = placed_channels(names, geometry)[0]
+        taken = geometry.placed(names)[0]
         self._compared = np.array([name in taken or name not in known for name in names])
         self._ahead_s = geometry.clock_offsets(names)
         self._band: Band | None = None

@@ -15,20 +15,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..detector import Curve, Emits, Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .frames import FrameTrace, trace_of
 from .lookaround import Lookaround
 from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +64,12 @@ class _State:
     curve: Curve | None = None
 
 
-class SwingDetector:
+class SwingDetector(Stage):
     """A step is a swing up, down, up and down again, wide enough, quick enough and in time."""
 
     Parameters = SwingParameters
-    quantities = frozenset({"acceleration"})
-    emits: Emits = "step"
+    takes = (Input(SignalBlock, frozenset({"acceleration"})),)
+    gives = (StepEvent,)
     columns = (
         Quantity("peak", "m/s2"),
         Quantity("valley", "m/s2"),
@@ -99,8 +98,9 @@ class SwingDetector:
     def __init__(self, parameters: SwingParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
+        stream = context.stream
         p, rate = self.parameters, stream.rate_hz
         reach = max(1, round(p.rest_s * rate))
         self.state = _State(
@@ -112,7 +112,7 @@ class SwingDetector:
         )
         return ("norm",)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Find the swings; each waits until the machine would be at rest again."""
         state = self.state
         norm, y = state.walking(block)
@@ -125,7 +125,7 @@ class SwingDetector:
         """Return the filtered norm of the last block, the filter's delay taken out."""
         return self.state.curve
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; the machine stops wherever it is."""
         return Measured(self._look(self.state.signal.finish()), self.state.trace.finish())
 

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..detector import Curve, Emits, Measured, joined
+from ..detector import Curve, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import CellReducer
 from .filters import SmoothedSlope, UnbiasedMean, planar
@@ -28,8 +29,6 @@ from .frames import trace_of
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +55,12 @@ class _State:
     tracker: ArrivalTracker
 
 
-class StaLtaPicker:
+class StaLtaPicker(Stage):
     """An arrival is where the short-term average of the squared slope rises over the long-term."""
 
     Parameters = StaLtaParameters
-    quantities = SEISMIC_QUANTITIES
-    emits: Emits = "pick"
+    takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
+    gives = (Pick,)
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "slope", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
@@ -76,8 +75,9 @@ class StaLtaPicker:
     def __init__(self, parameters: StaLtaParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
+        stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         windows = ((0.010, 0.0), (0.017, 0.002))
         settings = ArrivalSettings.of(p, "peak", 2 * p.sta_s, windows, correlation_s=0.0025)
@@ -89,16 +89,16 @@ class StaLtaPicker:
         )
         return tuple(c.name for c in stream.channels)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Average the squared slope and look for arrivals."""
         self.state.tracker.clock.add(block)
         return self._measure(*self.state.slope(planar(block)))
 
     def curve(self) -> Curve | None:
-        """Return the ratio over the samples that the last ``measure`` completed."""
+        """Return the ratio over the samples that the last ``process`` completed."""
         return self.state.tracker.curve(self.state.cells.samples)
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; the smoothing sees the last sample repeated."""
         last = self._measure(*self.state.slope.finish())
         return joined(last, self.state.tracker.finish())

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from ..gates import Level, Refractory
 from ..lanes import in_lanes, zero_rows
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .arrival_kernels import COEFFICIENTS, SECTIONS, spread, variance_cells, variance_levels
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import OpenCells, RunningMaximum
@@ -33,9 +34,9 @@ from .frames import trace_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.signals import Stream
 
-    from ..detector import Curve, Emits, Measured
+    from ..detector import Curve, Measured
     from .cells import Cells
     from .lane_history import LaneHistory
 
@@ -135,12 +136,12 @@ class _State:
     tracker: ArrivalTracker
 
 
-class VarianceChangePicker:
+class VarianceChangePicker(Stage):
     """An arrival is where the short-time variance rises over all that noise has shown."""
 
     Parameters = VarianceChangeParameters
-    quantities = SEISMIC_QUANTITIES
-    emits: Emits = "pick"
+    takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
+    gives = (Pick,)
     columns = COLUMNS
     trace = trace_of(Quantity("ratio", "1"), "signal", "signal")
     gates = (Level("ratio", "1", "ratio"), Refractory())
@@ -155,8 +156,9 @@ class VarianceChangePicker:
     def __init__(self, parameters: VarianceChangeParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
+        stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         windows = ((0.010, 0.005),)
         settings = ArrivalSettings.of(p, "rise", p.gap_s, windows, correlation_s=0.0)
@@ -166,7 +168,7 @@ class VarianceChangePicker:
         self.state = _State(variance, ArrivalTracker(rate, n, settings, noise))
         return tuple(c.name for c in stream.channels)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Average the squared signal and look for arrivals."""
         tracker = self.state.tracker
         if len(block):
@@ -174,13 +176,13 @@ class VarianceChangePicker:
         return tracker.take(self.state.variance(block, tracker.history))
 
     def curve(self) -> Curve | None:
-        """Return the ratio over the samples that the last ``measure`` completed."""
+        """Return the ratio over the samples that the last ``process`` completed."""
         variance, tracker = self.state.variance, self.state.tracker
         return tracker.curve(
             lambda start, stop: variance.level(tracker.history.between(start, stop))
         )
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run."""
         return self.state.tracker.finish()
 

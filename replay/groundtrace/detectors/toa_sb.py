@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..detector import Curve, Emits, Measured, joined
+from ..detector import Curve, Measured, joined
 from ..gates import Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
 from .cells import CellReducer
 from .filters import StreamingFilter, UnbiasedMean, bandpass, planar
@@ -30,8 +31,6 @@ from .frames import trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .cells import NoiseLevel
 
@@ -124,12 +123,12 @@ def _steady(level: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ones_like(level)
 
 
-class NoiseStatisticsPicker:
+class NoiseStatisticsPicker(Stage):
     """An arrival is where the signal leaves the noise and stays outside for a while."""
 
     Parameters = NoiseStatisticsParameters
-    quantities = SEISMIC_QUANTITIES
-    emits: Emits = "pick"
+    takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
+    gives = (Pick,)
     columns = (Quantity("level", "1"), *COLUMNS[1:])
     trace = trace_of(Quantity("level", "1"), "signal", "signal")
     gates = (Level("level", "1", "level"), Refractory())
@@ -144,8 +143,9 @@ class NoiseStatisticsPicker:
     def __init__(self, parameters: NoiseStatisticsParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
+        stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         settings = ArrivalSettings.of(p, "rise", p.gap_s, ((0.010, 0.005),), correlation_s=0.0)
         gap = max(1, round(p.gap_s * rate))
@@ -160,7 +160,7 @@ class NoiseStatisticsPicker:
         )
         return tuple(c.name for c in stream.channels)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Compare what follows each sample with the noise before it, and look for arrivals."""
         recorded = planar(block)
         band = self.state.band(recorded)
@@ -168,10 +168,10 @@ class NoiseStatisticsPicker:
         return self._measure(*self.state.stretches.add(recorded, band))
 
     def curve(self) -> Curve | None:
-        """Return the level over the samples that the last ``measure`` or ``finish`` completed."""
+        """Return the level over the samples that the last ``process`` or ``flush`` completed."""
         return self.state.tracker.curve(self.state.cells.samples)
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run."""
         last = self._measure(*self.state.stretches.finish())
         return joined(last, self.state.tracker.finish())

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import SignalBlock
 
-from ..detector import Curve, Emits, Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .frames import FrameTrace, trace_of
 from .walking import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +49,12 @@ class _State:
     curve: Curve | None = None
 
 
-class ZeroCrossingDetector:
+class ZeroCrossingDetector(Stage):
     """A step is an upward zero crossing between a deep enough valley and a high enough lobe."""
 
     Parameters = CrossingParameters
-    quantities = frozenset({"acceleration"})
-    emits: Emits = "step"
+    takes = (Input(SignalBlock, frozenset({"acceleration"})),)
+    gives = (StepEvent,)
     columns = (Quantity("lobe", "m/s2"), Quantity("depth", "m/s2"))
     sought = "an upward zero crossing"
     trace = trace_of(Quantity("lobe", "m/s2"), "m/s2", "m/s2")
@@ -70,8 +70,9 @@ class ZeroCrossingDetector:
     def __init__(self, parameters: CrossingParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
+        stream = context.stream
         p = self.parameters
         self.state = _State(
             WalkingSignal(stream.rate_hz, p.cutoff_hz, p.gravity_hz),
@@ -83,7 +84,7 @@ class ZeroCrossingDetector:
         )
         return ("norm",)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Find the crossings; one is complete when its lobe ends."""
         state = self.state
         norm, y = state.walking(block)
@@ -99,7 +100,7 @@ class ZeroCrossingDetector:
         """Return the filtered norm of the last block, the filter's delay taken out."""
         return self.state.curve
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run; a lobe that has not ended is not one."""
         return Measured(Candidates.empty(len(self.columns)), self.state.trace.finish())
 

@@ -15,19 +15,18 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import numpy as np
 from scipy import signal
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..detector import Curve, Emits, Measured
+from ..detector import Curve, Measured
 from ..gates import Candidates, Level, Refractory
 from ..parameters import gate, measured
+from ..stage import Context, Input, Stage
 from .filters import planar
 from .frames import FrameTrace, trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.signals import SignalBlock, Stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +76,7 @@ class _State:
     curve: Curve | None = None
 
 
-class ZeroVelocityDetector:
+class ZeroVelocityDetector(Stage):
     """A step of a foot is an interval of standing still, long enough, after a swing wide enough.
 
     Meant for a sensor on the foot; it finds the steps of that foot only. The candidates are all
@@ -92,8 +91,8 @@ class ZeroVelocityDetector:
     """
 
     Parameters = ZeroVelocityParameters
-    quantities = frozenset({"acceleration", "angular_velocity"})
-    emits: Emits = "step"
+    takes = (Input(SignalBlock, frozenset({"acceleration", "angular_velocity"})),)
+    gives = (StepEvent,)
     columns = (Quantity("stillness", "1"), Quantity("duration", "s"), Quantity("motion", "1"))
     sought = "the begin of a stance"
     trace = trace_of(Quantity("stillness", "1"), "1", "m/s2")
@@ -107,8 +106,9 @@ class ZeroVelocityDetector:
     def __init__(self, parameters: ZeroVelocityParameters) -> None:
         self.parameters = parameters
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; all axes together are one channel."""
+        stream = context.stream
         columns = (stream.columns_of({"acceleration"}), stream.columns_of({"angular_velocity"}))
         self.state = _State(
             columns,
@@ -122,7 +122,7 @@ class ZeroVelocityDetector:
         )
         return ("foot",)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Find the intervals; one is complete when it ends."""
         state = self.state
         acceleration, rotation = (planar(block.select(c)) for c in state.columns)
@@ -143,7 +143,7 @@ class ZeroVelocityDetector:
         """Return the stillness of the last block, each value at the centre of its window."""
         return self.state.curve
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run, and with it the interval under way."""
         state = self.state
         ended = [] if state.under_way is None else [(state.under_way, state.end_ns)]

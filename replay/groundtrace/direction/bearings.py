@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Bearing, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
-from ..array_method import ArrayMethod, ArrayParameters
+from ..array_method import ArrayMethod, ArrayParameters, takes_steps
 from ..gates import Candidates, Level
 from ..parameters import gate, measured
 from .polarization import PARTS, Method, polarization
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..array_method import Window
-    from ..detector import Emits
 
 AXES = ("x", "y", "z")
 
@@ -90,9 +89,9 @@ class Bearings(ArrayMethod):
     """Directions of arrival by polarisation, one candidate a station and step."""
 
     Parameters = BearingsParameters
-    quantities = SEISMIC_QUANTITIES
+    takes = takes_steps(SEISMIC_QUANTITIES)
     needs = "stations of three axes in the geometry"
-    emits: Emits = "bearing"
+    gives = (Bearing,)
     columns = (
         Quantity("degree", "1"),
         Quantity("sigma", "rad"),
@@ -109,7 +108,7 @@ class Bearings(ArrayMethod):
         self.parameters = parameters
         self.stations: tuple[Station, ...] = ()
 
-    def start(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
+    def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Find the stations; there are none where no place has all three axes."""
         self.stations = stations(stream, geometry)
         return tuple(station.name for station in self.stations)

@@ -15,13 +15,11 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Pick
 
-from ..associator_stage import AssociatorStage
 from ..errors import RecordingError
 from ..gates import Candidates, decide, gate_specs
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
-from ..stage import accepted_events
+from ..plugins import stage_named
+from ..stage import StageRunner, accepted_events, associates, emitted
 from .counted import counted_kind, noun_of, times_of
 from .redecide import Redecider, associated
 
@@ -128,14 +126,8 @@ class Link:
         if self._before is not None and self._before[0] is passed and self._before[1] == measured:
             return
         self._before, self._values = (passed, measured), None
-        runner = AssociatorStage(
-            self.stage.key,
-            self.stage.use,
-            self.kind,
-            self.parameters(setting),
-            self.stage.topics,
-            before.stage.key,
-        )
+        sources = {self.kind.takes[0]: (before.stage.key,)}
+        runner = StageRunner(self.stage, self.kind, self.parameters(setting), sources)
         gates = gate_specs(before.kind.gates, before.parameters(setting))
         made = associated(runner, _picks(passed, gates))
         self.load(
@@ -162,7 +154,7 @@ def _picks(
             none,
             np.ones(len(found), np.bool_),
         )
-        yield block.spec, (e for e in accepted_events(block, "pick") if isinstance(e, Pick))
+        yield block.spec, (e for e in accepted_events(block) if isinstance(e, Pick))
 
 
 class StepChain:
@@ -188,17 +180,17 @@ class StepChain:
     def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
         self._redecider = Redecider(evidence)
         self._axes = axes
-        self._stages = [(s, *find(STAGE_GROUPS, s.use)) for s in evidence.config.stage]
+        self._stages = [(s, stage_named(s.use)) for s in evidence.config.stage]
         self._check(axes)
         self.links: list[Link] = []
         needed = self._last_stage(evidence)
         for index in range(len(self._stages) - 1, -1, -1):
-            stage, group, kind = self._stages[index]
+            stage, kind = self._stages[index]
             if stage.key != needed:
                 continue
             link = Link(stage, kind, axes)
             self.links.insert(0, link)
-            if group != "associators":
+            if not associates(kind):
                 link.load([Sieve(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)])
                 break
             needed = self._picking_before(index)
@@ -243,7 +235,7 @@ class StepChain:
 
     def _check(self, axes: Sequence[Axis]) -> None:
         """Let the redecider refuse what needs a replay."""
-        stages = {stage.key: (stage, kind) for stage, _, kind in self._stages}
+        stages = {stage.key: (stage, kind) for stage, kind in self._stages}
         for axis in axes:
             ends = (min(axis.values), max(axis.values)) if axis.numeric else axis.values
             for value in ends:
@@ -252,8 +244,8 @@ class StepChain:
 
     def _last_stage(self, evidence: Evidence) -> str:
         counted = counted_kind(evidence.config)
-        for stage, _, kind in reversed(self._stages):
-            if getattr(kind, "emits", "") == counted and evidence.of(stage.key):
+        for stage, kind in reversed(self._stages):
+            if emitted(kind) == counted and evidence.of(stage.key):
                 return str(stage.key)
         raise RecordingError(
             f"{evidence.name}: expected a stage that finds {noun_of(counted)}, found none"
@@ -261,5 +253,5 @@ class StepChain:
 
     def _picking_before(self, index: int) -> str:
         stages = self._stages[:index]
-        picking = (s.key for s, _, kind in reversed(stages) if getattr(kind, "emits", "") == "pick")
+        picking = (s.key for s, kind in reversed(stages) if emitted(kind) == "pick")
         return str(next(picking, ""))

@@ -9,12 +9,12 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score.matching import match
 from ..score.passes import PASS_TOLERANCE_S
 from ..score.places import ignored
 from ..score.step_matching import TrueSteps, match_steps
+from ..stage import emitted
 from .bootstrap import Verdicts
 from .evidence import step_times
 
@@ -50,8 +50,8 @@ class Truth(Protocol):
 
 def counted_kind(config: PipelineConfig) -> CountedKind:
     """Return what a sweep of a pipeline counts; steps where it has nothing else."""
-    emitted = {getattr(find(STAGE_GROUPS, s.use)[1], "emits", "") for s in config.stage}
-    return next((kind for kind in reversed(KINDS) if kind in emitted), "step")
+    given = {emitted(stage_named(s.use)) for s in config.stage}
+    return next((kind for kind in reversed(KINDS) if kind in given), "step")
 
 
 def noun_of(kind: CountedKind) -> str:

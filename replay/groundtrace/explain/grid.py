@@ -11,8 +11,8 @@ import numpy as np
 
 from ..errors import PipelineError, did_you_mean
 from ..parameters import build, describe, parse_value
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
+from ..stage import associates, detects, emitted
 from .counted import counted_kind, noun_of
 
 if TYPE_CHECKING:
@@ -102,9 +102,9 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
             f"{did_you_mean(key, stages)}"
         )
-    group, kind = find(STAGE_GROUPS, stages[key].use)
+    kind = stage_named(stages[key].use)
     counted = counted_kind(config)
-    if group not in ("detectors", "associators") and kind.emits != counted:
+    if not (detects(kind) or associates(kind)) and emitted(kind) != counted:
         raise PipelineError(
             f"--grid: expected a stage that decides about {noun_of(counted)}, found {key!r}"
         )
@@ -119,8 +119,8 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
         given = [_checked(stages[key], kind, parameter, value) for value in parsed]
     values = tuple(dict.fromkeys(given))
     # passes are found in the cycles of which a gate says that they hear a vehicle
-    through = kind.emits == "presence" and counted == "pass"
-    signal = group != "associators" and info is not None and info.part == "measure"
+    through = emitted(kind) == "presence" and counted == "pass"
+    signal = not associates(kind) and info is not None and info.part == "measure"
     remeasure = signal or through
     return Axis(key, parameter, info.unit if info else "", values, span, remeasure)
 

@@ -10,8 +10,7 @@ from groundtrace_codecs.events import Pick
 
 from ..errors import RecordingError
 from ..localizers.api import LocalizerParameters
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 
 if TYPE_CHECKING:
     from .evidence import Evidence, StageEvidence
@@ -41,7 +40,7 @@ def locating(evidence: Evidence, stage: str = "") -> StageEvidence:
 
 def by_arrivals(plugin: str) -> bool:
     """Whether a plugin locates by arrivals: others give places by directions."""
-    kind: Any = find(STAGE_GROUPS, plugin)[1]
+    kind: Any = stage_named(plugin)
     return issubclass(kind.Parameters, LocalizerParameters)
 
 
@@ -91,6 +90,6 @@ def onsets_of(evidence: Evidence, picking: StageEvidence) -> StageEvidence:
     with one channel; onsets are picked channel by channel.
     """
     uses = {config.key: config.use for config in evidence.config.stage}
-    while find(STAGE_GROUPS, uses[picking.spec.stage])[0] == "arrays":
+    while any(n.buffered for n in stage_named(uses[picking.spec.stage]).takes):
         picking = before(evidence, picking, ("pick",))
     return picking

@@ -10,8 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score.step_timing import (
     answers_text,
     found_text,
@@ -438,7 +437,7 @@ def silent(
     floor, sought = None, MAXIMUM
     if stage is not None:
         floor = stage.parameters.get("floor")
-        sought = getattr(find(STAGE_GROUPS, stage.use)[1], "sought", MAXIMUM)
+        sought = getattr(stage_named(stage.use), "sought", MAXIMUM)
     quiet = silence(part, channel, time_ns - reach, time_ns + reach, floor, sought)
     if stage is None or quiet.cause not in {"quiet", "shape"}:
         return quiet.cause, quiet.text
@@ -459,7 +458,7 @@ def silent(
 
 def unfiltered_kind(stage: StageConfig) -> tuple[type[Any], Any] | None:
     """Return a detector's class and parameters without its filter; None where it has none."""
-    kind: Any = find(STAGE_GROUPS, stage.use)[1]
+    kind: Any = stage_named(stage.use)
     hook = getattr(kind, "unfiltered", None)
     if hook is None:
         return None

@@ -13,14 +13,12 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
-from ..associator_stage import AssociatorStage
 from ..errors import PipelineError
 from ..gates import Candidates, decided_block, gate_specs
 from ..parameters import build, describe
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..score import match_steps
-from ..stage import accepted_events
+from ..stage import StageRunner, accepted_events, associates, detects
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -90,12 +88,12 @@ class Redecider:
 
     def __init__(self, evidence: Evidence) -> None:
         self.evidence = evidence
-        found = [(stage, *find(STAGE_GROUPS, stage.use)) for stage in evidence.config.stage]
-        #: Configuration, plugin group and plugin of each stage that decides about steps.
-        self.stages = [each for each in found if each[1] in ("detectors", "associators")]
+        found = [(stage, stage_named(stage.use)) for stage in evidence.config.stage]
+        #: Configuration and class of each stage that decides about steps.
+        self.stages = [each for each in found if detects(each[1]) or associates(each[1])]
         self._unchanged = {
             stage.key: build(kind.Parameters, stage.parameters, stage.key)
-            for stage, _, kind in self.stages
+            for stage, kind in self.stages
         }
 
     def outcome(
@@ -105,16 +103,15 @@ class Redecider:
         blocks: list[CandidateBlock] = []
         events: list[Pick | StepEvent] = []
         picking = ""
-        for stage, group, kind in self.stages:
+        for stage, kind in self.stages:
             parameters = self.parameters(stage, kind, settings or {})
-            if group == "detectors":
+            found: Iterable[Event]
+            if detects(kind):
                 found = self._detector(stage.key, kind, parameters, span_ns)
             else:
-                runner = AssociatorStage(
-                    stage.key, stage.use, kind, parameters, stage.topics, picking
-                )
-                found = associated(runner, _sources(runner.source, blocks, events))
-            picking = stage.key if kind.emits == "pick" else picking
+                runner = StageRunner(stage, kind, parameters, {kind.takes[0]: (picking,)})
+                found = associated(runner, _sources(picking, blocks, events))
+            picking = stage.key if Pick in kind.gives else picking
             for item in found:
                 if isinstance(item, CandidateBlock):
                     blocks.append(item)
@@ -130,7 +127,7 @@ class Redecider:
 
     def whole_numbers(self, stage: str) -> set[str]:
         """Return the parameters of a stage that are integers."""
-        kinds = [kind for config, _, kind in self.stages if config.key == stage]
+        kinds = [kind for config, kind in self.stages if config.key == stage]
         infos = [info for kind in kinds for info in describe(kind.Parameters)]
         return {info.name for info in infos if isinstance(info.default, int)}
 
@@ -141,7 +138,7 @@ class Redecider:
             return self._unchanged[stage.key]
         parts = {info.name: info.part for info in describe(kind.Parameters)}
         # what an associator measures are picks, and those are decided again too
-        signal = not hasattr(kind, "associate")
+        signal = not associates(kind)
         for name in changed:
             if signal and parts.get(name) == "measure":
                 raise PipelineError(
@@ -183,7 +180,7 @@ class Redecider:
     ) -> Iterator[Event]:
         block, _ = decided_block(spec, candidates, kind, parameters)
         yield block
-        yield from accepted_events(block, kind.emits)
+        yield from accepted_events(block)
 
 
 def _sources(
@@ -198,8 +195,8 @@ def _sources(
 
 
 def associated(
-    runner: AssociatorStage, sources: Iterable[tuple[StageSpec, Iterable[Pick]]]
-) -> Iterator[Event]:
+    runner: StageRunner, sources: Iterable[tuple[StageSpec, Iterable[Pick]]]
+) -> list[Event]:
     """Feed the picks of a stage to a fresh associator, topic by topic.
 
     Parameters
@@ -211,10 +208,9 @@ def associated(
 
     Returns
     -------
-    Its decided candidates, one block for each topic, then their events.
+    What it states, its decided candidates, one block for each topic, then their events.
     """
-    blocks = [runner.at_once(spec, picks) for spec, picks in sources]
-    decided = [block for block in blocks if block is not None]
-    yield from decided
-    for block in decided:
-        yield from accepted_events(block, runner.kind.emits)
+    given: list[Event] = []
+    for spec, picks in sources:
+        given += [spec, *picks]
+    return runner.rerun(given)

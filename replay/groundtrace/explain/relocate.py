@@ -17,11 +17,9 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Candidates, decided_block
-from ..localizer_stage import first_arrivals, place_candidate, placed_channels
-from ..localizers.api import Site
+from ..localizers.api import Site, first_arrivals, place_candidate
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from .parts import accepted_picks, before, locating, onsets_of
 from .readings import readings
 
@@ -126,12 +124,12 @@ class Relocator:
         self.part = locating(evidence, stage)
         key = self.part.spec.stage
         self.config = next(s for s in evidence.config.stage if s.key == key)
-        _, self.kind = find(STAGE_GROUPS, self.config.use)
+        self.kind: Any = stage_named(self.config.use)
         self.parameters = build(self.kind.Parameters, self.config.parameters, key)
         self.picking = before(evidence, self.part, ("pick",))
         self.stepping = before(evidence, self.part, ("step", "impact"))
         self.geometry = evidence.geometry or Geometry()
-        self.channels, self.positions = placed_channels(self.picking.spec.channels, self.geometry)
+        self.channels, self.positions = self.geometry.placed(self.picking.spec.channels)
         self.names = tuple(self.channels)
         self._ahead: Any = None
         self._seen = 0
@@ -237,7 +235,7 @@ class Relocator:
         outline = np.array(self.geometry.outline, np.float64)
         worker = self.kind(parameters)
         room, medium = outline if len(outline) else None, self.geometry.medium
-        worker.start(Site(positions, room, medium, self.geometry.length_unit))
+        worker.prepare(Site(positions, room, medium, self.geometry.length_unit))
         return worker
 
 

@@ -34,7 +34,7 @@ class Tries:
     def __init__(self, redecider: Redecider) -> None:
         evidence = redecider.evidence
         self._redecider = redecider
-        self._stages = {stage.key: (stage, kind) for stage, _, kind in redecider.stages}
+        self._stages = {stage.key: (stage, kind) for stage, kind in redecider.stages}
         stood = {name: redecider.parameters(*stage, {}) for name, stage in self._stages.items()}
         #: Every gate's parameter as it stood.
         self._base = {

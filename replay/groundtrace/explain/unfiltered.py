@@ -19,12 +19,10 @@ from groundtrace_codecs.events import CandidateBlock
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..associator_stage import AssociatorStage
 from ..parameters import build
-from ..pipeline import STAGE_GROUPS
-from ..plugins import find
+from ..plugins import stage_named
 from ..source import Source
-from ..stage import DetectorStage
+from ..stage import StageConfig, StageRunner, wanted_quantities
 from .evidence import Unmuted, stage_evidence
 from .measuring import recording_in
 from .parts import accepted_picks
@@ -134,11 +132,9 @@ class Unfiltered:
         if picked is None:
             return None
         stage = self._stages[part.spec.stage]
-        kind: Any = find(STAGE_GROUPS, stage.use)[1]
+        kind: Any = stage_named(stage.use)
         parameters = build(kind.Parameters, stage.parameters, stage.key)
-        runner = AssociatorStage(
-            stage.key, stage.use, kind, parameters, stage.topics, source.spec.stage
-        )
+        runner = StageRunner(stage, kind, parameters, {kind.takes[0]: (source.spec.stage,)})
         own = [
             Unmuted(int(time_ns), float(value[0]))
             for block in associated(runner, [(picked.spec, accepted_picks(picked))])
@@ -168,13 +164,13 @@ class Unfiltered:
         """
         if not self.at_hand or self._source is None:
             return None
-        kind: Any = find(STAGE_GROUPS, self._stages[part.spec.stage].use)[1]
+        kind: Any = stage_named(self._stages[part.spec.stage].use)
         longest: dict[str, float] = {}
         with Recording.open(self._source) as recording:
             stream = next((s for s in recording.streams if s.topic == part.spec.topic), None)
             if stream is None:
                 return None
-            columns = stream.columns_of(frozenset(kind.quantities))
+            columns = stream.columns_of(wanted_quantities(kind))
             beside = round(BESIDE_S * NS_PER_S)
             span = (start_ns - beside, end_ns + beside)
             source = Source(recording, topics={stream.topic}, start_ns=span[0], stop_ns=span[1])
@@ -211,9 +207,8 @@ class Unfiltered:
             return None
         kind, parameters = worker
         spec = part.spec
-        stage = DetectorStage(
-            spec.stage, spec.plugin, kind, parameters, placements=self._placements
-        )
+        config = StageConfig(spec.plugin, spec.stage)
+        stage = StageRunner(config, kind, parameters, placements=self._placements)
         events = []
         with Recording.open(self._source) as recording:
             if spec.topic not in {stream.topic for stream in recording.streams}:

@@ -16,7 +16,7 @@ from groundtrace_codecs.mcap.remote import RemoteBytes, is_url, public_url
 from ..annotate.reading import journal_of
 from ..errors import PipelineError
 from ..exports.tables import file_part
-from ..pipeline import STAGE_GROUPS, build_pipeline, load_pipeline, named_pipelines, with_settings
+from ..pipeline import build_pipeline, load_pipeline, named_pipelines, with_settings
 from ..plugins import plugins
 from ..results import file_sha256, package_versions
 from .places import name_of
@@ -135,7 +135,7 @@ def recipe_sha256(toml: str, owners: Sequence[str], tolerance_s: float) -> str:
 def owners_of(config: PipelineConfig) -> tuple[str, ...]:
     """Return name and version of the packages that bring a pipeline's plugins."""
     used = {stage.use for stage in config.stage}
-    every = (plugin for group in STAGE_GROUPS for plugin in plugins(group))
+    every = plugins("stages")
     return tuple({f"{p.distribution} {p.version}" for p in every if p.name in used})
 
 

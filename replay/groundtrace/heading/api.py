@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, overload
+from typing import TYPE_CHECKING, Protocol, overload
 
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Quantity
-
-    from ..detector import Emits
-    from ..gates import Gate
     from .inertial_frames import Samples
     from .rotations import Array
 
@@ -160,21 +156,13 @@ class HeadingFrames(Sequence[HeadingFrame]):
         )
 
 
-class HeadingMethod(Protocol):
+class HeadingFilter(Protocol):
     """A heading filter: samples in, frames out, in any portions.
 
     Notes
     -----
-    ``columns`` and ``gates`` are as those of a detector; a frame is undisturbed where all gates
-    pass. ``Parameters`` has ``output_hz`` and ``join_s``. All state can be deep-copied.
+    A frame is undisturbed where all gates of its stage pass. All state can be deep-copied.
     """
-
-    Parameters: type[Any]
-    emits: Emits
-    columns: tuple[Quantity, ...]
-    gates: tuple[Gate, ...]
-
-    def __init__(self, parameters: Any, rate_hz: float) -> None: ...
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""

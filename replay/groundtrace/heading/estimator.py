@@ -21,7 +21,7 @@ from .alone import GyroscopeAlone
 from .api import HeadingFrame, HeadingFrames
 from .attitude import Attitude, AttitudeNoise
 from .calibration import TOO_LITTLE, Calibration
-from .compass import COLUMNS, GATES, TESLA, TESTS, Compass
+from .compass import TESLA, TESTS, Compass
 from .fused_frames import (
     REST_FORCE,
     REST_RATE,
@@ -32,7 +32,6 @@ from .fused_frames import (
     limits_of,
 )
 from .inertial_frames import Samples, frame_of
-from .parameters import HeadingParameters
 from .rotations import matrix, wrapped
 from .scalar_filters import AzimuthKalman, Exponential
 
@@ -41,10 +40,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..detector import Emits
-    from ..gates import Gate
     from . import compass_kernels, frame_kernels
     from .inertial_frames import InertialFrame
+    from .parameters import HeadingParameters
     from .rotations import Array
     from .scalar_filters import ScalarFilter
 else:
@@ -76,11 +74,6 @@ class HeadingEstimator:
     delay_sums
         Of all fields so far, as those of a frame.
     """
-
-    Parameters = HeadingParameters
-    emits: Emits = "heading"
-    columns = COLUMNS
-    gates: tuple[Gate, ...] = GATES
 
     def __init__(self, parameters: HeadingParameters, rate_hz: float) -> None:
         self.parameters = parameters

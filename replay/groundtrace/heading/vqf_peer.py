@@ -13,14 +13,13 @@ from groundtrace_codecs.events import Quantity
 
 from ..errors import PluginError
 from ..gates import Level
+from ..heading_stage import HeadingStage
 from ..parameters import measured
 from .api import HeadingFrame
 from .estimator import axis_of, joined
 from .rotations import headings_of, product
 
 if TYPE_CHECKING:
-    from ..detector import Emits
-    from ..gates import Gate
     from .inertial_frames import Samples
     from .rotations import Array
 
@@ -50,17 +49,24 @@ class VqfParameters:
     ] = 0.5
 
 
-class VqfPeer:
+class VqfHeading(HeadingStage):
     """VQF with magnetometer; a frame is disturbed where VQF says so at its end."""
 
     Parameters = VqfParameters
-    emits: Emits = "heading"
     columns = (
         Quantity("norm", "uT"),
         Quantity("dip", "deg"),
         Quantity("rejected", "1"),
     )
-    gates: tuple[Gate, ...] = (Level("rejected", "1", "rejected", at_least=False),)
+    gates = (Level("rejected", "1", "rejected", at_least=False),)
+
+    def filter(self, rate_hz: float) -> VqfPeer:
+        """Return VQF at a rate [Hz]."""
+        return VqfPeer(self.parameters, rate_hz)
+
+
+class VqfPeer:
+    """The filter, by the frames of this package."""
 
     def __init__(self, parameters: VqfParameters, rate_hz: float) -> None:
         self.parameters = parameters

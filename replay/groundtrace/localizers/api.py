@@ -1,24 +1,37 @@
-"""What a localizer is to a pipeline: parameters, columns, gates, and ``locate``."""
+"""What localizers by arrivals share: the arrivals of each step become a place."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
-from groundtrace_codecs.events import Quantity
+import numpy as np
 
-from ..gates import Level
+from groundtrace_codecs.events import Fix, Note, Pick, Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..gates import Candidates, Level, Reach, gate_specs, never_passed
 from ..parameters import gate, measured
+from ..stage import CannotStart, Context, Input, Stage
+from .location import LEAST_PICKS
 
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Iterable, Iterator, Mapping
+
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.events import CandidateBlock, Event
     from groundtrace_codecs.geometry import Medium
 
-    from ..detector import Emits
     from ..gates import Gate
+    from ..stage import Output
     from .location import Location
+
+    Array = NDArray[np.float64]
+
+#: Arrivals older than this before the newest are forgotten: a step is announced well before [ns].
+KEEP_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,27 +66,130 @@ class LocalizerParameters:
     min_picks: Annotated[int, gate("1", "Least number of arrivals, one a channel.", ge=3)] = 3
 
 
-class Localizer(Protocol):
-    """Finds places: it locates, and its gates decide which places count.
+class ArrivalLocalizer(Stage):
+    """Finds the place of each step by its arrivals, and its gates decide which places count.
+
+    A step is announced once its arrivals are complete, so it is located at once. Where a clock is
+    set back the arrivals are forgotten; what was learnt of the floor goes on.
 
     Notes
     -----
     ``Parameters`` is a dataclass that derives from :class:`LocalizerParameters`. ``columns`` are
-    those of :func:`columns`; ``gates`` stand in the order of the decision.
+    those of :func:`columns`.
     """
 
-    Parameters: type[Any]
-    emits: Emits
-    columns: tuple[Quantity, ...]
-    gates: tuple[Gate, ...]
+    takes = (Input(Pick), Input(StepEvent))
+    gives = (Fix,)
+    ends_at = "clock step"
+    site_lengths = True
 
-    def __init__(self, parameters: Any) -> None: ...
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+        self._context: Context | None = None
+        self._channels: dict[str, int] = {}
+        self._picks: deque[Pick] = deque()
+        self._told = False
 
-    def start(self, site: Site) -> str:
+    def prepare(self, site: Site) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""
+        raise NotImplementedError
 
-    def locate(self, times_s: NDArray[np.float64]) -> Location:
+    def locate(self, times_s: Array) -> Location:
         """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
+        raise NotImplementedError
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Prepare for the site of the channels that are picked, or begin anew without arrivals."""
+        self._picks.clear()
+        if self._context is not None:
+            return ("all",)
+        geometry = context.geometry
+        self._channels, positions = geometry.placed(context.source.channels)
+        lacking = "places of three or more sensors"
+        if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
+            outline = np.array(geometry.outline, np.float64)
+            room = outline if len(outline) else None
+            lacking = self.prepare(Site(positions, room, geometry.medium, geometry.length_unit))
+        if lacking:
+            raise CannotStart(f"no places: expected a geometry with {lacking}, found none")
+        self._offsets_s = geometry.clock_offsets(self._channels)
+        self._context = context
+        return ("all",)
+
+    def process(self, item: Pick | StepEvent) -> Iterator[Output]:
+        """Gather picks, and locate steps."""
+        if isinstance(item, Pick):
+            if item.channel in self._channels:
+                self._picks.append(item)
+                while self._picks[0].time_ns < item.time_ns - KEEP_NS:
+                    self._picks.popleft()
+            return
+        yield from self._never_passed(item.time_ns)
+        while self._picks and self._picks[0].time_ns < item.time_ns:
+            self._picks.popleft()
+        window_s = self.parameters.window_s
+        arrivals = first_arrivals(
+            self._picks, self._channels, item.time_ns, window_s, self._offsets_s
+        )
+        self._found = item.time_ns, self.locate(arrivals)
+        yield place_candidate(*self._found)
+
+    def decided(self, block: CandidateBlock) -> Iterator[Event]:
+        """Yield the place just found where it counts."""
+        assert self._context is not None  # it was started
+        if block.accepted[0]:
+            time_ns, location = self._found
+            yield location.fix(time_ns, self._context.plugin, self._context.stage)
+
+    def _never_passed(self, time_ns: int) -> Iterator[Note]:
+        """Say with the first step that more arrivals are asked for than there are sensors."""
+        context, told, self._told = self._context, self._told, True
+        if context is None or told:
+            return
+        reach = {
+            "picks": Reach(len(self._channels), "the picked channels that have a place"),
+        }
+        specs = gate_specs(self.gates, self.parameters)
+        for text in never_passed(context.topic, context.stage, specs, reach):
+            yield Note(time_ns, text, "WARN", context.stage)
+
+
+def first_arrivals(
+    picks: Iterable[Pick],
+    channels: Mapping[str, int],
+    step_ns: int,
+    window_s: float,
+    offsets_s: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return the first arrival at each sensor within the window of a step [s], else NaN.
+
+    Parameters
+    ----------
+    picks
+        In any order; those of channels that have no place are left out.
+    channels
+        The row of each channel that has one.
+    step_ns, window_s
+        The step, and how long after it arrivals belong to it, by the clocks as they are.
+    offsets_s
+        Shape (n,): how far the clock of each channel is ahead [s]; subtracted from its arrival.
+    """
+    times = np.full(len(channels), np.nan)
+    for pick in picks:
+        since = (pick.time_ns - step_ns) / NS_PER_S
+        index = channels.get(pick.channel)
+        if index is not None and 0 <= since <= window_s and not times[index] <= since:
+            times[index] = since
+    return times if offsets_s is None else times - offsets_s
+
+
+def place_candidate(time_ns: int, location: Location) -> Candidates:
+    """Return a place as the candidate that a localizer's gates decide on."""
+    sigma = float(np.sqrt(np.trace(location.covariance) / 2))
+    value = [location.picks, location.residual, location.x, location.y, sigma]
+    return Candidates(
+        np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
+    )
 
 
 def columns(unit: str) -> tuple[Quantity, ...]:

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..parameters import gate, measured
 from . import hyperbolic, power_law, self_calibrating, sign_model, so_tdoa
-from .api import LocalizerParameters, columns, gates
+from .api import ArrivalLocalizer, LocalizerParameters, columns, gates
 from .running_sigma import RunningSigma
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..detector import Emits
     from .api import Site
     from .location import Location
 
@@ -37,18 +36,14 @@ class SoTdoaParameters(LocalizerParameters):
     ] = 0.0
 
 
-class SoTdoa:
+class SoTdoa(ArrivalLocalizer):
     """Regions of the room by the order of arrivals: nothing of the floor need be known."""
 
     Parameters = SoTdoaParameters
-    emits: Emits = "fix"
     columns = columns("1")
     gates = gates("1", "max_residual")
 
-    def __init__(self, parameters: SoTdoaParameters) -> None:
-        self.parameters = parameters
-
-    def start(self, site: Site) -> str:
+    def prepare(self, site: Site) -> str:
         """Find the regions."""
         self.regions = so_tdoa.known_regions(site.positions, site.outline)
         self.theta_s = site.medium.theta_s or THETA_S
@@ -79,18 +74,14 @@ class HyperbolicParameters(LocalizerParameters):
     ] = 5e-4
 
 
-class Hyperbolic:
+class Hyperbolic(ArrivalLocalizer):
     """Differences of arrivals at one calibrated velocity."""
 
     Parameters = HyperbolicParameters
-    emits: Emits = "fix"
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def __init__(self, parameters: HyperbolicParameters) -> None:
-        self.parameters = parameters
-
-    def start(self, site: Site) -> str:
+    def prepare(self, site: Site) -> str:
         """Settle the velocity."""
         self.site = site
         self.velocity_mps = self.parameters.velocity_mps or site.medium.velocity_mps or 0.0
@@ -125,18 +116,14 @@ class PowerLawParameters(LocalizerParameters):
     ] = power_law.HUBER
 
 
-class PowerLaw:
+class PowerLaw(ArrivalLocalizer):
     """Arrivals that grow with a power of distance: calibration-free, and recommended."""
 
     Parameters = PowerLawParameters
-    emits: Emits = "fix"
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def __init__(self, parameters: PowerLawParameters) -> None:
-        self.parameters = parameters
-
-    def start(self, site: Site) -> str:
+    def prepare(self, site: Site) -> str:
         """Remember the site."""
         self.site = site
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
@@ -178,18 +165,14 @@ class SelfCalibratingParameters(LocalizerParameters):
     ] = power_law.HUBER
 
 
-class SelfCalibrating:
+class SelfCalibrating(ArrivalLocalizer):
     """A power law whose scale and exponent are learnt from the impacts so far."""
 
     Parameters = SelfCalibratingParameters
-    emits: Emits = "fix"
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def __init__(self, parameters: SelfCalibratingParameters) -> None:
-        self.parameters = parameters
-
-    def start(self, site: Site) -> str:
+    def prepare(self, site: Site) -> str:
         """Begin with what the geometry knows of the floor."""
         p = self.parameters
         self.running = self_calibrating.running_floor(

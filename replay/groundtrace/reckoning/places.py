@@ -10,15 +10,11 @@ import numpy as np
 
 from groundtrace_codecs.earth import metres_per_radian
 
-from ..parameters import given_waypoints
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace_codecs.labels import Label
     from groundtrace_codecs.signals import SignalBlock, Stream
-
-    from ..parameters import Updates
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +27,11 @@ class KnownPlace:
     sigma_m: float
 
 
-def waypoints_of(labels: Sequence[Label], updates: Updates, sigma_m: float) -> list[KnownPlace]:
-    """Return the waypoints that a reckoning may take in, in order of time."""
+def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[KnownPlace]:
+    """Return the waypoints that a reckoning is given as known places."""
     return [
         KnownPlace(x.time_ns, x.x_m, x.y_m, sigma_m)
-        for x in given_waypoints(labels, updates)
+        for x in labels
         if x.x_m is not None and x.y_m is not None
     ]
 

@@ -15,7 +15,6 @@ from ..heading.rotations import wrapped
 from .facing import Facing
 from .filter import ReckoningFilter, ReckoningNoise
 from .north import North
-from .parameters import ReckoningParameters
 from .step_lengths import shape_of, step_length
 from .strides import Stride
 from .track import Track
@@ -25,8 +24,8 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import StepEvent, TrackPoint
 
-    from ..detector import Emits
     from .level_motion import Motion
+    from .parameters import ReckoningParameters
     from .places import KnownPlace
 
 #: Time of a step that follows none [s].
@@ -55,8 +54,6 @@ class DeadReckoner:
     field is from the usual one, ``height`` that over the start by the barometer.
     """
 
-    Parameters = ReckoningParameters
-    emits: Emits = "track"
     columns = (
         Quantity("cadence", "Hz"),
         Quantity("speed", "m/s"),

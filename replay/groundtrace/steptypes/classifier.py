@@ -19,27 +19,32 @@ after it, its slopes are asked, and where they do not confirm it, it is ordered 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
-from groundtrace_codecs.events import Quantity
+import numpy as np
 
-from ..gates import Level
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import SignalBlock
+
+from ..gates import Candidates, Level
 
 # Ahead is read at run time, where the parameters are described
 from ..heading.walking_axis import Ahead, WalkingAxis, step_swing
 from ..parameters import gate, measured
+from ..stage import CannotStart, Context, Input, Stage
 from .chains import PHASE, frontal, lateral, strip_of
 from .corrections import Shape, common_share, corrected_lead, linked
 from .type_gates import FRONTAL, LATERAL, TYPES, Applies, Duplicate
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
-    from ..detector import Emits
+    from groundtrace_codecs.events import CandidateBlock
+
+    from .follower import Follower
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +80,17 @@ class StepTypeParameters:
     ] = -0.05
 
 
-class StepTypes:
-    """A step is forward, backward, to the left or to the right by the order of its movements."""
+class StepTypes(Stage):
+    """A step is forward, backward, to the left or to the right by the order of its movements.
+
+    Each step has one candidate for each type. That of the accepted one is given as a step again,
+    with its type and of this stage; a step without an accepted type is not given again. Steps come
+    out in the order of time. A gap that is not bridged ends all walks.
+    """
 
     Parameters = StepTypeParameters
-    emits: Emits = "step"
-    channels = TYPES
+    takes = (Input(SignalBlock, hold=False), Input(StepEvent))
+    gives = (StepEvent,)
     columns = (
         Quantity("evidence", "1"),
         Quantity("share", "1"),
@@ -109,6 +119,61 @@ class StepTypes:
     def __init__(self, parameters: StepTypeParameters) -> None:
         self.parameters = parameters
         self.axis = WalkingAxis(parameters.forward != "walk")
+        self._follower: Follower | None = None
+        self._decided: list[StepEvent] = []  # those whose candidates were yielded last
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin; what is known of the mounting stays."""
+        from .axes import BodyAxes
+        from .follower import Follower
+
+        if not BodyAxes.fits(context.stream):
+            text = "no types of steps: expected accelerations along x, y and z"
+            raise CannotStart(text)
+        self._stage = context.stage
+        if self._follower is None:
+            self._follower = Follower(self)
+        return TYPES
+
+    def process(self, item: SignalBlock | StepEvent) -> Iterator[Candidates]:
+        """Take signal and steps; yield the candidates of steps whose types are known."""
+        assert self._follower is not None  # it was started
+        if isinstance(item, SignalBlock):
+            self._follower.hear(item)
+            yield from self._complete(self._follower)
+        else:
+            self._follower.step(item)
+
+    def flush(self) -> Iterator[Candidates]:
+        """Yield those of the steps that waited for others; forget signal and steps."""
+        if self._follower is not None:
+            yield from self._complete(self._follower, final=True)
+            self._follower.end()
+
+    def decided(self, block: CandidateBlock) -> Iterator[StepEvent]:
+        """Yield the steps just decided again, with the first type that was accepted of each."""
+        last = -1
+        for row in np.flatnonzero(block.accepted).tolist():
+            index = row // len(TYPES)
+            if index > last:
+                kind = TYPES[int(block.channel[row])]
+                yield self._typed(self._decided[index], kind, float(block.value[row, 0]))
+            last = index
+
+    def _complete(self, follower: Follower, *, final: bool = False) -> Iterator[Candidates]:
+        """Yield the candidates of the steps around which all is known."""
+        told = list(follower.told(final=final))
+        self._decided = [step for step, _ in told]
+        if told:
+            yield Candidates(
+                np.repeat([step.time_ns for step in self._decided], len(TYPES)),
+                np.tile(np.arange(len(TYPES), dtype=np.int32), len(told)),
+                np.array([row for _, rows in told for row in rows], np.float32),
+            )
+
+    def _typed(self, step: StepEvent, kind: str, value: float) -> StepEvent:
+        """Return a step again, with its type."""
+        return replace(step, stage=self._stage, value=value, type=kind)
 
     def shape(
         self,

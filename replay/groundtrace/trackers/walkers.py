@@ -13,24 +13,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
+from groundtrace_codecs.events import Fix, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Level
+from ..gates import Candidates, Level
 from ..parameters import measured
+from ..stage import Context, Input, Stage
 from .api import TrackerParameters
 from .association import Foot, Limits, Observed, fit, foot_of, nearest, paired
 from .kalman import Motion, StepFilter, WalkModel, first_spread
 from .track import Track, filtered_points, smoothed_points
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Fix, TrackPoint
+    from groundtrace_codecs.events import CandidateBlock
 
-    from ..detector import Emits
+    from ..stage import Output
 
 #: A track counts from its second fix on, which must be among three that could be its own.
 START_FIXES, START_CHANCES = 2, 3
@@ -64,11 +65,19 @@ class WalkersParameters(TrackerParameters):
     smooth: Annotated[bool, measured("", "Also give each track smoothed, when it ends.")] = True
 
 
-class Walkers:
-    """Kalman filters with a clock of steps, one a walker; each track is smoothed when it ends."""
+class Walkers(Stage):
+    """Kalman filters with a clock of steps, one a walker; each track is smoothed when it ends.
+
+    Fixes that come together are of different walkers, so they are decided at once: when the first
+    fix after them has come. Where the clock steps, all tracks end.
+    """
 
     Parameters = WalkersParameters
-    emits: Emits = "track"
+    takes = (Input(Fix, first=True),)
+    gives = (TrackPoint,)
+    scope = "recording"
+    ends_at = "clock step"
+    feedback = True
     columns = (
         Quantity("distance", "1"),
         Quantity("since", "s"),
@@ -88,10 +97,39 @@ class Walkers:
         self._steps: dict[int, tuple[Track, Motion]] = {}
         self._again: set[int] = set()
         self._count = 0
+        self._waiting: list[Fix] = []  # fixes that may still get company
+        self._together: list[Fix] = []  # those being decided
 
-    def start(self, stage: str) -> None:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin without tracks."""
-        self.stage = stage
+        self.stage = context.stage
+        return ("all",)
+
+    def process(self, fix: Fix) -> Iterator[Output]:
+        """Take a fix; where it is too late to be together with those that wait, decide these."""
+        together_ns = self.parameters.together_s * NS_PER_S
+        if self._waiting and fix.time_ns - self._waiting[0].time_ns > together_ns:
+            yield from self._candidates()
+        self._waiting.append(fix)
+
+    def flush(self) -> Iterator[Output]:
+        """End all tracks."""
+        yield from self._candidates()
+        yield from self.finish()
+
+    def decided(self, block: CandidateBlock) -> Sequence[TrackPoint]:
+        """Go on with the fixes just decided."""
+        return self.follow(self._together, block.accepted)
+
+    def _candidates(self) -> Iterator[Output]:
+        """Yield the fixes that came together as candidates, and before them what has ended."""
+        self._together = fixes = sorted(self._waiting, key=lambda fix: fix.time_ns)
+        self._waiting = []
+        if not fixes:
+            return
+        yield from self.expire(fixes[0].time_ns)
+        times = np.array([fix.time_ns for fix in fixes], np.int64)
+        yield Candidates(times, np.zeros(len(fixes), np.int32), self.measure(fixes))
 
     def expire(self, time_ns: int) -> list[TrackPoint]:
         """End the tracks that had no fix for too long."""

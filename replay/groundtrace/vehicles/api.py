@@ -1,24 +1,18 @@
-"""What works on the powers of stations, cycle by cycle: the protocol, and what it is given."""
+"""What is known of a vehicle in a cycle: the powers of stations."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..gates import Candidates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    from groundtrace_codecs.events import Event, Quantity
-    from groundtrace_codecs.geometry import Stations
-
-    from ..detector import Emits
-    from ..gates import Gate
 
     Array = NDArray[np.float64]
 
@@ -66,37 +60,6 @@ class Cycle:
     floors: Array
     floor_sigmas: Array
     present: NDArray[np.bool_]
-
-
-class VehicleWorker(Protocol):
-    """What a stage of vehicles runs.
-
-    A worker measures; its gates decide; :meth:`follow` is told what was decided at once after.
-
-    Notes
-    -----
-    ``least_stations`` says how many stations at places it needs.
-    """
-
-    Parameters: type[Any]
-    emits: Emits
-    columns: tuple[Quantity, ...]
-    gates: tuple[Gate, ...]
-    least_stations: int
-
-    def __init__(self, parameters: Any) -> None: ...
-
-    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
-        """Begin; return the names of the candidates' channels."""
-
-    def take(self, cycle: Cycle) -> Candidates:
-        """Take the next cycle; return what is to be decided."""
-
-    def finish(self) -> Candidates:
-        """End of a run of cycles; return what is to be decided of it."""
-
-    def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
-        """Yield the events of the candidates just returned, by whether they were accepted."""
 
 
 def candidates_of(rows: list[tuple[int, int, list[float]]], columns: int) -> Candidates:

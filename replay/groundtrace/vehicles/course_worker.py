@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
-from groundtrace_codecs.events import Note, Quantity
+from groundtrace_codecs.events import LineCrossing, Note, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of
 from .crossings import Way, lines_of
+from .joining import CycleStage
 from .rides import about, curved_ride, cycle_ride, direct_rides
 from .runs import RunCollector, RunLimits, observed_of
 
@@ -26,8 +27,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Stations
 
-    from ..detector import Emits
-    from ..gates import Candidates, Gate
+    from ..gates import Candidates
     from .api import Cycle
     from .courses import Observed
     from .rides import Ride
@@ -115,7 +115,7 @@ class CurveParameters:
     sigma: _Sigma = 10.0
 
 
-class RunWorker(ABC):
+class RunWorker(CycleStage):
     """What the finders share: they collect runs, and tell tracks and crossings of what they find.
 
     A run ends when no station has heard a vehicle for ``quiet_s``; what is found is told then. A
@@ -125,18 +125,16 @@ class RunWorker(ABC):
     in the line through the stations is as likely, as it is where these stand in a row.
     """
 
-    emits: Emits = "track"
-    columns: tuple[Quantity, ...]
-    gates: tuple[Gate, ...]
+    gives = (TrackPoint, LineCrossing)
     least_stations = 3
 
     def __init__(self, parameters: Any) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self._tracks = 0
         self._origin_ns = 0
         self._found: tuple[Ride, ...] = ()
 
-    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
+    def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin without a run."""
         p = self.parameters
         self.site, self._stage = site, stage

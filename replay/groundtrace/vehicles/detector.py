@@ -7,23 +7,28 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Presence, Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..detector import Emits, Frames, Measured
+from ..detector import Frames, Measured
 from ..detectors.filters import planar
 from ..gates import Candidates, Level
 from ..parameters import gate, measured
+from ..presence_spans import Spans
+from ..stage import Context, Input, Stage
 from .cycles import CyclePower, CyclePowers
 from .floors import NoiseFloor
 from .lasting import Lasting
 from .presence import PresenceFeatures
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.events import CandidateBlock
 
+    from ..stage import Output
     from .presence import Features
 
     Array = NDArray[np.float64]
@@ -61,7 +66,7 @@ class _State:
     features: PresenceFeatures
 
 
-class VehiclePresence:
+class VehiclePresence(Stage):
     """A vehicle is power that lasts, without the impulses and the cadence of footsteps.
 
     Every channel and cycle is a candidate. Power and floor are kept beside what the gates look at:
@@ -69,8 +74,8 @@ class VehiclePresence:
     """
 
     Parameters = PresenceParameters
-    quantities = SEISMIC_QUANTITIES
-    emits: Emits = "presence"
+    takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
+    gives = (Presence,)
     columns = (
         Quantity("over_floor", "dB"),
         Quantity("power", "unit^2"),
@@ -93,9 +98,11 @@ class VehiclePresence:
 
     def __init__(self, parameters: PresenceParameters) -> None:
         self.parameters = parameters
+        self.spans = Spans()
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is heard on its own."""
+        stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         self.state = _State(
             CyclePower(rate, n, p.cycle_s, p.low_hz, p.high_hz),
@@ -104,14 +111,19 @@ class VehiclePresence:
         )
         return tuple(c.name for c in stream.channels)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Measured:
         """Return the cycles that the block completes."""
         times, x = block.sample_times(), planar(block)
         return self._measured(self.state.cycles.add(times, x), self.state.features.add(times, x))
 
-    def finish(self) -> Measured:
-        """Return the last cycle, if there is half of it; its shape stays unknown."""
-        return self._measured(self.state.cycles.finish(), None)
+    def flush(self) -> Iterator[Output]:
+        """Yield the last cycle, if there is half of it; its shape stays unknown. End all spans."""
+        yield from self._measured(self.state.cycles.finish(), None)
+        yield from self.spans.finish()
+
+    def decided(self, block: CandidateBlock) -> Iterator[Presence]:
+        """Yield the spans that have ended."""
+        return self.spans.take(block)
 
     def _measured(self, found: CyclePowers, shapes: Features | None) -> Measured:
         channels, cycles = found.power.shape

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from groundtrace_codecs.events import EVENTS, CandidateBlock, Presence
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..stage import CannotStart, Context, Input, Stage
 from .api import Cycle
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Stations
+
+    from ..gates import Candidates
+    from ..stage import Output
 
 
 #: A channel that is silent for longer is not waited for [ns].
@@ -82,3 +87,73 @@ class CycleJoin:
                 sums, present = self._waiting.pop(time_ns)
                 self._past = time_ns
                 yield Cycle(time_ns, sums[0], sums[1], np.sqrt(sums[2]), present)
+
+
+class CycleStage(Stage):
+    """Works on the cycles of the stage that hears vehicles, of all topics together.
+
+    What is found is told of the first topic heard. Where the clock steps, the run of cycles ends.
+
+    Notes
+    -----
+    ``least_stations`` says how many stations at places it needs.
+    """
+
+    takes = (Input(CandidateBlock, of=Presence, anywhere=True),)
+    scope = "recording"
+    ends_at = "clock step"
+    site_lengths = True
+    least_stations: int
+    #: What a stage that tracks takes, in words.
+    needs = "vehicles at stations"
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+        self._join: CycleJoin | None = None
+        self._channels: tuple[str, ...] = ()
+
+    def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
+        """Begin; return the names of the candidates' channels."""
+        raise NotImplementedError
+
+    def take(self, cycle: Cycle) -> Candidates:
+        """Take the next cycle; return what is to be decided."""
+        raise NotImplementedError
+
+    def finish(self) -> Candidates:
+        """End of a run of cycles; return what is to be decided of it."""
+        raise NotImplementedError
+
+    def follow(self, accepted: NDArray[np.bool_]) -> Iterable[Event]:
+        """Yield the events of the candidates just returned, by whether they were accepted."""
+        raise NotImplementedError
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin where there are stations enough; what was learnt before a clock step stays."""
+        if self._join is None:
+            site = context.geometry.stations()
+            if len(site.names) < self.least_stations:
+                raise CannotStart(
+                    f"no {EVENTS[self.gives[0]].name}: expected a geometry with places of "
+                    f"{self.least_stations} or more stations, found {len(site.names) or 'none'}"
+                )
+            self._join = CycleJoin(site)
+            self._channels = self.begin(site, context.stage)
+        return self._channels
+
+    def process(self, block: CandidateBlock) -> Iterator[Output]:
+        """Take the cycles of one topic, with those of the others."""
+        assert self._join is not None  # it was started
+        for cycle in self._join.add(block):
+            yield self.take(cycle)
+
+    def flush(self) -> Iterator[Output]:
+        """End the run of cycles."""
+        if self._join is not None:
+            for cycle in self._join.flush():
+                yield self.take(cycle)
+            yield self.finish()
+
+    def decided(self, block: CandidateBlock) -> Iterable[Event]:
+        """Yield what the candidates just decided stand for."""
+        return self.follow(block.accepted)

@@ -15,6 +15,7 @@ from groundtrace_codecs.traffic import Pass
 from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of
+from .joining import CycleStage
 from .passes import PassFinder
 from .roads import Road
 from .traffic import driven
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Stations
 
-    from ..detector import Emits
     from ..gates import Candidates
     from .api import Cycle
     from .passes import StationPass
@@ -69,7 +69,7 @@ class PassParameters:
     time_sigma: Annotated[float, gate("s", "Largest standard deviation of its time.", gt=0)] = 2.0
 
 
-class StationPasses:
+class StationPasses(CycleStage):
     """When vehicles pass each station, and which passes are of one vehicle.
 
     Passes are looked for once all stations have been quiet for as long as the slowest vehicle
@@ -79,7 +79,7 @@ class StationPasses:
     """
 
     Parameters = PassParameters
-    emits: Emits = "pass"
+    gives = (Pass,)
     columns = (
         Quantity("over_floor", "dB"),
         Quantity("presence", "s"),
@@ -95,9 +95,9 @@ class StationPasses:
     least_stations = 1
 
     def __init__(self, parameters: PassParameters) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
 
-    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
+    def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with the stations in the order of the geometry."""
         p = self.parameters
         self._site, self._stage = site, stage

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Note, Quantity
+from groundtrace_codecs.events import Fix, Note, Quantity
 from groundtrace_codecs.traffic import quantised
 
 from ..gates import Level
 from ..parameters import gate, measured
 from .api import candidates_of, row_doubt
+from .joining import CycleStage
 from .likelihood import CyclePlace, less_noise
 from .medium import PowerLaw
 
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.geometry import Stations
 
-    from ..detector import Emits
     from ..gates import Candidates
     from ..localizers.location import Location
     from .api import Cycle
@@ -55,11 +55,11 @@ class PlaceParameters:
     ] = 15.0
 
 
-class LikelihoodPlaces:
+class LikelihoodPlaces(CycleStage):
     """The likeliest place of every cycle in which a vehicle is heard, and the surface about it."""
 
     Parameters = PlaceParameters
-    emits: Emits = "fix"
+    gives = (Fix,)
     columns = (
         Quantity("heard", "1"),
         Quantity("residual", "1"),
@@ -71,10 +71,10 @@ class LikelihoodPlaces:
     least_stations = 3
 
     def __init__(self, parameters: PlaceParameters) -> None:
-        self.parameters = parameters
+        super().__init__(parameters)
         self._found: tuple[int, Location, Surface] | None = None
 
-    def start(self, site: Stations, stage: str) -> tuple[str, ...]:
+    def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with a lattice about the stations."""
         p = self.parameters
         self._site, self._stage = site, stage

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
-from groundtrace_codecs.events import Quantity
-from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+from groundtrace_codecs.events import CandidateBlock, Fix, Note, Presence, Quantity
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
+from ..detector import Frames
+from ..detectors.filters import planar
 from ..gates import Level
+from ..localizers.api import place_candidate
 from ..localizers.location import Location, nowhere
 from ..parameters import gate, measured
+from ..stage import CannotStart, Context, Input, Stage
 from .analytic import AnalyticBand, power
+from .api import row_doubt
 from .positions import correlation, lattice, locate, solve, squares
-from .ratios import DEVIATIONS, estimate, sensor_sigmas, without_noise
+from .ratios import DEVIATIONS, Noise, estimate, sensor_sigmas, without_noise
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from ..detector import Emits
-    from .ratios import Method, Noise, RatioEstimate
+    from groundtrace_codecs.events import Event
+
+    from ..stage import Output
+    from .ratios import Method, RatioEstimate
 
     Array = NDArray[np.float64]
 
 #: A cycle's ratios need so much of its samples.
 _LEAST_PART = 0.9
+#: A place needs so many stations.
+_LEAST = 3
+#: Cycles with a vehicle are remembered for so long [ns].
+_KEEP_NS = 60 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +88,60 @@ class CycleRatios:
         return CycleRatios(self.time_ns, cleared)
 
 
-class RatioPlaces:
+@dataclass(slots=True)
+class HeardCycles:
+    """The cycles of one topic in which a vehicle is heard.
+
+    Attributes
+    ----------
+    names
+        Of the channels.
+    cycles
+        Time [ns] of each, and power, floor and its standard deviation, shape (n_channels, 3).
+    """
+
+    names: tuple[str, ...]
+    cycles: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=deque)
+
+    def remember(self, block: CandidateBlock) -> None:
+        """Keep the cycles in which any channel hears a vehicle."""
+        named = [c.name for c in block.spec.columns]
+        columns = [named.index(name) for name in ("power", "floor", "floor_sigma")]
+        for time_ns in np.unique(block.time_ns[block.accepted]).tolist():
+            rows = np.flatnonzero(block.time_ns == time_ns)
+            known = np.full((len(self.names), len(columns)), np.nan)
+            known[block.channel[rows]] = block.value[rows][:, columns]
+            self.cycles.append((time_ns, known))
+        while self.cycles and self.cycles[0][0] < self.cycles[-1][0] - _KEEP_NS:
+            self.cycles.popleft()
+
+    def noise(self, time_ns: int, names: Sequence[str]) -> Noise | None:
+        """Return the noise at channels in a cycle, None if no vehicle is heard; forget older."""
+        while self.cycles and self.cycles[0][0] < time_ns:
+            self.cycles.popleft()
+        if not self.cycles or self.cycles[0][0] != time_ns:
+            return None
+        known = self.cycles[0][1][[self.names.index(name) for name in names]]
+        return Noise.of(*known.T)
+
+
+class RatioPlaces(Stage):
     """Where the ratios of powers of the stations of one recorder put a vehicle.
 
     The first station is the reference. Ratios are estimated of all that is heard; then the noise
     is taken off, as it is known from the cycle's powers.
+
+    Stations of several recorders are not compared: their samples are not of the same moments. Any
+    gap starts the analytic signal anew.
     """
 
     Parameters = RatioParameters
-    quantities = SEISMIC_QUANTITIES
-    emits: Emits = "fix"
+    takes = (
+        Input(SignalBlock, SEISMIC_QUANTITIES, hold=False),
+        Input(CandidateBlock, of=Presence),
+    )
+    gives = (Fix,)
+    site_lengths = True
     columns = (
         Quantity("heard", "1"),
         Quantity("residual", "1"),
@@ -105,8 +161,54 @@ class RatioPlaces:
 
     def __init__(self, parameters: RatioParameters) -> None:
         self.parameters = parameters
+        self._doubt: str | None = None  # None before any start
 
-    def start(self, rate_hz: float, sensors: Array) -> None:
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin a run of samples where three or more stations of the stream have a place."""
+        self._context, stream = context, context.stream
+        rows, sensors = context.geometry.placed([c.name for c in stream.channels])
+        if len(np.unique(sensors, axis=0)) < _LEAST:
+            raise CannotStart
+        self._names = tuple(rows)
+        index = {c.name: i for i, c in enumerate(stream.channels)}
+        self._columns = [index[name] for name in self._names]
+        self._heard = HeardCycles(context.source.channels)
+        if self._doubt is None:
+            self._doubt = row_doubt(self._names, sensors)
+        self.begin(stream.rate_hz, sensors)
+        return tuple(f"{name}/{self._names[0]}" for name in self._names[1:])
+
+    def process(self, item: SignalBlock | CandidateBlock) -> Iterator[Output]:
+        """Take samples, and the cycles in which there is a vehicle: places and ratios are there."""
+        if isinstance(item, CandidateBlock):
+            self._heard.remember(item)
+            return
+        samples = planar(item.select(self._columns))
+        for ratios in self.add(item.sample_times(), samples):
+            noise = self._heard.noise(ratios.time_ns, self._names)
+            if noise is None:
+                continue
+            columns = [
+                column
+                for found in ratios.without(noise).estimates.values()
+                for column in (found.log_theta, found.log_sigma)
+            ]
+            value = np.stack(columns, axis=-1).astype(np.float32)[None]
+            yield Frames(np.array([ratios.time_ns], np.int64), value)
+            self._found = ratios.time_ns, self.locate(ratios, noise)
+            yield place_candidate(*self._found)
+
+    def decided(self, block: CandidateBlock) -> Iterator[Event]:
+        """Yield the place just found where it counts, and once what to doubt of it."""
+        if not block.accepted[0]:
+            return
+        context, (time_ns, location) = self._context, self._found
+        if self._doubt:
+            yield Note(time_ns, self._doubt, "WARN", context.stage)
+            self._doubt = ""
+        yield location.fix(time_ns, f"{context.plugin} {self.parameters.method}", context.stage)
+
+    def begin(self, rate_hz: float, sensors: Array) -> None:
         """Begin a run of samples of stations at places, shape (n, 2) [m]."""
         p = self.parameters
         self._sensors = sensors

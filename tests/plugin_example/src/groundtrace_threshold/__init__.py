@@ -1,14 +1,15 @@
 """Arrivals where the amplitude is over a level: the smallest detector that is of use."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 
-from groundtrace.detector import Detector, Measured
 from groundtrace.gates import Candidates, Level, Refractory
 from groundtrace.parameters import gate, measured
-from groundtrace_codecs import Quantity, SignalBlock, Stream
+from groundtrace.stage import Context, Input, Stage
+from groundtrace_codecs import Pick, Quantity, SignalBlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,24 +21,24 @@ class Thresholds:
     refractory_s: Annotated[float, gate("s", "Least time between two arrivals.", ge=0)] = 0.25
 
 
-class ThresholdPicker(Detector):
+class ThresholdPicker(Stage):
     """An arrival is a peak of the amplitude that is high enough and comes in time."""
 
     Parameters = Thresholds
-    quantities = frozenset({"ground_velocity"})
-    emits = "pick"
+    takes = (Input(SignalBlock, frozenset({"ground_velocity"})),)
+    gives = (Pick,)
     columns = (Quantity("amplitude", "m/s"),)
     gates = (Level("amplitude", "m/s", "level"), Refractory())
 
     def __init__(self, parameters: Thresholds) -> None:
         self.floor = parameters.floor
 
-    def start(self, stream: Stream) -> tuple[str, ...]:
+    def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
-        self.state = (np.empty(0, np.int64), np.empty((0, len(stream.channels))))
-        return tuple(channel.name for channel in stream.channels)
+        self.state = (np.empty(0, np.int64), np.empty((0, len(context.stream.channels))))
+        return tuple(channel.name for channel in context.stream.channels)
 
-    def measure(self, block: SignalBlock) -> Measured:
+    def process(self, block: SignalBlock) -> Iterator[Candidates]:
         """Find the local maxima; whether a sample is one, the next sample tells."""
         times = np.concatenate([self.state[0], block.sample_times()])
         height = np.concatenate([self.state[1], np.abs(block.values)])
@@ -45,4 +46,4 @@ class ThresholdPicker(Detector):
         before, here, after = height[:-2], height[1:-1], height[2:]
         row, channel = np.nonzero((here > before) & (here >= after) & (here >= self.floor))
         value = here[row, channel, None].astype(np.float32)
-        return Measured(Candidates(times[1:-1][row], channel.astype(np.int32), value))
+        yield Candidates(times[1:-1][row], channel.astype(np.int32), value)
