@@ -8,6 +8,7 @@ alignment is ambiguous and says so.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -205,7 +206,7 @@ class _Pair:
             drift_sigma_ppm=line.slope_sigma * 1e6,
             drift_fitted=fitted,
             alone=0.0,
-            worth=float(np.log(self.interval_s / (sigma_s * np.sqrt(2 * np.pi * np.e)))),
+            worth=float(np.log(self.interval_s / (sigma_s * np.sqrt(2 * np.pi * math.e)))),
         )
         runs = _runs_alone(inside_a, i), _runs_alone(inside_b, j)
         return Judged(shift, runs, (int(inside_a.sum()), int(inside_b.sum())))
