@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     Item = SignalBlock | Event
     Output = Candidates | Frames | Event
 
+#: Events in columns: their StageSpec names stage and topic.
+_COLUMNS = frozenset({CandidateBlock, TraceBlock})
 #: Why a clock's times before and after a gap have nothing to do with each other.
 CLOCK_STEP = "clock step"
 #: Signal is kept so long until its stage can start; what is given first in a round, so long, and
@@ -424,9 +426,13 @@ class StageRunner:
         self._quantities = wanted_quantities(kind)
         self._all = any(not need.quantities for need in (*self._signal, *self._buffered))
         self._gaps = any(need.kind is Gap for need in takes)
-        self._events = {
-            need.kind: need for need in takes if need.kind not in (SignalBlock, Gap, Label)
-        }
+        self._events = tuple(n for n in takes if n.kind not in (SignalBlock, Gap, Label))
+        #: By type of event, the stages that it is taken from; None is any.
+        self._from: dict[type[Any], tuple[str, ...] | None] = {}
+        for need in self._events:
+            names, others = self._sources.get(need), self._from.get(need.kind, ())
+            known = names is not None and others is not None
+            self._from[need.kind] = (*others, *names) if known else None
         self._holds = all(need.hold for need in self._signal)
         self._at_once = kind.decided is Stage.decided and not (self._signal or self._buffered)
         self._state = self._fresh_state()
@@ -471,7 +477,7 @@ class StageRunner:
         for item, out in zip(items, made, strict=True):
             if isinstance(item, SignalBlock):
                 self._take_signal(item, out)
-            elif type(item) in self._events:
+            elif type(item) in self._from:
                 self._take_event(item, out, waiting)
             elif isinstance(item, Gap):
                 self._decide_waiting(waiting)
@@ -518,7 +524,7 @@ class StageRunner:
         for item in given:
             if isinstance(item, StageSpec):
                 again._take_spec(item, out)
-            elif type(item) in self._events and self._comes_from(item):
+            elif type(item) in self._from and self._comes_from(item):
                 instance = again._state.instances.get(topic_of(item))
                 if isinstance(instance, _Instance):
                     parts = found.setdefault(instance.context.topic, [])
@@ -638,7 +644,7 @@ class StageRunner:
 
     def _take_spec(self, spec: StageSpec, out: list[Event]) -> None:
         """Take what a stage states before it gives anything: instances may start."""
-        if not any(self._is_from(need, spec.stage) for need in self._events.values()):
+        if not any(self._is_from(need, spec.stage) for need in self._events):
             return
         self._state.stated[spec.stage, spec.topic] = spec
         if self._signal or not self.allowed(spec.topic):
@@ -669,12 +675,13 @@ class StageRunner:
 
     def _reaches(self, instance: _Instance, item: Any, topic: str) -> bool:
         """Return whether an event of a topic is for the instance of a whole recording."""
-        anywhere = self._events[type(item)].anywhere
+        anywhere = any(need.anywhere for need in self._events if need.kind is type(item))
         return anywhere or not topic or topic == instance.spec.topic
 
     def _comes_from(self, item: Any) -> bool:
         """Return whether an event is of a stage that is taken from."""
-        return self._is_from(self._events[type(item)], _stage_of(item))
+        names = self._from[type(item)]
+        return names is None or _stage_of(item) in names
 
     def _is_stated(self, item: Any, topic: str) -> bool:
         """Return whether the stage of an event has stated that it runs on a topic."""
@@ -765,7 +772,7 @@ class StageRunner:
 
     def _sources_known(self, topic: str) -> bool:
         """Return whether every stage that is required has stated something, of ``every`` one."""
-        for need in self._events.values():
+        for need in self._events:
             if need.required and not any(
                 self._is_from(need, stage) and (self.kind.scope == "recording" or on == topic)
                 for stage, on in self._state.stated
@@ -777,7 +784,7 @@ class StageRunner:
         """Return what is stated of the stages that are taken from, by name, in order."""
         stated = self._state.stated
         found: dict[str, StageSpec | None] = {}
-        for need in self._events.values():
+        for need in self._events:
             given = self._sources.get(need)
             for name in [stage for stage, _ in stated] if given is None else given:
                 own = [spec for (stage, _), spec in stated.items() if stage == name]
@@ -920,14 +927,14 @@ def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
 
 def topic_of(item: Any) -> str:
     """Return the topic of an event, empty where its type has none."""
-    columns = isinstance(item, CandidateBlock | TraceBlock)
-    return str(item.spec.topic if columns else getattr(item, "topic", ""))
+    topic: str = getattr(item.spec if type(item) in _COLUMNS else item, "topic", "")
+    return topic
 
 
 def _stage_of(item: Any) -> str:
     """Return the stage that an event is of."""
-    columns = isinstance(item, CandidateBlock | TraceBlock)
-    return str(item.spec.stage if columns else item.stage)
+    stage: str = item.spec.stage if type(item) in _COLUMNS else item.stage
+    return stage
 
 
 def _time_of(item: Any) -> int:
