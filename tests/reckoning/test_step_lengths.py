@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from groundtrace.parameters import given_waypoints
 from groundtrace.reckoning.barometer import Barometer
 from groundtrace.reckoning.level_motion import Motion
 from groundtrace.reckoning.parameters import ReckoningParameters
@@ -95,7 +96,7 @@ LABELS = (
     [("none", []), ("gnss", []), ("first-two", [1, 2]), ("waypoints", [1, 2, 3])],
 )
 def test_only_the_waypoints_asked_for_are_known(updates: str, times: list[int]) -> None:
-    assert [k.time_ns for k in waypoints_of(LABELS, updates, 1.0)] == times
+    assert [k.time_ns for k in waypoints_of(given_waypoints(LABELS, updates), 1.0)] == times
 
 
 def test_the_barometer_tells_the_height_over_the_first_step() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from turning_sensor import RATE_HZ, Turning, errors_deg, run, turning
 
+from groundtrace.heading.compass import COLUMNS
 from groundtrace.heading.estimator import HeadingEstimator
 from groundtrace.heading.parameters import HeadingParameters
 from groundtrace.heading.rotations import headings_of
@@ -135,7 +136,7 @@ def alone(case: Turning) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the headings by gyroscope and by compass alone, frame by frame [deg]."""
     estimator = HeadingEstimator(HeadingParameters(), RATE_HZ)
     frames = [*estimator.add(case.samples), *estimator.finish()]
-    names = [column.name for column in estimator.columns]
+    names = [column.name for column in COLUMNS]
     steep = np.isnan(errors_deg(case, run(case)))
     true = np.degrees(headings_of(case.orientation, np.array([1.0, 0, 0])))
     starts = np.array([int(np.searchsorted(case.samples.time_ns, f.time_ns[0])) for f in frames])

@@ -191,7 +191,7 @@ def test_a_stage_gives_it_and_nothing_scores_it() -> None:
         none,
         np.array([False, True]),
     )
-    (found,) = accepted_events(block, "knock")  # type: ignore[arg-type]
+    (found,) = accepted_events(block)
     assert found == Knock(
         START_NS + S, START_NS + S, "/seismic", 1, False, 0.0, (0.0,) * 3, "picker"
     )
