@@ -431,8 +431,8 @@ class StageRunner:
         self._from: dict[type[Any], tuple[str, ...] | None] = {}
         for need in self._events:
             names, others = self._sources.get(need), self._from.get(need.kind, ())
-            known = names is not None and others is not None
-            self._from[need.kind] = (*others, *names) if known else None
+            any_stage = names is None or others is None
+            self._from[need.kind] = None if any_stage else (*(others or ()), *(names or ()))
         self._holds = all(need.hold for need in self._signal)
         self._at_once = kind.decided is Stage.decided and not (self._signal or self._buffered)
         self._state = self._fresh_state()

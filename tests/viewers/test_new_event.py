@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -183,7 +183,7 @@ def test_without_a_view_it_is_a_lane_and_a_line(tmp_path: Path) -> None:
 def test_a_stage_gives_it_and_nothing_scores_it() -> None:
     none = np.zeros((2, 2), np.float32)
     block = CandidateBlock(
-        SPEC,
+        replace(SPEC, emits="knock"),
         np.array([START_NS, START_NS + S]),
         np.zeros(2, np.int32),
         none,
@@ -191,7 +191,7 @@ def test_a_stage_gives_it_and_nothing_scores_it() -> None:
         none,
         np.array([False, True]),
     )
-    (found,) = accepted_events(block, "knock")  # type: ignore[arg-type]
+    (found,) = accepted_events(block)
     assert found == Knock(
         START_NS + S, START_NS + S, "/seismic", 1, False, 0.0, (0.0,) * 3, "picker"
     )
