@@ -512,7 +512,7 @@ class StageRunner:
         """Return what fresh instances make of stored items, signal excepted: for why and sweep.
 
         Where ``decided`` is the default, all candidates of a topic are decided at once: one block
-        each, then their events.
+        each, then their events; notes are left out.
         """
         again = copy.copy(self)
         again._state = self._fresh_state()
@@ -525,17 +525,17 @@ class StageRunner:
             if isinstance(item, StageSpec):
                 again._take_spec(item, out)
             elif type(item) in self._from and self._comes_from(item):
-                instance = again._state.instances.get(topic_of(item))
+                key = self._key_of(topic_of(item), "")
+                instance = again._state.instances.get(key)
                 if isinstance(instance, _Instance):
-                    parts = found.setdefault(instance.context.topic, [])
+                    parts = found.setdefault(key, [])
                     parts += [x for x in instance.stage.process(item) if isinstance(x, Candidates)]
         blocks = []
-        for instance in again._state.instances.values():
+        for key, instance in again._state.instances.items():
             if isinstance(instance, _Instance):
                 held = [x for x in instance.stage.flush() if isinstance(x, Candidates)]
-                parts = [*found.get(instance.context.topic, []), *held]
-                none = Candidates.empty(len(instance.spec.columns))
-                whole = Candidates.concatenate([none, *parts])
+                parts = [Candidates.empty(len(instance.spec.columns)), *found.get(key, []), *held]
+                whole = Candidates.concatenate(parts)
                 blocks.append(decided_block(instance.spec, whole, self.kind, self.parameters)[0])
         return [*out, *blocks, *(event for block in blocks for event in accepted_events(block))]
 
