@@ -58,7 +58,7 @@ SURFACE = {
         RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
         simulate_walk write""",
     "groundtrace.stage": """
-        CLOCK_STEP CannotStart Context EARLY_FIRST_NS EARLY_NS Input Numbers Stage StageConfig
+        CLOCK_STEP CannotStart Context Input Numbers Stage StageConfig
         StageRunner accepted_events allows associates detects emitted takes_signal_alone topic_of
         wanted_quantities""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",

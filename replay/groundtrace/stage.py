@@ -55,7 +55,7 @@ _COLUMNS = frozenset({CandidateBlock, TraceBlock})
 CLOCK_STEP = "clock step"
 #: Signal is kept so long until its stage can start; what is given first in a round, so long, and
 #: the very first of it [ns].
-EARLY_NS, EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
+_EARLY_NS, _EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
 
 
 class CannotStart(Exception):  # noqa: N818 - it is no error: nothing is wrong
@@ -920,8 +920,8 @@ def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
     blocks = [item for item in kept if isinstance(item, SignalBlock)]
     leading = [block for block in blocks if block.stream.columns_of(set(first))]
     others = [block for block in blocks if not block.stream.columns_of(set(first))]
-    old = {id(b) for b in others if b.last_ns < others[-1].start_ns - EARLY_NS}
-    old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - EARLY_FIRST_NS}
+    old = {id(b) for b in others if b.last_ns < others[-1].start_ns - _EARLY_NS}
+    old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - _EARLY_FIRST_NS}
     return [item for item in kept if id(item) not in old]
 
 
