@@ -55,7 +55,7 @@ _COLUMNS = frozenset({CandidateBlock, TraceBlock})
 CLOCK_STEP = "clock step"
 #: Signal is kept so long until its stage can start; what is given first in a round, so long, and
 #: the very first of it [ns].
-EARLY_NS, EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
+_EARLY_NS, _EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
 
 
 class CannotStart(Exception):  # noqa: N818 - it is no error: nothing is wrong
@@ -512,7 +512,7 @@ class StageRunner:
         """Return what fresh instances make of stored items, signal excepted: for why and sweep.
 
         Where ``decided`` is the default, all candidates of a topic are decided at once: one block
-        each, then their events.
+        each, then their events; notes are left out.
         """
         again = copy.copy(self)
         again._state = self._fresh_state()
@@ -525,17 +525,17 @@ class StageRunner:
             if isinstance(item, StageSpec):
                 again._take_spec(item, out)
             elif type(item) in self._from and self._comes_from(item):
-                instance = again._state.instances.get(topic_of(item))
+                key = self._key_of(topic_of(item), "")
+                instance = again._state.instances.get(key)
                 if isinstance(instance, _Instance):
-                    parts = found.setdefault(instance.context.topic, [])
+                    parts = found.setdefault(key, [])
                     parts += [x for x in instance.stage.process(item) if isinstance(x, Candidates)]
         blocks = []
-        for instance in again._state.instances.values():
+        for key, instance in again._state.instances.items():
             if isinstance(instance, _Instance):
                 held = [x for x in instance.stage.flush() if isinstance(x, Candidates)]
-                parts = [*found.get(instance.context.topic, []), *held]
-                none = Candidates.empty(len(instance.spec.columns))
-                whole = Candidates.concatenate([none, *parts])
+                parts = [Candidates.empty(len(instance.spec.columns)), *found.get(key, []), *held]
+                whole = Candidates.concatenate(parts)
                 blocks.append(decided_block(instance.spec, whole, self.kind, self.parameters)[0])
         return [*out, *blocks, *(event for block in blocks for event in accepted_events(block))]
 
@@ -920,8 +920,8 @@ def _recent(kept: Sequence[Any], first: Sequence[str]) -> list[Any]:
     blocks = [item for item in kept if isinstance(item, SignalBlock)]
     leading = [block for block in blocks if block.stream.columns_of(set(first))]
     others = [block for block in blocks if not block.stream.columns_of(set(first))]
-    old = {id(b) for b in others if b.last_ns < others[-1].start_ns - EARLY_NS}
-    old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - EARLY_FIRST_NS}
+    old = {id(b) for b in others if b.last_ns < others[-1].start_ns - _EARLY_NS}
+    old |= {id(b) for b in leading[1:] if b.last_ns < leading[-1].start_ns - _EARLY_FIRST_NS}
     return [item for item in kept if id(item) not in old]
 
 
