@@ -31,6 +31,10 @@ class Fix:
     stage: str
 
 
+#: What the name of a stage gets appended for its smoothed tracks.
+SMOOTHED = ".smoothed"
+
+
 @dataclass(frozen=True, slots=True)
 class TrackPoint:
     """Where a tracked target is at one moment.

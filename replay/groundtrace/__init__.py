@@ -56,24 +56,24 @@ __all__ = [
 
 #: Module and name of each.
 _LAZY = {
-    "Comparison": (".api.analysis", "Comparison"),
+    "Comparison": ("groundtrace.api.analysis", "Comparison"),
     "Error": ("groundtrace_codecs.errors", "Error"),
-    "EventTable": (".api.tables", "EventTable"),
-    "Explanation": (".api.analysis", "Explanation"),
-    "Pipeline": (".api.pipelines", "Pipeline"),
-    "Recording": (".api.recording", "Recording"),
-    "Results": (".api.results", "Results"),
-    "Score": (".api.scores", "Score"),
-    "Stream": (".api.recording", "Stream"),
-    "Sweep": (".api.analysis", "Sweep"),
-    "compare": (".api.comparing", "compare"),
-    "load": (".api.results", "load_results"),
-    "open": (".api.recording", "open_recording"),
-    "pipelines": (".api.pipelines", "pipelines"),
-    "recordings": (".api.recording", "recordings"),
-    "replay": (".api.in_memory", "replay"),
-    "show": (".api.pictures", "show"),
-    "sweep": (".api.comparing", "sweep"),
+    "EventTable": ("groundtrace.api.tables", "EventTable"),
+    "Explanation": ("groundtrace.api.analysis", "Explanation"),
+    "Pipeline": ("groundtrace.api.pipelines", "Pipeline"),
+    "Recording": ("groundtrace.api.recording", "Recording"),
+    "Results": ("groundtrace.api.results", "Results"),
+    "Score": ("groundtrace.api.scores", "Score"),
+    "Stream": ("groundtrace.api.recording", "Stream"),
+    "Sweep": ("groundtrace.api.analysis", "Sweep"),
+    "compare": ("groundtrace.api.comparing", "compare"),
+    "load": ("groundtrace.api.results", "load_results"),
+    "open": ("groundtrace.api.recording", "open_recording"),
+    "pipelines": ("groundtrace.api.pipelines", "pipelines"),
+    "recordings": ("groundtrace.api.recording", "recordings"),
+    "replay": ("groundtrace.api.in_memory", "replay"),
+    "show": ("groundtrace.api.pictures", "show"),
+    "sweep": ("groundtrace.api.comparing", "sweep"),
 }
 
 
@@ -85,7 +85,7 @@ def __getattr__(name: str) -> Any:
     if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, attribute = _LAZY[name]
-    found = globals()[name] = getattr(import_module(module, __name__), attribute)
+    found = globals()[name] = getattr(import_module(module), attribute)
     return found
 
 

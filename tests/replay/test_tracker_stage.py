@@ -15,9 +15,9 @@ from groundtrace.pipeline import build_pipeline, parse_pipeline
 from groundtrace.plugins import stage_named
 from groundtrace.score import score_tracks
 from groundtrace.stage import StageConfig, StageRunner
-from groundtrace.trackers.api import SMOOTHED
 from groundtrace.trackers.walkers import Walkers, WalkersParameters
 from groundtrace.wiring import wire
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import CandidateBlock, Event, Fix, Gap, StageSpec, TrackPoint
 from groundtrace_codecs.labels import Label
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.trackers.api import SMOOTHED
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import Fix
 from groundtrace_codecs.signals import NS_PER_S
 

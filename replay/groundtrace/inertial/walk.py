@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..later import Later
-from ..trackers.api import SMOOTHED
 from .compass import Compass, sigma_of
 from .error_state import LOST_MPS, ErrorStateFilter, SensorNoise
 from .knots import Knots

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..later import Later
-from ..trackers.api import SMOOTHED
 from .filter import LOST_RAD
 from .knots import Knots
 from .strides import Strides

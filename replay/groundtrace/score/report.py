@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import EVENTS, StageSpec
 from groundtrace_codecs.labels import has_vehicles
 
 from ..errors import RecordingError
-from ..trackers.api import SMOOTHED
 from .consistency import ConsistencyScore, score_consistency
 from .disturbances import DisturbanceScore, score_disturbances
 from .headings import HeadingScore, score_headings

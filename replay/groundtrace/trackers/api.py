@@ -7,9 +7,6 @@ from typing import Annotated
 
 from ..parameters import measured
 
-#: What the name of a stage gets appended for its smoothed tracks.
-SMOOTHED = ".smoothed"
-
 
 @dataclass(frozen=True, slots=True)
 class TrackerParameters:

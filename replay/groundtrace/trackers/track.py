@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.estimates import SMOOTHED
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from .api import SMOOTHED
 from .rts import smoothed
 
 if TYPE_CHECKING:
