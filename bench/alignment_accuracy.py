@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.alignment import Moments, align
+from groundtrace.api.align import Moments, align
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:

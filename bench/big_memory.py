@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-MAIN = "from groundtrace.commands import main; main()"
+MAIN = "from groundtrace.cli.main import main; main()"
 #: What is run on R, a recording, and S, its results; X is thrown away.
 COMMANDS = {
     "`info`": "info R",

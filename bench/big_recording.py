@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.simulate import RoomOptions, simulate_room
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_codecs.writer import write_recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
     from groundtrace_codecs.signals import SignalBlock
 
 PIECE_S = 60

@@ -26,13 +26,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.health import HealthWatch, Listened
-from groundtrace.health.axes import contradiction
-from groundtrace.health.imu import ImuWatch
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk
-from groundtrace.source import Source
+from groundtrace.detectors.fault_scan import HealthWatch, Listened
+from groundtrace.inertial.worn_sensor_faults import ImuWatch, contradiction
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.importers.plausible import UnitWatch
+from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock

@@ -21,8 +21,9 @@ import zstandard
 from replay_speed import CHANNELS, RATE_HZ, samples_of, write_miniseed
 from timing import alone, interleaved
 
-from groundtrace.simulate import RoomOptions, simulate_room
-from groundtrace_codecs.importers import import_recording
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_codecs.writer import write_recording
 
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from groundtrace.simulate.simulation import Simulation
+    from groundtrace.simulate.recording import Simulation
     from groundtrace_codecs.signals import SignalBlock
 
 PIECE_S = 20
@@ -83,7 +84,7 @@ def read_miniseed(path: Path) -> None:
 CODE = """
 import atexit, sys
 from pathlib import Path
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 status = Path("/proc/self/status")
 atexit.register(lambda: Path(sys.argv.pop()).write_text(status.read_text()))
 main(sys.argv[1:-1])

@@ -19,21 +19,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace.commands import main as groundtrace
-from groundtrace.fleet.task import Task, identity_of, recipes_of
-from groundtrace.fleet.work import evaluate
-from groundtrace.simulate import (
-    RoomOptions,
-    VehicleOptions,
-    WalkOptions,
-    simulate_room,
-    simulate_vehicle,
-    simulate_walk,
-    write,
-)
+from groundtrace.cli.main import main as groundtrace
+from groundtrace.fleet.run import Task, evaluate, identity_of, recipes_of
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
+from groundtrace.simulate.walk import simulate_walk
 
 if TYPE_CHECKING:
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
 
 HOUR_S = 3600.0
 CASES = {

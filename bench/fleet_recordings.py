@@ -10,13 +10,11 @@ import argparse
 from multiprocessing import get_context
 from pathlib import Path
 
-from groundtrace.simulate import (
-    RoomOptions,
-    WalkOptions,
-    simulate_room,
-    simulate_walk,
-    write,
-)
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
 
 #: Every so many recordings one is a room.
 ROOM_EVERY = 10

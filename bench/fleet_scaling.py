@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-COMMAND = (sys.executable, "-c", "from groundtrace.commands import main; main()", "fleet")
+COMMAND = (sys.executable, "-c", "from groundtrace.cli.main import main; main()", "fleet")
 #: How many workers are killed before the run is interrupted, half way.
 KILLS = 6
 

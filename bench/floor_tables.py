@@ -6,11 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.physics.lamb import a0_mps, cutoffs, thin_a0_mps, thin_limit_hz
-from groundtrace.physics.perceived import front_mps, onset_s, sensor_mps
-from groundtrace.physics.response import Response
-from groundtrace.physics.solid import Solid
-from groundtrace.simulate.plate import Plate
+from groundtrace.localizers.wave_physics import (
+    Plate,
+    Response,
+    Solid,
+    a0_mps,
+    cutoffs,
+    front_mps,
+    onset_s,
+    sensor_mps,
+    thin_a0_mps,
+    thin_limit_hz,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -21,18 +21,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.score import score_tracks
-from groundtrace.source import Source
-from groundtrace_codecs.events import StepEvent, TrackPoint
+from groundtrace.evaluation.tracks import score_tracks
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace_codecs.events import Label, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
 
 if TYPE_CHECKING:
-    from groundtrace.score.closure import ClosureScore
+    from groundtrace.evaluation.positions import ClosureScore
     from groundtrace_codecs.signals import SignalBlock
 
 LIMIT_PERCENT = 2.0

@@ -19,12 +19,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from timing import alone, on_one_core, taken_s
 
-from groundtrace.engine import replay
-from groundtrace.gates import Candidates, Level, Refractory, decide
-from groundtrace.localizers import so_tdoa
-from groundtrace.localizers.outline import outline_of
-from groundtrace.localizers.regions import find_regions
-from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.localizers import arrival_order
+from groundtrace.localizers.arrival_order import find_regions
+from groundtrace.localizers.base import outline_of
+from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.gates import Candidates, Level, Refractory, decide
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
@@ -106,9 +106,9 @@ def arranged(sensors: int) -> Callable[[], None]:
 def looked_up(sensors: int) -> Callable[[], None]:
     """Return 20 places of steps among a layout's regions."""
     places = layout(sensors)
-    regions = so_tdoa.known_regions(places, ROOM)
+    regions = arrival_order.known_regions(places, ROOM)
     apart = np.hypot(*(np.random.default_rng(1).uniform(0, 10, (20, 1, 2)) - places).T).T
-    return lambda: [so_tdoa.among(regions, row) for row in apart * 2e-3] and None
+    return lambda: [arrival_order.among(regions, row) for row in apart * 2e-3] and None
 
 
 def peak_mb(case: Callable[[], None]) -> float:

@@ -19,12 +19,13 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtrace.heading.rotations import headings_of
-from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
-from groundtrace.score.headings import heading_errors
-from groundtrace.source import Source
+from groundtrace.evaluation.headings import heading_errors
+from groundtrace.inertial.rotations import headings_of
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import StageConfig
 from groundtrace_codecs.events import Disturbance, Heading
-from groundtrace_codecs.importers import import_recording
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
 

@@ -16,10 +16,12 @@ from typing import TYPE_CHECKING
 
 from timing import alone, median_s, on_one_core
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.simulate import WalkOptions, simulate_walk, write
-from groundtrace.source import Source
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:

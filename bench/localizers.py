@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizers import hyperbolic, power_law, sign_model, so_tdoa
-from groundtrace.physics import perceived
+from groundtrace.localizers import arrival_order, tdoa, wave_physics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.localizers.location import Location
+    from groundtrace.pipeline.stage import Location
 
 SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
 ROOM = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
@@ -25,7 +24,7 @@ SIGMAS = (2e-4, 5e-4, 1e-3)
 
 def arrivals(sources: np.ndarray, theta_s: float) -> np.ndarray:
     """Shape (m, 9): law (4.24) as printed."""
-    return perceived.arrivals(np.linalg.norm(sources[:, None] - SENSORS, axis=2), theta_s)
+    return wave_physics.arrivals(np.linalg.norm(sources[:, None] - SENSORS, axis=2), theta_s)
 
 
 def noisy(times: np.ndarray, sigma: float, rng: np.random.Generator, late: float = 0.0):
@@ -39,7 +38,7 @@ def on_lattice(times: np.ndarray) -> np.ndarray:
     axis = np.linspace(0, 10, 25)
     # off the lines between regions
     nodes = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2) + np.sqrt([2e-12, 3e-12])
-    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    regions = arrival_order.known_regions(SENSORS, ROOM)
     apart = np.linalg.norm(nodes[:, None] - SENSORS, axis=2)
     signs = np.where(apart[:, regions.first] > apart[:, regions.second], 1, -1)
     measured = np.sign(times[:, regions.first] - times[:, regions.second])
@@ -50,13 +49,13 @@ def on_lattice(times: np.ndarray) -> np.ndarray:
 
 def methods(velocity: float, theta_s: float, sigma: float) -> dict[str, Callable[..., Location]]:
     """Return the localisers by name."""
-    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    regions = arrival_order.known_regions(SENSORS, ROOM)
     return {
-        "SO-TDOA": lambda t: so_tdoa.locate(SENSORS, t, ROOM),
-        "Bernoulli": lambda t: sign_model.likeliest(regions, t, theta_s, sigma),
-        "hyperbolic": lambda t: hyperbolic.locate(SENSORS, t, velocity, ROOM),
-        "power law": lambda t: power_law.locate(SENSORS, t, ROOM, huber=np.inf),
-        "Huber": lambda t: power_law.locate(SENSORS, t, ROOM),
+        "SO-TDOA": lambda t: arrival_order.locate(SENSORS, t, ROOM),
+        "Bernoulli": lambda t: arrival_order.likeliest(regions, t, theta_s, sigma),
+        "hyperbolic": lambda t: tdoa.locate_hyperbolic(SENSORS, t, velocity, ROOM),
+        "power law": lambda t: tdoa.locate_power_law(SENSORS, t, ROOM, huber=np.inf),
+        "Huber": lambda t: tdoa.locate_power_law(SENSORS, t, ROOM),
     }
 
 
@@ -74,7 +73,7 @@ def one_source(runs: int, rng: np.random.Generator) -> None:
     print(f"source [1, 3], {runs} runs, RMSE [m]")
     print("theta   sigma    SO-TDOA  lattice  Bernoulli  hyperbolic  power law  Huber   us/fix")
     for theta in THETAS:
-        velocity = hyperbolic.calibrated_velocity(SOURCE, SENSORS, arrivals(SOURCE, theta))
+        velocity = tdoa.calibrated_velocity(SOURCE, SENSORS, arrivals(SOURCE, theta))
         for sigma in SIGMAS:
             times = noisy(np.tile(arrivals(SOURCE, theta), (runs, 1)), sigma, rng)
             lattice = rms(np.hypot(*(on_lattice(times) - SOURCE).T))
@@ -94,7 +93,7 @@ def everywhere(runs: int, rng: np.random.Generator) -> None:
     for sigma, late in ((2e-4, 0.0), (5e-4, 0.0), (1e-3, 0.0), (5e-4, 0.15)):
         sources = rng.uniform(0, 10, (runs, 2))
         clean = arrivals(sources, 1e-5)
-        velocity = hyperbolic.calibrated_velocity(sources, SENSORS, clean)
+        velocity = tdoa.calibrated_velocity(sources, SENSORS, clean)
         times = noisy(clean, sigma, rng, late)
         cells = []
         for name, method in methods(velocity, 1e-5, sigma).items():

@@ -19,18 +19,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from timing import alone, taken_s
 
-from groundtrace.engine import replay
-from groundtrace.localizers.outline import outline_of
-from groundtrace.localizers.regions import find_regions
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace.source import Source
+from groundtrace.localizers.arrival_order import find_regions
+from groundtrace.localizers.base import outline_of
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.stage import Stage
+    from groundtrace.pipeline.stage import Stage
 
 #: What of each kind of worker is timed.
 TIMED = ("examine", "locate")

@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.score.closure import score_closure
-from groundtrace.score.places import true_places
-from groundtrace.score.waypoints import score_waypoints
-from groundtrace.simulate import Simulation, WalkOptions, simulate_walk, write
-from groundtrace.source import Source
+from groundtrace.evaluation.positions import score_closure, score_waypoints, true_places
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import Simulation, write
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording

@@ -11,8 +11,8 @@ import argparse
 
 import numpy as np
 
-from groundtrace.plugins import load
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 

@@ -21,8 +21,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "replay"))
 
 import planted_arrivals as planted
 
-from groundtrace.calibrate.estimate import _held_out
-from groundtrace.localizers.joint_fit import Impacts
+from groundtrace.layout.calibrate import _held_out
+from groundtrace.localizers.joint_calibration import Impacts
 
 STEPS = 24
 VARIANTS = (

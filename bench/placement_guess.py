@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple, get_args
 
 from step_accuracy import PHONE
 
-from groundtrace.placement import Site
-from groundtrace.placement_watch import PlacementWatch
-from groundtrace.source import Source
+from groundtrace.inertial.placement import PlacementWatch, Site
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
@@ -29,7 +28,7 @@ from groundtrace_recordings import map_path
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from groundtrace.placement import PlacementGuess
+    from groundtrace.inertial.placement import PlacementGuess
 
 #: Parts of the paths of the recordings looked at.
 LOOKED_AT = (

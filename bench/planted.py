@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk
-from groundtrace.simulate.simulation import START_NS
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import START_NS
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
+from groundtrace_codecs.events import SIMULATOR, Label
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import SIMULATOR, Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 
@@ -26,8 +29,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.explain import Evidence
-    from groundtrace.simulate import Simulation
+    from groundtrace.pipeline.results import Evidence
+    from groundtrace.simulate.recording import Simulation
 
 Rng = np.random.Generator
 

@@ -21,13 +21,14 @@ import numpy as np
 from scipy import signal
 from timing import alone, interleaved, on_one_core
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.results import Provenance, ResultsSink
-from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace.sinks import Session
-from groundtrace.source import Source
-from groundtrace.window_power import WindowPower
+from groundtrace.dsp.spectral import WindowPower
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.results import Provenance, ResultsSink
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.mcap.chunks import ChunkReader, Definitions
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
@@ -35,7 +36,7 @@ from groundtrace_codecs.signals import SignalBlock
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.sinks import Sink
+    from groundtrace.pipeline.engine import Sink
     from groundtrace_codecs.events import Event
 
 CHANNELS, RATE_HZ, BLOCK = 16, 20_000.0, 2000

@@ -19,13 +19,19 @@ from pathlib import Path
 
 import numpy as np
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import PipelineConfig, build_pipeline, load_pipeline, with_settings
-from groundtrace.score.places import found_places, match_places, true_places
-from groundtrace.score.positions import score_positions
-from groundtrace.simulate import RoomOptions, Simulation, simulate_room, write
-from groundtrace.simulate.plate import Plate
-from groundtrace.source import Source
+from groundtrace.evaluation.positions import (
+    found_places,
+    match_places,
+    score_positions,
+    true_places,
+)
+from groundtrace.localizers.wave_physics import Plate
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import Simulation, write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.events import Fix, TrackPoint
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of

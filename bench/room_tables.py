@@ -10,13 +10,17 @@ import time
 
 import numpy as np
 
-from groundtrace.analyze.error_maps import error_map
-from groundtrace.analyze.layout import Layout, grid_of
-from groundtrace.analyze.signs import drawn_wrong, mean_wrong, poisson_binomial
-from groundtrace.localizers import so_tdoa
-from groundtrace.localizers.arrival_fit import distances
-from groundtrace.localizers.regions import pairs
-from groundtrace.localizers.sign_model import chance_wrong
+from groundtrace.layout.analysis import (
+    Layout,
+    drawn_wrong,
+    error_map,
+    grid_of,
+    mean_wrong,
+    poisson_binomial,
+)
+from groundtrace.localizers import arrival_order
+from groundtrace.localizers.arrival_order import chance_wrong, pairs
+from groundtrace.localizers.tdoa import distances
 
 SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
 ROOM = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
@@ -89,15 +93,15 @@ def sign_maps(lattice: int) -> None:
 def corruption(draws: int, rng: np.random.Generator) -> None:
     """Print how often the true region survives a number of wrong signs."""
     print(f"wrong signs at random, {draws} draws: chance that the one best region is the true one")
-    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    regions = arrival_order.known_regions(SENSORS, ROOM)
     told = np.ones(36, bool)
     for source, known in KNOWN_CORRUPTION.items():
-        signs, _ = so_tdoa.measured_signs(regions, distances(np.array([source]), SENSORS)[0])
-        true = int(so_tdoa.distances(regions, signs, told).argmin())
+        signs, _ = arrival_order.measured_signs(regions, distances(np.array([source]), SENSORS)[0])
+        true = int(arrival_order.distances(regions, signs, told).argmin())
         cells = []
         for k, expected in enumerate(known):
             flips = np.argsort(rng.random((draws, 36)), axis=1) < k
-            wrong = so_tdoa.distances(regions, np.where(flips, -signs, signs), told)
+            wrong = arrival_order.distances(regions, np.where(flips, -signs, signs), told)
             best = wrong == wrong.min(axis=1, keepdims=True)
             found = np.mean(best[:, true] & (best.sum(axis=1) == 1))
             cells.append(f"{k}: {found:.2f} ({expected})")

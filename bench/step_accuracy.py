@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.score.matching import f1_of
-from groundtrace.score.steps import score_steps
-from groundtrace.source import Source
+from groundtrace.evaluation.matching import f1_of
+from groundtrace.evaluation.steps import score_steps
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording

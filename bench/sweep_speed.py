@@ -16,15 +16,17 @@ from typing import TYPE_CHECKING
 
 from timing import alone, on_one_core
 
-from groundtrace.explain.grid import Grid, make_grid, parse_axis
-from groundtrace.explain.measuring import measure_evidence
-from groundtrace.explain.redecide import Redecider
-from groundtrace.explain.sweep import Subject, count
-from groundtrace.pipeline import load_pipeline
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace.explain.redecide import Grid, Redecider, make_grid, parse_axis
+from groundtrace.explain.sweep import Subject, count, measure_evidence
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
 
 if TYPE_CHECKING:
-    from groundtrace.explain.evidence import Evidence
+    from groundtrace.pipeline.results import Evidence
 
 WAIST = (
     "steps.swing=0.05:1.5:14",

@@ -17,22 +17,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
-from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace.sinks import Session
-from groundtrace.source import Source
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.recording import Recording
 from groundtrace_viewers import RerunSink
-from groundtrace_viewers.picture import wait_for_recording
-from groundtrace_viewers.serve import (
+from groundtrace_viewers.rerun.capture import wait_for_recording
+from groundtrace_viewers.rerun.process import (
     connect,
     free_port,
     quiet_environment,
     start_viewer,
     viewer_program,
 )
-from groundtrace_viewers.timeline import TIMELINE
+from groundtrace_viewers.rerun.timeline import TIMELINE
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient

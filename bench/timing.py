@@ -8,8 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from groundtrace.blas import one_thread
-from groundtrace.heap import keep_freed_memory
+from groundtrace.runtime import keep_freed_memory, one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

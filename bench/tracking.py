@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundtrace.localizers import so_tdoa
-from groundtrace.physics.perceived import arrivals
-from groundtrace.trackers.kalman import Motion, StepFilter, WalkModel, first_spread
-from groundtrace.trackers.rts import smoothed
+from groundtrace.localizers import arrival_order
+from groundtrace.localizers.wave_physics import arrivals
+from groundtrace.trackers.kalman import Motion, StepFilter, WalkModel, first_spread, smoothed
 
 SIDE = 5.4
 SENSORS = np.array([(x, y) for y in (0, SIDE / 2, SIDE) for x in (0, SIDE / 2, SIDE)])
@@ -74,10 +73,10 @@ PATHS = {
 
 def located(path: np.ndarray, runs: int, rng: np.random.Generator) -> np.ndarray:
     """Places by SO-TDOA, shape (runs, 25, 2)."""
-    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    regions = arrival_order.known_regions(SENSORS, ROOM)
     clean = arrivals(np.linalg.norm(path[:, None] - SENSORS, axis=2), THETA_S)
     times = clean + rng.normal(0, SIGMA_S, (runs, *clean.shape))
-    fixes = [so_tdoa.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
+    fixes = [arrival_order.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
     return np.array([(fix.x, fix.y) for fix in fixes]).reshape(runs, len(path), 2)
 
 

@@ -23,20 +23,20 @@ import numpy as np
 from placement_guess import HANDLED, Case, cases
 from step_accuracy import PHONE, Steps
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.placement_watch import PlacementWatch
-from groundtrace.score.steps import score_steps
-from groundtrace.source import Source
-from groundtrace.suitability import with_placements
+from groundtrace.evaluation.steps import score_steps
+from groundtrace.explain.suitability import with_placements
+from groundtrace.inertial.placement import PlacementWatch
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from groundtrace.pipeline import PipelineConfig
-    from groundtrace.score import StepScore
+    from groundtrace.evaluation.steps import StepScore
+    from groundtrace.pipeline.config import PipelineConfig
     from groundtrace_codecs.recording import Stamped
     from groundtrace_codecs.signals import Stream
 

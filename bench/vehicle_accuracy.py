@@ -18,15 +18,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.pipeline import PipelineConfig, build_pipeline, load_pipeline
-from groundtrace.score import score_passes
-from groundtrace.score.places import HOLD_S, true_places
-from groundtrace.simulate import VehicleOptions, simulate_vehicle
+from groundtrace.evaluation.positions import HOLD_S, true_places
+from groundtrace.evaluation.vehicles import score_passes
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace_codecs.events import Pass, Presence, TrackPoint
 
 if TYPE_CHECKING:
-    from groundtrace.score import PassScore
-    from groundtrace.simulate import Simulation
+    from groundtrace.evaluation.vehicles import PassScore
+    from groundtrace.simulate.recording import Simulation
     from groundtrace_codecs.events import Event
 
 TARGET_M = 1.0

@@ -14,7 +14,8 @@ import argparse
 
 import numpy as np
 
-from groundtrace.simulate import VehicleOptions, simulate_vehicle
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace.vehicles.medium import ranges
 
 NEAR_M, REACH_M, EXPONENT, CELL_M = 45.0, 150.0, 1.5, 0.25

@@ -16,13 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundtrace.vehicles import lines, positions, ratios
-from groundtrace.vehicles.courses import Observed, fit_course
+from groundtrace.vehicles import likelihood, lines, ratios
+from groundtrace.vehicles.courses import Observed, Search, fit_course
 from groundtrace.vehicles.likelihood import CyclePlace
 from groundtrace.vehicles.medium import Geophone, PowerLaw, clamped, ranges
-from groundtrace.vehicles.passes import PassFinder
-from groundtrace.vehicles.roads import Road, associate
-from groundtrace.vehicles.search import Search
+from groundtrace.vehicles.passes import PassFinder, Road, associate
 from groundtrace.vehicles.tracker import cycle_places, track, track_places
 
 SENSORS = np.array([(x, y) for y in (0.0, 40.0) for x in (0.0, 20.0, 40.0)])
@@ -121,7 +119,7 @@ def printed_17(nodes: np.ndarray, sensors: np.ndarray, measured: np.ndarray) -> 
 def places(trials: int, rng: np.random.Generator) -> None:
     """Print the errors of places from ratios and from powers of one cycle."""
     low, high = SENSORS.min(axis=0) - MARGIN_M, SENSORS.max(axis=0) + MARGIN_M
-    nodes = positions.lattice((low[0], low[1]), (high[0], high[1]), 0.5)
+    nodes = likelihood.lattice((low[0], low[1]), (high[0], high[1]), 0.5)
     x, y = (np.arange(a, b + 0.1, 0.5) for a, b in zip(low, high, strict=True))
     off: dict[str, list[float]] = {name: [] for name in KNOWN_PLACES}
     for _ in range(trials):
@@ -129,12 +127,12 @@ def places(trials: int, rng: np.random.Generator) -> None:
         mean = LAW.power(ranges(place, SENSORS))
         p = rng.exponential(size=(6, 200)) * mean[:, None]
         theta = ratios.estimate(p[1:], p[:1], "likelihood", correlated=False).log_theta
-        fit = positions.locate(nodes, SENSORS, theta, (1.5 / 200) ** 0.5)
+        fit = likelihood.locate(nodes, SENSORS, theta, (1.5 / 200) ** 0.5)
         powers = mean * (1 + rng.normal(size=6) / 3)
         found = (
             nodes[printed_17(nodes, SENSORS, np.exp(theta)).argmax()],
             nodes[printed_17(nodes, SENSORS, np.exp(theta / 1.5)).argmax()],
-            nodes[positions.correlation(nodes, SENSORS, theta).argmax()],
+            nodes[likelihood.correlation(nodes, SENSORS, theta).argmax()],
             np.array([fit.x, fit.y]),
             CyclePlace(powers, SENSORS, LAW, mu_known=True).surface(x, y).best,
             CyclePlace(powers, SENSORS, LAW).surface(x, y).best,
@@ -150,12 +148,12 @@ def places(trials: int, rng: np.random.Generator) -> None:
 def ties() -> None:
     """Print how many nodes three sensors cannot tell apart."""
     sensors = np.array([(0.0, 0.0), (20.0, 0.0), (10.0, 20.0)])
-    nodes = positions.lattice((-20, -20), (40, 40), 0.5)
+    nodes = likelihood.lattice((-20, -20), (40, 40), 0.5)
     place = np.array([14.0, 8.0])
     r = ranges(place, sensors)
     theta = 1.5 * np.log(r[1:] / r[0])
     printed = printed_17(nodes, sensors, np.exp(theta))
-    corrected = positions.correlation(nodes, sensors, theta)
+    corrected = likelihood.correlation(nodes, sensors, theta)
     count = [int((m > m.max() - 1e-4).sum()) for m in (printed, corrected)]
     print(
         f"three sensors: nodes within 1e-4 of the maximum of (17): as printed {count[0]} (1183), "

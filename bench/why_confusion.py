@@ -27,27 +27,23 @@ import numpy as np
 import planted as plants
 from planted import Clean, Planted, Take
 
-from groundtrace.engine import replay
-from groundtrace.explain import evidence_of
-from groundtrace.explain.arrivals import pick_account
-from groundtrace.explain.evidence import step_times
-from groundtrace.explain.measuring import EventList, in_processes
-from groundtrace.explain.parts import accepted_picks
-from groundtrace.explain.places import PlaceExplainer
-from groundtrace.explain.reasons import StepReasons
+from groundtrace.evaluation.picks import ANSWER_S, RIGHT_S, pick_residuals
+from groundtrace.explain.reasons import StepReasons, accepted_picks
+from groundtrace.explain.sweep import EventList, in_processes
 from groundtrace.explain.unfiltered import with_recording
-from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline, with_settings
-from groundtrace.results import Provenance, Results
-from groundtrace.score.picks import ANSWER_S, RIGHT_S, pick_residuals
-from groundtrace.source import Source
+from groundtrace.explain.why_picks import pick_account
+from groundtrace.explain.why_places import PlaceExplainer
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.results import Provenance, Results, evidence_of, step_times
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from groundtrace.explain import Evidence
-    from groundtrace.explain.evidence import StageEvidence
-    from groundtrace.explain.places import FixAccount, PlaceAccount
+    from groundtrace.explain.why_places import FixAccount, PlaceAccount
+    from groundtrace.pipeline.results import Evidence, StageEvidence
     from groundtrace_codecs.events import Pick
 
     Plant = Callable[[Clean, np.random.Generator], Planted | None]

@@ -15,18 +15,18 @@ from typing import TYPE_CHECKING
 
 from timing import alone, interleaved, on_one_core
 
-from groundtrace.engine import replay
-from groundtrace.explain import evidence_of
-from groundtrace.explain.account import account
-from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
-from groundtrace.results import Provenance, ResultsSink, read_results
-from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace.sinks import Session
-from groundtrace.source import Source
+from groundtrace.explain.why import account
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.results import Provenance, ResultsSink, evidence_of, read_results
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
-    from groundtrace.explain.account import Account
+    from groundtrace.explain.why import Account
 
 #: What is set so that steps are missed.
 SETTINGS = {"all found": [], "many missed": ["picks.ratio=9", "steps.min_channels=8"]}

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jsonschema import Draft202012Validator
 
-from groundtrace.commands import main
-from groundtrace.conformance import Outcome, assert_same, outcome
-from groundtrace.results import read_results
+from groundtrace.cli.main import main
+from groundtrace.pipeline.conformance import Outcome, assert_same, outcome
+from groundtrace.pipeline.results import read_results
 
 if TYPE_CHECKING:
     import pytest

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from share_sessions import quietly
 
-from groundtrace.exports.kinds import tables_of_events
+from groundtrace.export.base import tables_of_events
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.results import Results
+    from groundtrace.pipeline.results import Results
 
 
 def room_and_walk(folder: Path) -> Path:

@@ -24,30 +24,30 @@ sys.path.insert(0, str(Path(__file__).parent / "codecs"))
 from mcap_files import CHUNKED, of_kind, opened, read, rows_of, small, write_recording
 from memory_bytes import MemoryBytes
 
-from groundtrace.annotate.journal import FORMAT, VERSION, Action, Change, Header, read_journal
-from groundtrace.commands import main
+from groundtrace.annotate.store import FORMAT, VERSION, Action, Change, Header, read_journal
+from groundtrace.cli.main import main
 from groundtrace.errors import GroundtraceError
-from groundtrace.pipeline import build_pipeline, named_pipelines, parse_pipeline
+from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
 from groundtrace_codecs.annotations import Annotation, RecordingKey, Sidecar, read_sidecar
 from groundtrace_codecs.errors import CodecError, FormatError
-from groundtrace_codecs.event_codec import events_of
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.audio import AudioImporter
-from groundtrace_codecs.importers.delimited import DelimitedImporter
 from groundtrace_codecs.importers.guess import guess_map
-from groundtrace_codecs.importers.hdf5 import HdfImporter
-from groundtrace_codecs.importers.indoor_location import IndoorLocationImporter
-from groundtrace_codecs.importers.maps import load_map
-from groundtrace_codecs.importers.matlab import MatlabImporter
-from groundtrace_codecs.importers.numpy_archive import NumpyImporter
-from groundtrace_codecs.importers.phone import PhoneImporter
-from groundtrace_codecs.importers.sgt import read_sgt
+from groundtrace_codecs.importers.map import load_map
+from groundtrace_codecs.importers.phone import IndoorLocationImporter, PhoneImporter
+from groundtrace_codecs.importers.tables import (
+    DelimitedImporter,
+    HdfImporter,
+    MatlabImporter,
+    NumpyImporter,
+)
 from groundtrace_codecs.importers.xsens import XsensImporter
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile
-from groundtrace_codecs.mcap.records import CHUNK, DATA_END
+from groundtrace_codecs.mcap.chunks import CHUNK, DATA_END
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.truth import read_truth_csv
+from groundtrace_codecs.schemas.event_messages import events_of
+from groundtrace_codecs.truth import read_sgt, read_truth_csv
 from groundtrace_codecs.writer import write_sidecar
 from groundtrace_recordings import maps, path_of
 

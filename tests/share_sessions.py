@@ -6,10 +6,12 @@ import io
 from contextlib import redirect_stderr, redirect_stdout
 from typing import TYPE_CHECKING, NamedTuple
 
-from groundtrace.commands import main
-from groundtrace.simulate import WalkOptions, simulate_walk, write
-from groundtrace_viewers.share_sources import sources_of
-from groundtrace_viewers.viewer_files import VIEWER_FILES
+from groundtrace.cli.main import main
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
+from groundtrace_viewers.rerun.process import VIEWER_FILES
+from groundtrace_viewers.web.summary import sources_of
 
 if TYPE_CHECKING:
     from pathlib import Path

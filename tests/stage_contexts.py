@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from groundtrace.stage import Context
+from groundtrace.pipeline.stage import Context
 from groundtrace_codecs.events import StageSpec
 from groundtrace_codecs.signals import Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from groundtrace.gates import Candidates
+    from groundtrace.pipeline.gates import Candidates
 
 
 def context_of(*given: Stream | StageSpec, **known: Any) -> Context:

@@ -19,50 +19,29 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 #: Public names of each module; a change here is a change for everybody who imports them.
 SURFACE = {
-    "groundtrace_codecs": """
-        Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
-        Gap GateSpec Geometry
-        Heading Label LikelihoodSurface LineCrossing McapFile Medium MissingReaderError NS_PER_S
-        Note OtherTopic Pass Pick Presence Quantity
-        Recording RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec
-        Stamped StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of
-        write_recording""",
-    "groundtrace_codecs.importers": """
-        ImportMap ImportReport Imported Importer choose import_recording importers load_map""",
     "groundtrace": """
         Comparison Error EventTable Explanation Pipeline Recording Results Score Stream Sweep
         __version__ compare load open pipelines recordings replay show sweep""",
-    "groundtrace.annotate": """
-        Annotations Conflict Merge Stored Truth annotated conflicts from_json kept_in stored to_json
-        truth_of_annotations""",
-    "groundtrace.belief": """
-        Criterion Frame RULES Rule belief conflict decision dempster discount disjunctive
-        dubois_prade florea graded over_ignorance pignistic plausibility scores smets specialised
-        trapezoid yager""",
-    "groundtrace.conformance": """
+    "groundtrace.pipeline.conformance": """
         BLOCK_SIZES FAULTS Outcome TOLERANCE ToldCurves assert_same assert_same_curves
-        check_description check_faults check_gap check_gates check_restart check_stage check_state
-        outcome rechunked run""",
-    "groundtrace.detector": "Curve Frames Measured NO_FRAMES joined",
-    "groundtrace.exports": "Exporter Material Origin Written all_kinds choose export exporters",
-    "groundtrace.gates": """
+        check_description check_faults check_gap check_gates check_restart check_stage
+        check_state outcome rechunked run""",
+    "groundtrace.pipeline.gates": """
         Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
         never_passed""",
-    "groundtrace.parameters": """
+    "groundtrace.pipeline.parameters": """
         ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
-    "groundtrace.score": """
-        Confusion Consistency ConsistencyScore DisturbanceScore Gospa HeadingScore PassScore
-        PickScore PositionScore Score StepMatch StepScore TimeShift TimingPair TrackScore WayScore
-        assign consistency gospa match match_steps normalised_squares ospa score_disturbances
-        score_events score_headings score_passes score_picks score_positions score_steps
-        score_tracks score_ways scored_spans timing_pairs""",
-    "groundtrace.simulate": """
-        RoomOptions Simulation VehicleOptions WalkOptions simulate_room simulate_vehicle
-        simulate_walk write""",
-    "groundtrace.stage": """
-        CLOCK_STEP CannotStart Context Input Numbers Stage StageConfig
-        StageRunner accepted_events allows associates detects emitted takes_signal_alone topic_of
-        wanted_quantities""",
+    "groundtrace.pipeline.stage": """
+        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS Location
+        Measured NO_FRAMES Numbers POWERS Spans Stage StageConfig StageRunner accepted_events
+        allows associates detects emitted in_length_unit joined length_note nowhere
+        scaled_lengths takes_signal_alone topic_of units_per_metre wanted_quantities""",
+    "groundtrace_codecs": """
+        Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
+        Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing McapFile Medium
+        MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
+        RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec Stamped
+        StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }
@@ -123,7 +102,7 @@ def test_every_public_name_is_there_and_documented(name: str) -> None:
         ("groundtrace_codecs.recording", ("scipy", "rerun", "obspy")),
         ("groundtrace_recordings", ("scipy", "rerun", "obspy")),
         ("groundtrace", ("numpy", "scipy", "rerun", "numba", "obspy", "groundtrace_codecs")),
-        ("groundtrace.pipeline", ("scipy.signal", "rerun", "obspy")),
+        ("groundtrace.pipeline.config", ("scipy.signal", "rerun", "obspy")),
         ("groundtrace_viewers", ("rerun", "obspy")),
     ],
 )

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 import groundtrace_recordings
-from groundtrace.simulate import (
-    RoomOptions,
-    VehicleOptions,
-    WalkOptions,
-    simulate_room,
-    simulate_vehicle,
-    simulate_walk,
-    write,
-)
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
 
 SIMULATED = {

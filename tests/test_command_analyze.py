@@ -95,7 +95,7 @@ def test_files_that_are_there_are_kept(capsys: pytest.CaptureFixture[str]) -> No
 
 def test_the_command_line_starts_without_matplotlib() -> None:
     code = (
-        "import sys; from groundtrace.commands import main\n"
+        "import sys; from groundtrace.cli.main import main\n"
         "try: main(['analyze', 'room', '--help'])\nexcept SystemExit: pass\n"
         "print('matplotlib' in sys.modules, 'rerun' in sys.modules)"
     )

@@ -9,7 +9,7 @@ import pytest
 from annotated_recordings import mark, recording_in
 from command_runs import check_schema, done, run
 
-from groundtrace.results import read_results
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.writer import write_recording
@@ -87,7 +87,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
 def test_serving_without_a_page_is_refused(
     rec: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace.plugins.plugins", lambda _: ())
+    monkeypatch.setattr("groundtrace.pipeline.plugins.plugins", lambda _: ())
     assert "--serve: expected an installed page" in run(capsys, "annotate", rec, "--serve").error
 
 
@@ -95,9 +95,7 @@ def test_serving_gives_the_page_the_recording_and_its_results(
     rec: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[tuple[object, ...]] = []
-    monkeypatch.setattr(
-        "groundtrace.commands.annotating._server", lambda: lambda *a: calls.append(a)
-    )
+    monkeypatch.setattr("groundtrace.cli.annotate._server", lambda: lambda *a: calls.append(a))
     done(capsys, "annotate", rec, "--serve", "--author", "bea", "--no-browser", "--port", 99)
     results = rec.with_name("rec.results.mcap")
     results.touch()

@@ -9,7 +9,7 @@ import pytest
 from command_runs import done
 from mcap.writer import Writer
 
-from groundtrace.results import read_results
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import Note
 
 if TYPE_CHECKING:

@@ -13,9 +13,11 @@ import pytest
 from command_runs import assert_same_decisions, decisions, done, run
 from truth_tables import write_truth_csv
 
-from groundtrace.pipeline import load_pipeline, named_pipelines
-from groundtrace.results import read_results
-from groundtrace.simulate import RoomOptions, simulate_room, write
+from groundtrace.pipeline.config import load_pipeline, named_pipelines
+from groundtrace.pipeline.results import read_results
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs import (
     NS_PER_S,
     Channel,

@@ -29,7 +29,7 @@ def pair(walks: tuple[Path, Path], tmp_path: Path) -> tuple[Path, Path]:
 
 @pytest.fixture(scope="module")
 def walks(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     folder = tmp_path_factory.mktemp("walks")
     for name, height in (("a.mcap", 2.0), ("b.mcap", 0.4)):

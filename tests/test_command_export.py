@@ -16,10 +16,9 @@ from command_runs import check_schema, done, run
 from exported_sessions import of_kind, room_and_walk
 
 from groundtrace.errors import PluginError
-from groundtrace.exports.kinds import tables_of_events
-from groundtrace.exports.run import exporters
-from groundtrace.plugins import load, plugins
-from groundtrace.results import read_results
+from groundtrace.export.base import exporters, tables_of_events
+from groundtrace.pipeline.plugins import load, plugins
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import CandidateBlock
 
 if TYPE_CHECKING:
@@ -214,6 +213,6 @@ def test_an_exporter_that_does_not_load_is_told_of_and_left_out(
             raise PluginError("exporters: gpx: expected it to import, found: broken")
         return load(group, name)
 
-    monkeypatch.setattr("groundtrace.exports.run.load", broken)
+    monkeypatch.setattr("groundtrace.export.base.load", broken)
     ran = done(capsys, "export", "room.results.mcap", "-o", "s.csv", "--kind", "steps")
     assert ran.err == "warning: exporters: gpx: expected it to import, found: broken\n"

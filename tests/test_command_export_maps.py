@@ -14,7 +14,7 @@ import pytest
 from command_runs import done
 from exported_sessions import of_kind, room_and_walk
 
-from groundtrace.results import read_results
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import StepEvent, TrackPoint
 from groundtrace_codecs.recording import Recording
 

@@ -13,8 +13,7 @@ import pytest
 from command_runs import done, run
 
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.schemas.msgs import ros2msg
-from groundtrace_codecs.schemas.ros import KINDS
+from groundtrace_codecs.schemas.ros2 import KINDS, ros2msg
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from command_runs import done, run
 
-from groundtrace.exports.miniseed import encoding_of
-from groundtrace.exports.seed_codes import seed_codes
-from groundtrace.results import read_results
+from groundtrace.export.seismic import encoding_of, seed_codes
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from command_runs import check_schema, done
 
-from groundtrace.simulate import RoomOptions, simulate_room
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.writer import write_recording
 from groundtrace_recordings import bundled
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
 
 RATE = 20_000
 STEPS = 8

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from command_runs import done, run
 
-from groundtrace.commands import COMMANDS, SIMULATIONS
-from groundtrace.parameters import describe
-from groundtrace.pipeline import load_pipeline, named_pipelines
-from groundtrace.plugins import GROUPS, load, plugins
-from groundtrace.results import read_results
+from groundtrace.cli.main import COMMANDS, SIMULATIONS
+from groundtrace.pipeline.config import load_pipeline, named_pipelines
+from groundtrace.pipeline.parameters import describe
+from groundtrace.pipeline.plugins import GROUPS, load, plugins
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs import Channel, SignalBlock, Stream, write_recording
 from groundtrace_recordings import path_of
 
@@ -41,7 +41,7 @@ def python(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def in_a_process(*arguments: object) -> subprocess.CompletedProcess[str]:
-    return python("from groundtrace.commands import main; main()", *arguments)
+    return python("from groundtrace.cli.main import main; main()", *arguments)
 
 
 def pressure(path: Path) -> Path:
@@ -74,7 +74,7 @@ def test_exit_codes_are_1_known_error_2_wrong_usage() -> None:
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys\nfrom groundtrace.commands import main\nmain(['--help'])\n"
+        "import sys\nfrom groundtrace.cli.main import main\nmain(['--help'])\n"
         f"print([m for m in {HEAVY} if m in sys.modules])"
     )
     ran = python(code)
@@ -90,7 +90,7 @@ def test_help_of_a_command_has_an_example(command: tuple[str, ...], capsys: Capt
 
 
 def test_a_reader_that_has_seen_enough_ends_the_command_quietly() -> None:
-    code = "from groundtrace.commands import main; main(['plugins', '--parameters'])"
+    code = "from groundtrace.cli.main import main; main(['plugins', '--parameters'])"
     command = [sys.executable, "-c", code]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as ran:
         assert ran.stdout is not None

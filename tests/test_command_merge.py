@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 from command_runs import assert_same_decisions, check_schema, done, run
 
-from groundtrace.commands import main
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, write
-from groundtrace.simulate.steps_of import ClockError, Walked, simulate_same_walk
+from groundtrace.cli.main import main
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import ClockError, Walked, simulate_same_walk
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter

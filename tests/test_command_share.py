@@ -15,10 +15,10 @@ import pytest
 from command_runs import done, run
 from share_sessions import Walk, quietly, shared_walk, small_viewer
 
-from groundtrace.annotate import from_json
-from groundtrace_viewers import share as sharing
-from groundtrace_viewers import single_page
-from groundtrace_viewers.share_sources import sources_of
+from groundtrace.annotate.agreement import from_json
+from groundtrace_viewers.web import share
+from groundtrace_viewers.web import share as sharing
+from groundtrace_viewers.web.summary import sources_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,7 +42,7 @@ def walk(replayed: Walk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Wal
     """The walk in a folder of its own, and a viewer of small files."""
     viewer = small_viewer(tmp_path / "viewer")
     monkeypatch.setattr(sharing, "viewer_folder", lambda: viewer)
-    monkeypatch.setattr(single_page, "viewer_folder", lambda: viewer)
+    monkeypatch.setattr(share, "viewer_folder", lambda: viewer)
     monkeypatch.chdir(tmp_path)
     place = tmp_path / "secret-place"
     shutil.copytree(replayed.recording.parent, place)

@@ -10,8 +10,12 @@ import pytest
 from command_runs import check_schema, done, run
 from pyarrow import parquet
 
-from groundtrace.results import read_results
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
+from groundtrace.pipeline.results import read_results
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.geometry import Geometry
 
 if TYPE_CHECKING:
@@ -91,7 +95,7 @@ def test_score_page_and_shared_summary_carry_warnings_in_their_head(capsys: Capt
 def test_a_fleet_s_table_and_page_carry_warnings(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace.commands.fleet.engine_of", lambda *_: Here())
+    monkeypatch.setattr("groundtrace.cli.fleet.engine_of", lambda *_: Here())
     asked = ("fleet", "walk.mcap", "--pipeline", "waist-steps", "-o", "t.parquet")
     document = done(capsys, *asked, "--json").document
     check_schema("fleet", document)

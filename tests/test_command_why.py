@@ -19,7 +19,7 @@ WALK = path_of("waist-walk.mcap")
 @pytest.fixture(scope="module")
 def missing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of the bundled walk with a threshold that loses steps."""
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     path = tmp_path_factory.mktemp("walk") / "walk.results.mcap"
     main(
@@ -41,7 +41,7 @@ def missing(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def real(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a recording of the lower back."""
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     folder = tmp_path_factory.mktemp("real")
     source = data / "mobgap" / "HA" / "001" / "data.mat"
@@ -201,7 +201,7 @@ def test_a_file_of_the_gates_is_written_beside_the_text(missing: Path, capsys: C
 def test_without_a_display_the_file_is_written_instead(
     missing: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace.commands.showing.has_display", lambda: False)
+    monkeypatch.setattr("groundtrace.cli.console.has_display", lambda: False)
     ran = done(capsys, "why", missing, "--at", 3, "--spawn")
     assert "no display" in ran.err
     assert Path("walk.results.why.rrd").is_file()

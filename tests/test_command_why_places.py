@@ -24,7 +24,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     None of them by correlation: that would find those again that were not picked.
     """
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     path = tmp_path_factory.mktemp("room") / "room.results.mcap"
     settings = ("picks.ratio=900", "steps.min_channels=2", "arrivals.min_height=1")

@@ -129,8 +129,8 @@ def test_exports_and_summaries_say_it(late: list[float], capsys: Capture) -> Non
     text = "".join(p.read_text() for p in sorted(Path().glob("misses*")))
     assert len(re.findall(r"missed,timing,", text)) == len(late)
     assert len(re.findall(r"answers step \d+, \d+ ms late", text)) == len(late)
-    from groundtrace.results import read_results
-    from groundtrace_viewers.moments import moments_of_results
+    from groundtrace.pipeline.results import read_results
+    from groundtrace_viewers.rerun.moments import moments_of_results
 
     found = moments_of_results(read_results(Path("walk.results.mcap"))).misses
     texts = [m.text for m in found]
@@ -148,7 +148,7 @@ class Here:
 def test_a_fleet_counts_them(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     from pyarrow.parquet import read_table
 
-    monkeypatch.setattr("groundtrace.commands.fleet.engine_of", lambda *_: Here())
+    monkeypatch.setattr("groundtrace.cli.fleet.engine_of", lambda *_: Here())
     Path("walks").mkdir()
     late = write(Path("walks/walk.mcap"), every=3)
     out = ["-o", "fleet.parquet", "--pipeline", "waist-peaks"]

@@ -10,8 +10,8 @@ from command_runs import check_schema, done
 from pyarrow.parquet import read_table
 from turning_sensors import RATE_HZ, turning_sensor
 
-from groundtrace.commands import main
-from groundtrace.results import read_results
+from groundtrace.cli.main import main
+from groundtrace.pipeline.results import read_results
 from groundtrace_codecs.events import Note
 from groundtrace_recordings import map_path
 

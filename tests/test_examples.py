@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from command_runs import done
 
-from groundtrace.commands import ANALYSES, COMMANDS, SIMULATIONS, application
-from groundtrace.explain.grid import parse_axis
-from groundtrace.pipeline import checked_pipeline, named_pipelines
+from groundtrace.cli.main import ANALYSES, COMMANDS, SIMULATIONS, application
+from groundtrace.explain.redecide import parse_axis
+from groundtrace.pipeline.config import checked_pipeline, named_pipelines
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

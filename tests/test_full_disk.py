@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import pytest
 from command_runs import done, run
 
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def piped(*arguments: str, out: int | str, buffered: bool, before: str = "") -> 
     """Run a command in a process of its own; return its exit code and what it says on stderr."""
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     environment |= {} if buffered else {"PYTHONUNBUFFERED": "1"}
-    code = f"{before}from groundtrace.commands import main; main()"
+    code = f"{before}from groundtrace.cli.main import main; main()"
     with Path(os.devnull).open("wb") if isinstance(out, int) else Path(out).open("wb") as file:
         ran = subprocess.run(
             [sys.executable, "-c", code, *arguments],

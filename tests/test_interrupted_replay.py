@@ -13,8 +13,8 @@ import msgspec
 import pytest
 from command_runs import done, run
 
-from groundtrace.results import RUN, Provenance, ResultsSink, read_results
-from groundtrace_codecs.labels import Label
+from groundtrace.pipeline.results import RUN, Provenance, ResultsSink, read_results
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.writer import RecordingWriter
 from groundtrace_recordings import path_of
 
@@ -75,7 +75,7 @@ def test_a_replay_that_is_stopped_leaves_outputs_of_before_as_they_were(
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])
 def test_a_paced_replay_ends_at_once_where_it_is_asked_to(asked: signal.Signals) -> None:
-    code = "from groundtrace.commands import main; main()"
+    code = "from groundtrace.cli.main import main; main()"
     options = ("replay", str(WALK), "--no-viewer", "--rate", "2", "--out", "r.mcap")
     with subprocess.Popen([sys.executable, "-c", code, *options], stderr=subprocess.PIPE) as ran:
         while not Path("r.mcap.partial").exists():

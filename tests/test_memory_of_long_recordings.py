@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 from groundtrace_codecs import Channel, Label, SignalBlock, Stream, write_recording
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ KEPT = ("walk.rrd", "kept.toml", "kept.svg", "kept.parquet", "kept.mcap")
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make a short walk and its results, once."""
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     folder = tmp_path_factory.mktemp("replayed")
     walk, results = folder / "walk.mcap", folder / "walk.results.mcap"

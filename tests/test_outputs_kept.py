@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from command_runs import done, run
 
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

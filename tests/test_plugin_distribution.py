@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from command_runs import run
 
-from groundtrace.conformance import check_stage
-from groundtrace.parameters import describe
-from groundtrace.results import read_results
-from groundtrace.score import score_picks
-from groundtrace.source import Source
+from groundtrace.evaluation.picks import score_picks
+from groundtrace.pipeline.conformance import check_stage
+from groundtrace.pipeline.parameters import describe
+from groundtrace.pipeline.results import read_results
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs import Pick, Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of
@@ -39,9 +39,9 @@ name = "steps"
 use = "coincidence"
 """
 CHECK = """\
-from groundtrace.conformance import check_stage
-from groundtrace.plugins import load
-from groundtrace.source import Source
+from groundtrace.pipeline.conformance import check_stage
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs import Recording
 from groundtrace_recordings import path_of
 
@@ -82,7 +82,7 @@ def python(site: Path, cwd: Path, *arguments: str) -> str:
 
 
 def groundtrace(site: Path, cwd: Path, *arguments: str) -> str:
-    return python(site, cwd, "-c", "from groundtrace.commands import main; main()", *arguments)
+    return python(site, cwd, "-c", "from groundtrace.cli.main import main; main()", *arguments)
 
 
 def test_an_installed_plugin_is_listed_with_its_distribution(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
 
 def write_truth_csv(path: Path, labels: Iterable[Label], start_ns: int) -> None:

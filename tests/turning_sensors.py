@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from groundtrace.health.turning import rotations
+from groundtrace.inertial.worn_sensor_faults import rotations
 
 RATE_HZ = 100.0
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from .errors import CodecError, FormatError, MissingReaderError, SchemaError
 from .events import (
+    TRUTH_KINDS,
     Bearing,
     CandidateBlock,
     Disagreement,
@@ -20,6 +21,7 @@ from .events import (
     Gap,
     GateSpec,
     Heading,
+    Label,
     LikelihoodSurface,
     LineCrossing,
     Note,
@@ -33,16 +35,12 @@ from .events import (
     TrackPoint,
 )
 from .geometry import Geometry, Medium, Sensor
-from .labels import TRUTH_KINDS, Label
 from .signals import NS_PER_S, SEISMIC_QUANTITIES, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
-    from .channels import Stamped
-    from .event_codec import events_of
-    from .label_codec import labels_of
-    from .mcap import McapFile
-    from .others import OtherTopic
-    from .recording import Recording
+    from .mcap.reader import McapFile
+    from .recording import OtherTopic, Recording, Stamped
+    from .schemas.event_messages import events_of, labels_of
     from .writer import RecordingWriter, write_recording
 
 __all__ = [
@@ -91,13 +89,13 @@ __all__ = [
 ]
 
 _LAZY = {
-    "McapFile": "mcap",
-    "OtherTopic": "others",
+    "McapFile": "mcap.reader",
+    "OtherTopic": "recording",
     "Recording": "recording",
     "RecordingWriter": "writer",
-    "Stamped": "channels",
-    "events_of": "event_codec",
-    "labels_of": "label_codec",
+    "Stamped": "recording",
+    "events_of": "schemas.event_messages",
+    "labels_of": "schemas.event_messages",
     "write_recording": "writer",
 }
 

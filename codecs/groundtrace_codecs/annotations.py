@@ -11,15 +11,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .errors import CodecError, SchemaError
-from .label_codec import decode_label, label_channels, label_message
-from .labels import Label  # noqa: TC001 (journals are decoded by these annotations)
+from .events import Label  # noqa: TC001 (journals are decoded by these annotations)
+from .schemas.event_messages import decode_label, label_channels, label_message
 from .schemas.protobuf import message_class, parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from .mcap import McapFile
+    from .mcap.reader import McapFile
 
 #: Topic of annotations, in a sidecar or in a recording.
 ANNOTATIONS_TOPIC = "/annotations"
@@ -166,7 +166,7 @@ def read_sidecar(path: Path) -> Sidecar:
     CodecError
         Where it cannot be read.
     """
-    from .mcap import McapFile
+    from .mcap.reader import McapFile
 
     try:
         file = McapFile.open(path)

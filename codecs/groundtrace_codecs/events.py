@@ -8,19 +8,463 @@ counted. A view and a scorer make it complete.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from bisect import bisect_left, insort
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from .estimates import Bearing, Disagreement, Disturbance, Fix, Heading, TrackPoint
+import numpy as np
+
 from .signals import NS_PER_S
-from .traffic import LikelihoodSurface, LineCrossing, Pass, Presence
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A place found for one moment.
+
+    Attributes
+    ----------
+    time_ns, x_m, y_m
+        When and where.
+    covariance
+        (xx, xy, yy) of the place [m^2]; NaN where unknown.
+    residual
+        What the method leaves unexplained, in its own unit; NaN where it has none.
+    method, picks, stage
+        How it was found, from how many arrivals, and the stage that found it.
+    """
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    covariance: tuple[float, float, float]
+    residual: float
+    method: str
+    picks: int
+    stage: str
+
+
+#: What the name of a stage gets appended for its smoothed tracks.
+SMOOTHED = ".smoothed"
+
+
+@dataclass(frozen=True, slots=True)
+class TrackPoint:
+    """Where a tracked target is at one moment.
+
+    Attributes
+    ----------
+    time_ns, track
+        When, and the number of the track.
+    x_m, y_m, vx_mps, vy_mps, covariance
+        Place, velocity, and (xx, xy, yy) of the place [m^2]; NaN where unknown.
+    stage
+        The stage that tracks.
+    nis
+        Normalised innovation squared of the update (2 degrees of freedom); NaN without an update.
+    """
+
+    time_ns: int
+    track: int
+    x_m: float
+    y_m: float
+    vx_mps: float
+    vy_mps: float
+    covariance: tuple[float, float, float]
+    stage: str
+    nis: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """A direction [rad] and its standard deviation [rad; NaN where unknown] at one moment."""
+
+    time_ns: int
+    heading_rad: float
+    sigma_rad: float
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """A half-open span [ns] in which a sensor is disturbed; ``value`` says how much."""
+
+    time_ns: int
+    end_ns: int
+    value: float
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bearing:
+    """The direction that a wave came from, at one station.
+
+    Attributes
+    ----------
+    time_ns, station
+        When, and the name of the station of three axes.
+    azimuth_rad
+        From the station towards the source, counter-clockwise from x [rad].
+    sigma_rad
+        One standard deviation [rad]; NaN where unknown.
+    value
+        What the method's decision rests on, e.g. the degree of polarisation.
+    ambiguous
+        True where the direction is an axis: the source may as well lie at ``azimuth_rad + pi``.
+    stage
+        The stage that found it.
+    """
+
+    time_ns: int
+    station: str
+    azimuth_rad: float
+    sigma_rad: float
+    value: float
+    ambiguous: bool
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """Localizers that place one step apart.
+
+    Attributes
+    ----------
+    time_ns
+        The step's.
+    distance_m
+        Between the two places that are farthest apart for their uncertainty [m].
+    value
+        That distance in standard deviations.
+    methods
+        The two stages, as ``one, other``.
+    stage
+        The stage that compares.
+    """
+
+    time_ns: int
+    distance_m: float
+    value: float
+    methods: str
+    stage: str
+
+
+#: Kinds a truth table may hold; ``walking``, ``ignore``, ``count`` and ``idle`` (movement that is
+#: no walking) are spans; ``trailing`` is the second contact of a side step, no step of its own.
+TRUTH_KINDS = frozenset(
+    {
+        "step",
+        "count",
+        "walking",
+        "ignore",
+        "waypoint",
+        "impact",
+        "pick",
+        "heading",
+        "disturbed",
+        "pass",
+        "trailing",
+        "idle",
+    }
+)
+#: Kinds a person may mark. ``missed`` is a step that a detector missed, ``false`` a detection where
+#: there was none, ``span`` a span with a word of its own.
+MOMENT_KINDS = frozenset({"missed", "false", "step", "pick", "note"})
+SPAN_KINDS = frozenset({"walking", "ignore", "disturbed", "pass", "span"})
+ANNOTATION_KINDS = MOMENT_KINDS | SPAN_KINDS
+
+#: Author of labels that were computed from what was simulated, not read off a recording.
+SIMULATOR = "simulator"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Label:
+    """One labelled moment or span.
+
+    Attributes
+    ----------
+    time_ns
+        Moment, or start of the span [ns, on the recording's clock].
+    kind
+        One of :data:`TRUTH_KINDS` or of :data:`ANNOTATION_KINDS`.
+    end_ns
+        End of a half-open span [ns], or None for a moment.
+    x_m, y_m
+        Place [m], or None.
+    value
+        Count, heading [rad], speed, ... as the kind has it, or None.
+    channel
+        Channel concerned, for picks.
+    label
+        Detail: ``left``, ``right``, ``forward``, ...
+    author
+        Who or what labelled.
+    note
+        Free text.
+    target
+        Which of several targets, e.g. which of two walkers; empty where there is one.
+    """
+
+    time_ns: int
+    kind: str
+    end_ns: int | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    value: float | None = None
+    channel: str = ""
+    label: str = ""
+    author: str = ""
+    note: str = ""
+    target: str = ""
+
+    def within(self, start_ns: int, stop_ns: int) -> Label | None:
+        """Return the label as it holds in a half-open span; None where nothing of it does.
+
+        A span is cut. A count is not told of a part of its span, so one that would be cut is left
+        out.
+        """
+        if self.end_ns is None:
+            return self if start_ns <= self.time_ns < stop_ns else None
+        first_ns, end_ns = max(self.time_ns, start_ns), min(self.end_ns, stop_ns)
+        if (first_ns, end_ns) == (self.time_ns, self.end_ns):
+            return self
+        if first_ns >= end_ns or self.kind == "count":
+            return None
+        return replace(self, time_ns=first_ns, end_ns=end_ns)
+
+
+def has_vehicles(labels: Iterable[Label]) -> bool:
+    """Return whether truth has vehicles: they pass stations, and steps have no places."""
+    return any(x.kind == "pass" for x in labels)
+
+
+def as_truth(label: Label) -> Label:
+    """Return what an annotation says as truth: ``missed`` is a step, others are what they are.
+
+    ``false``, ``note`` and ``span`` are no truth of anything; whoever scores leaves them out.
+    """
+    return replace(label, kind="step") if label.kind == "missed" else label
+
+
+#: Labels of two files that say the same within this time are said once [ns].
+SAME_NS = NS_PER_S // 10
+
+
+class Said:
+    """The labels of earlier files, by what they are about."""
+
+    def __init__(self) -> None:
+        self._moments: dict[tuple[str, str, str], list[int]] = {}
+        self._spans: dict[tuple[str, str, str], list[tuple[int, int]]] = {}
+
+    def add(self, labels: Sequence[Label]) -> None:
+        """Take the labels of a file."""
+        for label in labels:
+            about = (label.kind, label.target, label.channel)
+            if label.end_ns is None:
+                insort(self._moments.setdefault(about, []), label.time_ns)
+            else:
+                self._spans.setdefault(about, []).append((label.time_ns, label.end_ns))
+
+    def holds(self, label: Label) -> bool:
+        """Whether an earlier file says what a label says."""
+        about = (label.kind, label.target, label.channel)
+        if label.end_ns is not None:
+            spans = self._spans.get(about, ())
+            return any(label.time_ns < end and start < label.end_ns for start, end in spans)
+        times = self._moments.get(about, [])
+        first = bisect_left(times, label.time_ns - SAME_NS)
+        return first < len(times) and times[first] <= label.time_ns + SAME_NS
+
+
+#: A quantised surface has this many levels above its lowest.
+LEVELS = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """A half-open span [ns] in which a channel hears a vehicle; told when the span has ended.
+
+    Attributes
+    ----------
+    time_ns, end_ns
+        From the first cycle that passed all gates to the end of the last.
+    channel, topic, stage
+        Where it is heard, and the stage that says so.
+    value
+        Greatest peak of the stage's decision function in the span.
+    """
+
+    time_ns: int
+    end_ns: int
+    channel: str
+    topic: str
+    stage: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pass:
+    """A vehicle passes a station: the moment at which it is nearest, by the power.
+
+    Attributes
+    ----------
+    time_ns, sigma_s
+        When, and its standard deviation [s].
+    station
+        Name of the station.
+    vehicle
+        Number of the vehicle, the same at all stations; 0 where it was heard at one alone.
+    direction
+        ``forward`` or ``backward`` along the road; empty where unknown.
+    speed_mps, speed_sigma_mps
+        Speed along the road and its standard deviation [m/s]; NaN where unknown.
+    half_width_s
+        Distance of the lane over speed [s].
+    value
+        Peak of the power over the noise [dB].
+    stage
+        The stage that found it.
+    """
+
+    time_ns: int
+    sigma_s: float
+    station: str
+    vehicle: int
+    direction: str
+    speed_mps: float
+    speed_sigma_mps: float
+    half_width_s: float
+    value: float
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class LineCrossing:
+    """A tracked vehicle crosses a line.
+
+    Attributes
+    ----------
+    time_ns, sigma_s
+        When, and its standard deviation [s].
+    track
+        Number of the track.
+    line
+        What the line is: ``road``, ``line``, or the sensors at its ends, as ``A1-A3``.
+    x_m, y_m
+        Where [m].
+    along_sigma_m
+        Standard deviation of the place along the line [m].
+    speed_mps, speed_sigma_mps
+        Of the vehicle and its standard deviation [m/s].
+    heading_rad
+        Direction of its motion, counter-clockwise from x [rad].
+    stage
+        The stage that found it.
+    """
+
+    time_ns: int
+    sigma_s: float
+    track: int
+    line: str
+    x_m: float
+    y_m: float
+    along_sigma_m: float
+    speed_mps: float
+    speed_sigma_mps: float
+    heading_rad: float
+    stage: str
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodSurface:
+    """The log-likelihood of a place over a lattice, in one cycle, as an image.
+
+    Attributes
+    ----------
+    time_ns
+        Middle of the cycle.
+    x_m, y_m
+        Node of the first column and first row [m].
+    step_m
+        Between nodes [m].
+    columns, rows
+        Numbers of nodes along x and along y.
+    lowest, highest
+        Log-likelihood of the levels 0, which stands for all below as well, and 255.
+    levels
+        One byte per node, row after row from the least y.
+    stage
+        The stage that located.
+
+    Raises
+    ------
+    ValueError
+        Where there is not one level for each node.
+    """
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    step_m: float
+    columns: int
+    rows: int
+    lowest: float
+    highest: float
+    levels: bytes
+    stage: str
+
+    def __post_init__(self) -> None:
+        if len(self.levels) != self.columns * self.rows:
+            raise ValueError(
+                f"levels: expected {self.columns * self.rows} bytes, found {len(self.levels)}"
+            )
+
+    def values(self) -> NDArray[np.float64]:
+        """Return the log-likelihood at the nodes, shape (rows, columns)."""
+        found = np.frombuffer(self.levels, np.uint8).reshape(self.rows, self.columns)
+        values = self.lowest + (self.highest - self.lowest) / LEVELS * found
+        return np.asarray(values, np.float64)
+
+
+def quantised(
+    time_ns: int,
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    values: NDArray[np.float64],
+    stage: str,
+    depth: float = 20.0,
+) -> LikelihoodSurface:
+    """Return a surface in 256 levels.
+
+    Parameters
+    ----------
+    time_ns, stage
+        As of the event.
+    x, y
+        Shapes (nx,) and (ny,): even coordinates [m].
+    values
+        Shape (ny, nx): log-likelihood.
+    depth
+        How far below the highest the lowest level is, at most.
+    """
+    highest = float(values.max())
+    lowest = max(float(values.min()), highest - depth)
+    scale = LEVELS / max(highest - lowest, 1e-300)
+    levels = np.clip(np.round((values - lowest) * scale), 0, LEVELS).astype(np.uint8)
+    return LikelihoodSurface(
+        time_ns, float(x[0]), float(y[0]), float(x[1] - x[0]), len(x), len(y),
+        lowest, highest, levels.tobytes(), stage,
+    )  # fmt: skip
+
+
+#: What is said of vehicles.
+Traffic = Presence | Pass | LineCrossing | LikelihoodSurface
 
 
 @dataclass(frozen=True, slots=True)
@@ -455,33 +899,3 @@ def kind_emitted(emits: str) -> EventKind | None:
     """Return the kind that a stage says it emits; an ``impact`` is a step by another name."""
     name = "step" if emits == "impact" else emits
     return next((kind for kind in EVENTS.values() if kind.name == name), None)
-
-
-__all__ = [
-    "EVENTS",
-    "Bearing",
-    "CandidateBlock",
-    "Disagreement",
-    "Disturbance",
-    "Event",
-    "EventKind",
-    "Fix",
-    "Gap",
-    "GateSpec",
-    "Heading",
-    "LikelihoodSurface",
-    "LineCrossing",
-    "Note",
-    "Pass",
-    "Pick",
-    "Presence",
-    "Quantity",
-    "SingleEvent",
-    "StageSpec",
-    "StepEvent",
-    "TraceBlock",
-    "TrackPoint",
-    "kind_emitted",
-    "kind_of_message",
-    "no_events",
-]

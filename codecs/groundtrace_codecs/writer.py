@@ -1,29 +1,53 @@
-"""Writing recordings: streams, geometry, labels and events into one MCAP file."""
+"""Writing recordings: streams, geometry, labels and events into one MCAP file.
+
+Blocks of a stream as messages: which encoding a stream gets, and its preview for other viewers.
+
+A full IMU, a magnetometer, barometer, thermometer or GNSS in SI units becomes a ROS 2 message,
+which every viewer draws; everything else a ``groundtrace.WaveformBlock``. Messages and previews
+are cut at multiples of absolute sample indices, so that they do not depend on how the samples came.
+"""
 
 from __future__ import annotations
 
+import heapq
+import math
+from dataclasses import replace
+from functools import cache
 from itertools import chain, islice
+from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import numpy as np
 
 from .annotations import ANNOTATIONS_TOPIC, SIDECAR, encode_annotation, replace_durably
-from .container import CHUNK_BYTES, TOOL, Container, Output, Packet, tool_version
-from .encoders import Encoder, encoders_for, merged_pieces, protobuf_output
 from .errors import CodecError
-from .event_encoding import encode_event
+from .events import EVENTS, CandidateBlock, StageSpec, TraceBlock
 from .geometry import SITE_NAME
-from .label_codec import TRUTH_TOPIC, encode_label
-from .schemas.waveform import FORMATS
-from .site import transforms
+from .mcap.writer import CHUNK_BYTES, TOOL, Container, Output, Packet, tool_version
+from .schemas.event_messages import (
+    TIMES,
+    TRUTH_TOPIC,
+    candidates_topic,
+    encode_label,
+    layout_of,
+    spec_json,
+    trace_topic,
+)
+from .schemas.protobuf import descriptor_set, message_class, schema_bytes, set_time
+from .schemas.ros2 import CdrTemplate, RosWriter, kind_of, parse_ros2msg, ros2msg
+from .schemas.waveform import FORMATS, encode_waveform, to_format
+from .signals import PREVIEW_KEY, ROLE_KEY, SPEC_KEY, STREAM_KEY, as_one, stream_json
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from types import TracebackType
 
+    from numpy.typing import NDArray
+
     from .annotations import Annotation, Sidecar
-    from .events import Event
+    from .events import Event, Label, SingleEvent
     from .geometry import Geometry
-    from .labels import Label
     from .signals import SignalBlock, Stream
 
 
@@ -289,3 +313,390 @@ def write_sidecar(path: Path, sidecar: Sidecar) -> None:
 
 def _origin(start_ns: int) -> dict[str, str]:
     return {"start_ns": str(start_ns), "tool": TOOL, "version": tool_version()}
+
+
+#: Length of a message of samples [s].
+MESSAGE_S = 0.1
+#: Rate of previews, and the rate above which a waveform gets one [Hz].
+PREVIEW_HZ = 100.0
+#: Above this rate an IMU is stored in blocks [Hz].
+IMU_MAX_HZ = 500.0
+_IMU = "sensor_msgs/Imu"
+_ARRAY = "std_msgs/Float64MultiArray"
+_U32 = (1 << 32) - 1
+
+
+class Encoder(Protocol):
+    """Turns the blocks of one stream into the messages of one channel."""
+
+    @property
+    def output(self) -> Output:
+        """The channel the messages go to."""
+
+    def encode(self, block: SignalBlock) -> Iterator[Packet]:
+        """Yield the messages that a block completes."""
+
+    def flush(self) -> Iterator[Packet]:
+        """Yield the message left incomplete at the end."""
+
+
+def protobuf_output(topic: str, name: str, metadata: tuple[tuple[str, str], ...] = ()) -> Output:
+    """Return the channel of a groundtrace message."""
+    schema = schema_bytes(name)
+    return Output(topic, f"groundtrace.{name}", "protobuf", schema, "protobuf", metadata)
+
+
+def _ros_output(topic: str, kind: str, key: str, value: str) -> Output:
+    name = kind.replace("/", "/msg/")
+    return Output(topic, name, "ros2msg", ros2msg(kind).encode(), "cdr", ((key, value),))
+
+
+def encoders_for(stream: Stream, sample_format: str) -> tuple[Encoder, ...]:
+    """Return the encoders of a stream: its own first, then its preview, if it gets one."""
+    kind = kind_of(stream)
+    slow = stream.irregular or stream.rate_hz <= IMU_MAX_HZ
+    if kind is not None and (slow or kind != _IMU):
+        return (RosEncoder(stream, kind),)
+    waveform = WaveformEncoder(stream, sample_format)
+    unscaled = replace(stream, channels=tuple(replace(c, scale=1.0) for c in stream.channels))
+    if stream.irregular or stream.rate_hz <= PREVIEW_HZ:
+        return (waveform,)
+    if kind_of(unscaled) == _IMU:
+        return (waveform, ImuPreview(stream))
+    return (waveform, Envelope(stream))
+
+
+class Buckets:
+    """Joins blocks and gives them out in runs that end at multiples of ``size`` samples.
+
+    A run ends early where the samples do not continue: another anchor, or a jump of the index.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+        self._pending: list[SignalBlock] = []
+
+    def push(self, block: SignalBlock) -> Iterator[SignalBlock]:
+        """Yield the runs that a block completes."""
+        if self._pending and not block.continues(self._pending[-1]):
+            yield from self.flush()
+        self._pending.append(block)
+        first, end = self._pending[0].first, block.first + len(block)
+        whole = end // self.size * self.size - first
+        if whole <= 0:
+            self._pending[-1] = _owned(block)
+            return
+        joined = as_one(self._pending)
+        rest = joined.slice(whole, len(joined))
+        self._pending = [_owned(rest)] if len(rest) else []
+        yield joined.slice(0, whole)
+
+    def flush(self) -> Iterator[SignalBlock]:
+        """Yield what is left."""
+        if self._pending:
+            pending, self._pending = self._pending, []
+            yield as_one(pending)
+
+    def starts(self, run: SignalBlock) -> NDArray[np.intp]:
+        """Return where in a run its buckets start, shape (n_buckets,)."""
+        inner = np.arange(self.size - run.first % self.size, len(run), self.size)
+        return np.concatenate([[0], inner]).astype(np.intp)
+
+
+def _owned(block: SignalBlock) -> SignalBlock:
+    """Return a copy: what is kept must not change with a buffer that its owner uses again."""
+    times = None if block.times_ns is None else block.times_ns.copy()
+    return replace(block, samples=block.samples.copy(), times_ns=times)
+
+
+def pieces(block: SignalBlock, size: int) -> Iterator[SignalBlock]:
+    """Cut a block at multiples of ``size`` samples of its run."""
+    starts = Buckets(size).starts(block).tolist()
+    for start, stop in zip(starts, [*starts[1:], len(block)], strict=True):
+        yield block.slice(start, stop)
+
+
+def message_samples(stream: Stream) -> int:
+    """Return how many samples one message of a stream holds."""
+    return max(1, round(MESSAGE_S * stream.rate_hz))
+
+
+def merged_pieces(
+    sources: Sequence[tuple[Stream, str, Iterable[SignalBlock]]],
+) -> Iterator[SignalBlock]:
+    """Yield pieces of one message's length of all streams' blocks, in order of their ends."""
+    queues = [_pieces_of(stream, blocks) for stream, _, blocks in sources]
+    return heapq.merge(*queues, key=lambda piece: piece.last_ns)
+
+
+def _pieces_of(stream: Stream, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
+    for block in blocks:
+        if len(block):
+            yield from pieces(block, message_samples(stream))
+
+
+class WaveformEncoder:
+    """A stream as WaveformBlocks of 0.1 s."""
+
+    def __init__(self, stream: Stream, sample_format: str) -> None:
+        self.output = protobuf_output(
+            stream.topic, "WaveformBlock", ((STREAM_KEY, stream_json(stream)),)
+        )
+        self._format = sample_format
+        self._buckets = Buckets(message_samples(stream))
+        self._sequence = 0
+
+    def encode(self, block: SignalBlock) -> Iterator[Packet]:
+        """Yield the messages that a block completes."""
+        stored = to_format(block.samples, self._format, block.topic)
+        for run in self._buckets.push(replace(block, samples=stored)):
+            yield from self._packets(run)
+
+    def flush(self) -> Iterator[Packet]:
+        """Yield the message left incomplete at the end."""
+        for run in self._buckets.flush():
+            yield from self._packets(run)
+
+    def _packets(self, run: SignalBlock) -> Iterator[Packet]:
+        for piece in pieces(run, self._buckets.size):
+            times = piece.times_ns
+            log_ns = piece.last_ns if times is None else int(times.max())
+            data = encode_waveform(piece)
+            yield Packet(log_ns, piece.start_ns, self._sequence & _U32, data)
+            self._sequence += 1
+
+
+class RosEncoder:
+    """A stream as one ROS 2 message per sample; the message's sequence is the sample's index."""
+
+    def __init__(self, stream: Stream, kind: str) -> None:
+        self.output = _ros_output(stream.topic, kind, STREAM_KEY, stream_json(stream))
+        self._writer = RosWriter(kind, stream)
+
+    def encode(self, block: SignalBlock) -> Iterator[Packet]:
+        """Yield one message per sample."""
+        times = block.sample_times()
+        data = self._writer.encode(times, block.samples)
+        for i, (time_ns, payload) in enumerate(zip(times.tolist(), data, strict=True)):
+            yield Packet(time_ns, time_ns, (block.first + i) & _U32, payload)
+
+    def flush(self) -> Iterator[Packet]:
+        """Yield nothing: no sample is kept back."""
+        yield from ()
+
+
+def _preview_size(stream: Stream) -> int:
+    return math.ceil(stream.rate_hz / PREVIEW_HZ)
+
+
+def _spans(run: SignalBlock, starts: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
+    """Yield time of the first and of the last sample of every bucket."""
+    ends = [*(starts[1:] - 1).tolist(), len(run) - 1]
+    for start, end in zip(starts.tolist(), ends, strict=True):
+        yield run.time_of(start), run.time_of(end)
+
+
+class Envelope:
+    """Minimum and maximum of every channel at 100 Hz, in units: ``[min, max]`` per channel."""
+
+    def __init__(self, stream: Stream) -> None:
+        topic = f"{stream.topic}/envelope"
+        self.output = _ros_output(topic, _ARRAY, PREVIEW_KEY, stream.topic)
+        self._buckets = Buckets(_preview_size(stream))
+        self._count = len(stream.channels)
+        self._template = CdrTemplate(
+            parse_ros2msg(_ARRAY, ros2msg(_ARRAY)),
+            {"layout.dim[].label": ["channel", "min_max"]},
+            {"layout.dim": 2, "data": 2 * self._count},
+        )
+
+    def encode(self, block: SignalBlock) -> Iterator[Packet]:
+        """Yield the messages that a block completes."""
+        for run in self._buckets.push(block):
+            yield from self._packets(run)
+
+    def flush(self) -> Iterator[Packet]:
+        """Yield the message left incomplete at the end."""
+        for run in self._buckets.flush():
+            yield from self._packets(run)
+
+    def _packets(self, run: SignalBlock) -> Iterator[Packet]:
+        starts = self._buckets.starts(run)
+        values = run.values
+        bounds = (np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts))
+        table = self._template.table(len(starts))
+        table.put("layout.dim[].size", np.array([[self._count, 2]]))
+        table.put("layout.dim[].stride", np.array([[2 * self._count, 2]]))
+        table.put("data", np.stack(bounds, axis=2).reshape(len(starts), -1))
+        for (first, last), data in zip(_spans(run, starts), table.payloads(), strict=True):
+            yield Packet(last, first, 0, data)
+
+
+class ImuPreview:
+    """An IMU stored in blocks, averaged to at most 100 Hz, as ``sensor_msgs/Imu``."""
+
+    def __init__(self, stream: Stream) -> None:
+        topic = f"{stream.topic}/preview"
+        self.output = _ros_output(topic, _IMU, PREVIEW_KEY, stream.topic)
+        self._buckets = Buckets(_preview_size(stream))
+        self._writer = RosWriter(_IMU, stream)
+
+    def encode(self, block: SignalBlock) -> Iterator[Packet]:
+        """Yield the messages that a block completes."""
+        for run in self._buckets.push(block):
+            yield from self._packets(run)
+
+    def flush(self) -> Iterator[Packet]:
+        """Yield the message left incomplete at the end."""
+        for run in self._buckets.flush():
+            yield from self._packets(run)
+
+    def _packets(self, run: SignalBlock) -> Iterator[Packet]:
+        starts = self._buckets.starts(run)
+        counts = np.diff([*starts, len(run)])[:, None]
+        means = np.add.reduceat(run.values, starts) / counts
+        spans = list(_spans(run, starts))
+        stamps = np.array([last for _, last in spans], np.int64)
+        for (first, last), data in zip(spans, self._writer.encode(stamps, means), strict=True):
+            yield Packet(last, first, 0, data)
+
+
+TRANSFORM_TOPIC = "/tf_static"
+_FRAME = "site"
+
+
+def transforms(geometry: Geometry, time_ns: int) -> tuple[Output, Packet]:
+    """Return the message that places every sensor in the frame ``site``."""
+    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+
+    message = FrameTransforms()
+    for sensor in geometry.sensors:
+        transform = message.transforms.add(parent_frame_id=_FRAME, child_frame_id=sensor.name)
+        set_time(transform.timestamp, time_ns)
+        transform.translation.x = sensor.x
+        transform.translation.y = sensor.y
+        transform.translation.z = sensor.z
+        transform.rotation.w = 1.0
+    output = Output(
+        TRANSFORM_TOPIC,
+        "foxglove.FrameTransforms",
+        "protobuf",
+        descriptor_set(FrameTransforms),
+        "protobuf",
+        ((ROLE_KEY, "geometry"),),
+    )
+    return output, Packet(time_ns, time_ns, 0, message.SerializeToString())
+
+
+Encoded = tuple[Output, Packet | None]
+
+
+@cache
+def _stage_output(spec: StageSpec, name: str) -> Output:
+    topic = candidates_topic(spec) if name == "CandidateBlock" else trace_topic(spec)
+    return protobuf_output(topic, name, ((SPEC_KEY, spec_json(spec)),))
+
+
+def encode_event(event: Event) -> Iterator[Encoded]:
+    """Yield the messages of an event and the channels they go to.
+
+    A stage's description is a channel without a message yet. Blocks without rows yield nothing.
+    """
+    if isinstance(event, StageSpec):
+        yield _stage_output(event, "CandidateBlock"), None
+        yield _stage_output(event, "TraceBlock"), None
+    elif isinstance(event, CandidateBlock):
+        if len(event):
+            yield _stage_output(event.spec, "CandidateBlock"), _candidates(event)
+    elif isinstance(event, TraceBlock):
+        if len(event):
+            yield _stage_output(event.spec, "TraceBlock"), _trace(event)
+    else:
+        yield _encoder_of(type(event))(event)
+        yield from mirror(event)
+
+
+def _packet(message: Any, first_ns: int, last_ns: int) -> Packet:
+    set_time(message.timestamp, first_ns)
+    return Packet(int(last_ns), int(first_ns), 0, message.SerializeToString())
+
+
+def _candidates(block: CandidateBlock) -> Packet:
+    message = message_class("CandidateBlock")(
+        count=len(block),
+        time_ns=block.time_ns.astype("<i8").tobytes(),
+        channel=block.channel.astype("<i4").tobytes(),
+        value=block.value.astype("<f4").tobytes(),
+        gate_value=block.gate_value.astype("<f4").tobytes(),
+        margin=block.margin.astype("<f4").tobytes(),
+        accepted=block.accepted.astype("u1").tobytes(),
+    )
+    return _packet(message, block.time_ns[0], block.time_ns.max())
+
+
+def _trace(block: TraceBlock) -> Packet:
+    message = message_class("TraceBlock")(
+        count=len(block),
+        time_ns=block.time_ns.astype("<i8").tobytes(),
+        value=block.value.astype("<f4").tobytes(),
+    )
+    return _packet(message, block.time_ns[0], block.time_ns.max())
+
+
+_ENCODERS: dict[type[Any], Callable[[Any], Encoded]] = {}
+
+
+def _encoder_of(cls: type[Any]) -> Callable[[Any], Encoded]:
+    """Return what encodes the events of a kind; made once."""
+    if cls not in _ENCODERS:
+        _ENCODERS[cls] = _made_encoder(cls)
+    return _ENCODERS[cls]
+
+
+def _made_encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
+    """Return what encodes the events of a kind: the message's fields are the event's own."""
+    layout = layout_of(cls)
+    output = protobuf_output(EVENTS[cls].topic, cls.__name__)
+    own = tuple(n for n in layout.names if n not in TIMES)
+    message_of, values_of = layout.message, attrgetter(*own, "time_ns")
+    span = "end_ns" in layout.names
+
+    def encode(event: Any) -> Encoded:
+        values = values_of(event)
+        message = message_of(**dict(zip(own, values, strict=False)))  # the time comes after them
+        start_ns = last_ns = values[-1]
+        if span:
+            set_time(message.end, event.end_ns)
+            last_ns = max(start_ns, event.end_ns)
+        return output, _packet(message, start_ns, last_ns)
+
+    return encode
+
+
+LOG_TOPIC = "/groundtrace/log"
+LEVELS = {"DEBUG": "DEBUG", "INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
+
+
+def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
+    """Yield an event's line in the log, where its kind has one; spans are told when they end."""
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    text = EVENTS[type(event)].text(event)
+    if not text:
+        return
+    level = LEVELS.get(getattr(event, "level", ""), "INFO")
+    source = getattr(event, "stage", "") or getattr(event, "source", "")
+    start_ns = event.time_ns
+    time_ns = max(start_ns, getattr(event, "end_ns", start_ns))
+    message = Log(level=Log.Level.Value(level), message=text, name=source)
+    set_time(message.timestamp, time_ns)
+    yield _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())
+
+
+@cache
+def _log_output() -> Output:
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    content = descriptor_set(Log)
+    role = ((ROLE_KEY, "mirror"),)
+    return Output(LOG_TOPIC, "foxglove.Log", "protobuf", content, "protobuf", role)

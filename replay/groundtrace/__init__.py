@@ -18,16 +18,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from groundtrace_codecs.errors import Error
 
-    from .api.analysis import Comparison, Explanation, Sweep
+    from .api.analysis import Comparison, Explanation, Score, Sweep
     from .api.comparing import compare, sweep
-    from .api.in_memory import replay
     from .api.pictures import show
     from .api.pipelines import Pipeline, pipelines
     from .api.recording import Recording, Stream, recordings
     from .api.recording import open_recording as open  # noqa: A004
+    from .api.replay import replay
     from .api.results import Results
     from .api.results import load_results as load
-    from .api.scores import Score
     from .api.tables import EventTable
 
     __version__: str
@@ -63,7 +62,7 @@ _LAZY = {
     "Pipeline": ("groundtrace.api.pipelines", "Pipeline"),
     "Recording": ("groundtrace.api.recording", "Recording"),
     "Results": ("groundtrace.api.results", "Results"),
-    "Score": ("groundtrace.api.scores", "Score"),
+    "Score": ("groundtrace.api.analysis", "Score"),
     "Stream": ("groundtrace.api.recording", "Stream"),
     "Sweep": ("groundtrace.api.analysis", "Sweep"),
     "compare": ("groundtrace.api.comparing", "compare"),
@@ -71,7 +70,7 @@ _LAZY = {
     "open": ("groundtrace.api.recording", "open_recording"),
     "pipelines": ("groundtrace.api.pipelines", "pipelines"),
     "recordings": ("groundtrace.api.recording", "recordings"),
-    "replay": ("groundtrace.api.in_memory", "replay"),
+    "replay": ("groundtrace.api.replay", "replay"),
     "show": ("groundtrace.api.pictures", "show"),
     "sweep": ("groundtrace.api.comparing", "sweep"),
 }
@@ -79,7 +78,7 @@ _LAZY = {
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from .version import installed_version
+        from .runtime import installed_version
 
         return installed_version()
     if name not in _LAZY:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from hypothesis import strategies as st
 
-from groundtrace.belief import Frame
+from groundtrace.detectors.dempster_shafer import Frame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

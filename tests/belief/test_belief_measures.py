@@ -10,7 +10,7 @@ from belief_cases import GOLDEN, PEAK, exact, masses_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.belief import (
+from groundtrace.detectors.dempster_shafer import (
     RULES,
     Frame,
     belief,

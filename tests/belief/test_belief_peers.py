@@ -10,7 +10,7 @@ from evtools.corrections import discount as ev_discount
 from evtools.dsvector import DSVector
 from pybelief.mass import MassFunction
 
-from groundtrace.belief import (
+from groundtrace.detectors.dempster_shafer import (
     belief,
     dempster,
     discount,

@@ -10,7 +10,7 @@ from belief_cases import GOLDEN, OTHER_RULES, Golden, assert_masses, exact, mass
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from groundtrace.belief import (
+from groundtrace.detectors.dempster_shafer import (
     RULES,
     conflict,
     dempster,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from belief_cases import PEAK, assert_masses, exact
 
-from groundtrace.belief import Frame, graded, specialised, trapezoid
+from groundtrace.detectors.dempster_shafer import Frame, graded, specialised, trapezoid
 from groundtrace.errors import BeliefError
 
 THREE = Frame(("a", "b", "c"))

@@ -14,7 +14,7 @@ from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType, Writer
 from memory_bytes import MemoryBytes
 
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,11 +20,11 @@ from groundtrace_codecs.annotations import (
     encode_annotation,
     read_sidecar,
 )
-from groundtrace_codecs.copying import copy_with_annotations
+from groundtrace_codecs.copies import copy_with_annotations
 from groundtrace_codecs.errors import CodecError, SchemaError
-from groundtrace_codecs.label_codec import decode_label, encode_label
-from groundtrace_codecs.labels import Label
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.schemas.event_messages import decode_label, encode_label
 from groundtrace_codecs.truth import read_truth
 from groundtrace_codecs.writer import write_sidecar
 

@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
-from groundtrace_codecs.mcap import Message, MessageTable
-from groundtrace_codecs.schemas.cdr import CdrDecoder
-from groundtrace_codecs.schemas.cdr_template import CdrTemplate
-from groundtrace_codecs.schemas.msgs import ros2msg
-from groundtrace_codecs.schemas.ros2msg import Definition, parse_ros2msg
+from groundtrace_codecs.mcap.chunks import Message, MessageTable
+from groundtrace_codecs.schemas.ros2 import (
+    CdrDecoder,
+    CdrTemplate,
+    Definition,
+    parse_ros2msg,
+    ros2msg,
+)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 ALL = """# everything the grammar has

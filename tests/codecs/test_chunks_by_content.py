@@ -12,14 +12,17 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from groundtrace_codecs.annotations import Annotation
-from groundtrace_codecs.copying import copy_readable, copy_with_annotations
-from groundtrace_codecs.cutting import cut
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile
-from groundtrace_codecs.merge_part import Part
-from groundtrace_codecs.merging import merge
+from groundtrace_codecs.copies import (
+    convert,
+    copy_readable,
+    copy_with_annotations,
+    cut,
+    filter_topics,
+)
+from groundtrace_codecs.events import Label
+from groundtrace_codecs.mcap.reader import McapFile
+from groundtrace_codecs.merge import Part, merge
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.rewriting import convert, filter_topics
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.event_codec import decode_event, events_of
 from groundtrace_codecs.events import (
     EVENTS,
     Bearing,
@@ -19,7 +18,8 @@ from groundtrace_codecs.events import (
     Heading,
     TrackPoint,
 )
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
+from groundtrace_codecs.schemas.event_messages import decode_event, events_of
 from groundtrace_codecs.schemas.protobuf import message_class
 from groundtrace_codecs.writer import RecordingWriter
 

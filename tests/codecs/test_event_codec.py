@@ -10,14 +10,6 @@ import pytest
 from mcap.writer import Writer
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.event_codec import (
-    decode_candidates,
-    decode_trace,
-    events_of,
-    spec_from_json,
-    spec_json,
-)
-from groundtrace_codecs.event_encoding import encode_event
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,
@@ -30,10 +22,17 @@ from groundtrace_codecs.events import (
     StepEvent,
     TraceBlock,
 )
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.schemas.event_messages import (
+    decode_candidates,
+    decode_trace,
+    events_of,
+    spec_from_json,
+    spec_json,
+)
 from groundtrace_codecs.schemas.protobuf import schema_bytes
-from groundtrace_codecs.writer import RecordingWriter
+from groundtrace_codecs.writer import RecordingWriter, encode_event
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,14 +10,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.annotations import Annotation
-from groundtrace_codecs.cutting import CUT, cut
+from groundtrace_codecs.copies import CUT, convert, cut, filter_topics
 from groundtrace_codecs.errors import CodecError
-from groundtrace_codecs.events import StepEvent
+from groundtrace_codecs.events import Label, StepEvent
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.rewriting import convert, filter_topics
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter
 

@@ -9,7 +9,7 @@ from google.protobuf import descriptor_pb2
 
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.writer import RecordingWriter
 
 if TYPE_CHECKING:

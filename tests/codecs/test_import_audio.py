@@ -13,8 +13,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError, FormatError, MissingReaderError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording, load_map
 from groundtrace_codecs.importers.audio import AudioImporter
+from groundtrace_codecs.importers.map import load_map
+from groundtrace_codecs.importers.run import choose, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.importers.api import Imported
+    from groundtrace_codecs.importers.base import Imported
 
 RATE_HZ = 8000
 BITS = {"PCM_16": 16, "PCM_24": 24, "PCM_32": 32}

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.importers import import_recording
 from groundtrace_codecs.importers.guess import guess_map
-from groundtrace_codecs.importers.moments import leap_seconds, moments, parse_start
-from groundtrace_codecs.importers.packet_counters import count, timed
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.importers.time import count, leap_seconds, moments, parse_start, timed
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.importers import ImportReport
+    from groundtrace_codecs.importers.run import ImportReport
 
 STREAM = """
 [[stream]]

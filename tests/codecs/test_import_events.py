@@ -11,14 +11,14 @@ from scipy.io import savemat
 from test_import_audio import with_bext
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.importers import ImportReport, import_recording
+from groundtrace_codecs.importers.run import ImportReport, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
 MAP = """format = "{form}"
 time = {{column = "t"{unit}}}

@@ -10,14 +10,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError, FormatError
-from groundtrace_codecs.importers import load_map
-from groundtrace_codecs.importers.delimited import DelimitedImporter
 from groundtrace_codecs.importers.guess import Guess, guess_map
+from groundtrace_codecs.importers.map import load_map
+from groundtrace_codecs.importers.tables import DelimitedImporter
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import ColumnMap, Imported, ImportMap
+    from groundtrace_codecs.importers.base import ColumnMap, Imported, ImportMap
 
 G0 = 9.80665
 
@@ -162,7 +162,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
 def test_the_command_writes_the_map_beside_the_table_and_imports_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     path = tmp_path / "t.csv"
     path.write_text(table("time_ms,ax,ay,az"))
@@ -219,7 +219,7 @@ def test_a_magnitude_is_one_column(tmp_path: Path) -> None:
 def test_a_file_that_says_itself_what_it_holds_needs_no_map(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     path = tmp_path / "a.txt"
     path.write_text("// Update Rate: 100.0Hz\nPacketCounter\tAcc_X\tAcc_Y\tAcc_Z\n1\t0\t0\t9.8\n")

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers.indoor_location import IndoorLocationImporter
-from groundtrace_codecs.importers.registry import choose
-from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.importers.phone import IndoorLocationImporter
+from groundtrace_codecs.importers.run import choose, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.importers.api import TimeMap
-from groundtrace_codecs.importers.maps import load_map
-from groundtrace_codecs.importers.paths import column, evaluate
+from groundtrace_codecs.importers.base import TimeMap
+from groundtrace_codecs.importers.map import column, evaluate, load_map
 
 STREAM = """
 [[stream]]

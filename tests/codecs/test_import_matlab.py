@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from fuzz_targets import TARGETS, arrays, matlab_4, matlab_5
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.importers.matlab import MatlabImporter, Opaque, _load
+from groundtrace_codecs.importers.tables import MatlabImporter, Opaque, _load_mat
 
 ARCHIVES = ["MATLAB 4", "MATLAB 5", "MATLAB 5, packed", "HDF5", "NumPy"]
 WORDS = [b"\xff\xff\xff\xff", bytes(4), b"\x7f\xff\xff\xff", b"\x01\x00\x00\x00"]
@@ -70,7 +70,7 @@ def test_a_matlab_file_cut_anywhere_is_refused_or_lacks_its_last_variables(
     for end in range(0, len(whole), 7):
         path.write_bytes(whole[:end])
         try:
-            found = _load(path)
+            found = _load_mat(path)
         except FormatError as error:
             assert str(error).startswith("cut.mat: ")  # noqa: PT017
         else:
@@ -117,7 +117,7 @@ def test_every_kind_of_variable_is_read_as_scipy_reads_it(compressed: bool, tmp_
     path = tmp_path / "a.mat"
     savemat(path, variables(), do_compression=compressed)
     theirs = loadmat(path, squeeze_me=True, struct_as_record=False)
-    found = _load(path)
+    found = _load_mat(path)
     assert sorted(found) == sorted(variables())
     for name, value in found.items():
         assert alike(value, theirs[name]), name
@@ -129,7 +129,7 @@ def test_a_file_of_level_4_is_read_as_scipy_reads_it_and_known_without_its_suffi
     path = tmp_path / "recorder.dat"
     path.write_bytes(matlab_4())
     theirs = loadmat(io.BytesIO(matlab_4()), squeeze_me=True)
-    found = _load(path)
+    found = _load_mat(path)
     assert sorted(found) == ["acc", "start", "steps", "t"]
     for name, value in found.items():
         assert alike(value, theirs[name]), name
@@ -147,7 +147,7 @@ def test_a_file_of_the_other_byte_order_is_read(tmp_path: Path) -> None:
     )
     head = b"written elsewhere".ljust(124) + b"\x01\x00MI"
     (tmp_path / "a.mat").write_bytes(head + struct.pack(">II", 14, len(content)) + content)
-    np.testing.assert_array_equal(_load(tmp_path / "a.mat")["acc"], values)
+    np.testing.assert_array_equal(_load_mat(tmp_path / "a.mat")["acc"], values)
     assert MatlabImporter().sniff(tmp_path / "a.mat") == 1.0
 
 
@@ -155,7 +155,7 @@ def test_a_sparse_array_beside_the_signal_is_left_as_what_it_is(tmp_path: Path) 
     from scipy.sparse import csc_array
 
     savemat(tmp_path / "a.mat", {"s": csc_array(np.eye(3)), "x": np.arange(3.0)})
-    found = _load(tmp_path / "a.mat")
+    found = _load_mat(tmp_path / "a.mat")
     assert found["s"] == Opaque("sparse array")
     assert found["x"].tolist() == [0.0, 1.0, 2.0]
 
@@ -165,4 +165,4 @@ def test_packed_zeros_without_end_are_not_unpacked(tmp_path: Path) -> None:
     packed = zlib.compress(struct.pack("<II", 14, 64) + bytes(50_000_000))
     (tmp_path / "a.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
     with pytest.raises(FormatError, match=r"byte .*: expected 64 bytes in compressed data"):
-        _load(tmp_path / "a.mat")
+        _load_mat(tmp_path / "a.mat")

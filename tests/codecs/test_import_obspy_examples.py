@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from groundtrace_codecs.importers import import_recording
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 
 obspy = pytest.importorskip("obspy", reason="ObsPy is not installed")

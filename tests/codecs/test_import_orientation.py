@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording
+from groundtrace_codecs.importers.run import choose, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:

@@ -11,16 +11,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording
 from groundtrace_codecs.importers.phone import PhoneImporter
-from groundtrace_codecs.importers.registry import files_of
+from groundtrace_codecs.importers.run import choose, files_of, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import Imported
+    from groundtrace_codecs.importers.base import Imported
     from groundtrace_codecs.signals import SignalBlock, Stream
 
 START_NS = 1_714_521_600_123_456_789

@@ -15,16 +15,15 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from groundtrace_codecs.errors import CodecError, FormatError, MissingReaderError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording
-from groundtrace_codecs.importers.registry import files_of
 from groundtrace_codecs.importers.ros import RosImporter
+from groundtrace_codecs.importers.run import choose, files_of, import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import Imported
+    from groundtrace_codecs.importers.base import Imported
 
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
@@ -233,7 +232,7 @@ def test_without_rosbags_the_error_names_the_command(
 
 
 def test_a_map_has_no_place_with_a_bag(tmp_path: Path) -> None:
-    from groundtrace_codecs.importers.api import ColumnMap, ImportMap, StreamMap
+    from groundtrace_codecs.importers.base import ColumnMap, ImportMap, StreamMap
 
     column = ColumnMap("a", "seismic", "count")
     map_ = ImportMap("ros", (StreamMap("/s", (column,)),), rate_hz=1.0)

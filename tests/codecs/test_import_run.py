@@ -12,7 +12,8 @@ import pytest
 from seg2_files import write_shot
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording, importers, registry
+from groundtrace_codecs.importers import run
+from groundtrace_codecs.importers.run import choose, import_recording, importers
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.truth import read_truth
 
@@ -52,9 +53,9 @@ y = 2.0
 def _declared_importers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take the importers pyproject.toml declares, installed or not."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    declared = project["entry-points"][registry.GROUP]
-    points = [EntryPoint(name, value, registry.GROUP) for name, value in declared.items()]
-    monkeypatch.setattr(registry, "entry_points", lambda **_: points)
+    declared = project["entry-points"][run.GROUP]
+    points = [EntryPoint(name, value, run.GROUP) for name, value in declared.items()]
+    monkeypatch.setattr(run, "entry_points", lambda **_: points)
 
 
 @pytest.fixture
@@ -186,8 +187,8 @@ def test_files_nobody_knows_are_refused_with_the_formats_known(tmp_path: Path) -
 def test_an_importer_that_does_not_load_warns_and_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    points = [EntryPoint("bad", "groundtrace_codecs.nowhere:None", registry.GROUP)]
-    monkeypatch.setattr(registry, "entry_points", lambda **_: points)
+    points = [EntryPoint("bad", "groundtrace_codecs.nowhere:None", run.GROUP)]
+    monkeypatch.setattr(run, "entry_points", lambda **_: points)
     with pytest.warns(UserWarning, match="importer bad: not loaded"):
         assert importers() == {}
 

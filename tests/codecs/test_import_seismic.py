@@ -11,12 +11,11 @@ import pytest
 from seg2_files import write_shot
 
 from groundtrace_codecs.errors import FormatError, MissingReaderError, SchemaError
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.importers import choose
+from groundtrace_codecs.importers.run import choose
 from groundtrace_codecs.importers.seismic import SeismicImporter
-from groundtrace_codecs.importers.sgt import picks_of, read_sgt
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.truth import read_truth
+from groundtrace_codecs.truth import picks_of, read_sgt, read_truth
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import CodecError, FormatError, SchemaError
-from groundtrace_codecs.importers import import_recording
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.importers import ImportReport
+    from groundtrace_codecs.importers.run import ImportReport
 
 obspy = pytest.importorskip("obspy", reason="ObsPy is not installed")
 CHANNELS = ("BW.RJOB..EHZ", "BW.RJOB..EHN", "BW.RJOB..EHE")

@@ -9,16 +9,14 @@ import pytest
 from scipy.io import savemat
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers.delimited import DelimitedImporter
-from groundtrace_codecs.importers.grid import fit
-from groundtrace_codecs.importers.maps import load_map
-from groundtrace_codecs.importers.matlab import MatlabImporter
-from groundtrace_codecs.importers.numpy_archive import NumpyImporter
+from groundtrace_codecs.importers.base import fit
+from groundtrace_codecs.importers.map import load_map
+from groundtrace_codecs.importers.tables import DelimitedImporter, MatlabImporter, NumpyImporter
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import Imported
+    from groundtrace_codecs.importers.base import Imported
     from groundtrace_codecs.signals import SignalBlock, Stream
 
 G0 = 9.80665

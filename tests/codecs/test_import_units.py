@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace_codecs.importers import import_recording
-from groundtrace_codecs.importers.plausible import UnitWatch
+from groundtrace_codecs.importers.guess import UnitWatch
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def test_a_long_recording_keeps_few_lengths() -> None:
 def test_import_warns_and_info_says_it_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     rows = "\n".join(f"{k * 10},0,0.01,1.0" for k in range(100))
     (tmp_path / "t.csv").write_text(f"t,ax,ay,az\n{rows}\n")

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import FormatError, SchemaError
-from groundtrace_codecs.importers import choose, import_recording
-from groundtrace_codecs.importers.counters import unwrapped
+from groundtrace_codecs.importers.run import choose, import_recording
+from groundtrace_codecs.importers.time import unwrapped
 from groundtrace_codecs.importers.xsens import XsensImporter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace_codecs.importers.api import Imported
+    from groundtrace_codecs.importers.base import Imported
 
 OLD = "// Start Time: 0\n// Sample rate: 120.0Hz\n// Scenario: 5.9\n// Firmware Version: 2.5.1\n"
 NEW = (

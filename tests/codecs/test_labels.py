@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from groundtrace_codecs.labels import Label
+from groundtrace_codecs.events import Label
 
 WALK = Label(10, "walking", end_ns=20)
 

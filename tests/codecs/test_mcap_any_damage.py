@@ -25,7 +25,7 @@ from mcap_files import (
 from memory_bytes import MemoryBytes
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 
 
 def chunk_rows(data: bytes) -> list[tuple[Record, set[Row]]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 
 if TYPE_CHECKING:
     from pathlib import Path

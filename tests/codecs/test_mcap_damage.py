@@ -32,7 +32,7 @@ from mcap_files import (
 from groundtrace_codecs.errors import FormatError
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.mcap import McapFile
+    from groundtrace_codecs.mcap.reader import McapFile
 
 
 def delivered(data: bytes, original: bytes) -> tuple[int, McapFile]:

@@ -24,7 +24,7 @@ from mcap_files import (
 )
 
 if TYPE_CHECKING:
-    from groundtrace_codecs.mcap import Message
+    from groundtrace_codecs.mcap.chunks import Message
 
 
 def message_record(channel: int, sequence: int, log_time: int, data: bytes = b"x") -> bytes:

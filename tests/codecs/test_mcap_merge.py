@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace_codecs.mcap import Message, MessageTable
-from groundtrace_codecs.mcap.chunks import ChunkEntry
-from groundtrace_codecs.mcap.merge import merge
+from groundtrace_codecs.mcap.chunks import ChunkEntry, Message, MessageTable
+from groundtrace_codecs.mcap.reader import merge
 
 if TYPE_CHECKING:
     import pytest

@@ -15,12 +15,13 @@ from mcap_files import ATTACHMENT, MAGIC, START_NS, of_kind, opened, oracle, rea
 from memory_bytes import MemoryBytes
 
 from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap import AttachmentRef, McapFile, MetadataRecord, Schema
+from groundtrace_codecs.mcap.chunks import AttachmentRef, MetadataRecord, Schema
+from groundtrace_codecs.mcap.reader import McapFile
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.mcap import ByteSource
+    from groundtrace_codecs.mcap.byte_source import ByteSource
 
 COMPRESSIONS = list(CompressionType)
 

@@ -7,8 +7,13 @@ import struct
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace_codecs.mcap.records import CHANNEL, MESSAGE, RECORD_HEAD, MalformedError
-from groundtrace_codecs.mcap.walk import message_places
+from groundtrace_codecs.mcap.chunks import (
+    CHANNEL,
+    MESSAGE,
+    RECORD_HEAD,
+    MalformedError,
+    message_places,
+)
 
 patterns = st.lists(
     st.tuples(st.lists(st.integers(22, 40), min_size=1, max_size=9), st.integers(1, 900)),

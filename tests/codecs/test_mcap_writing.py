@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from mcap_files import Row, opened, oracle, read, records
 
-from groundtrace_codecs.mcap.writing import McapWriter
+from groundtrace_codecs.mcap.writer import McapWriter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

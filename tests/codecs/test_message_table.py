@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile, Message, MessageTable
+from groundtrace_codecs.events import Label
+from groundtrace_codecs.mcap.chunks import Message, MessageTable
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.schemas.waveform import decode_waveform, encode_waveform
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream

@@ -12,10 +12,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.schemas.planes import from_planes, to_planes
 from groundtrace_codecs.schemas.protobuf import message_class
-from groundtrace_codecs.schemas.waveform import decode_waveform, encode_waveform
-from groundtrace_codecs.schemas.waveform_run import WaveformRun
+from groundtrace_codecs.schemas.waveform import (
+    WaveformRun,
+    decode_waveform,
+    encode_waveform,
+    from_planes,
+    to_planes,
+)
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:

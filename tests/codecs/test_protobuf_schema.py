@@ -12,9 +12,13 @@ from hypothesis import strategies as st
 
 import groundtrace_codecs.schemas as schemas
 from groundtrace_codecs.errors import CodecError, SchemaError
-from groundtrace_codecs.event_codec import decode_candidates, decode_event, decode_trace
 from groundtrace_codecs.events import EVENTS, GateSpec, Quantity, StageSpec
-from groundtrace_codecs.label_codec import decode_label
+from groundtrace_codecs.schemas.event_messages import (
+    decode_candidates,
+    decode_event,
+    decode_label,
+    decode_trace,
+)
 from groundtrace_codecs.schemas.protobuf import (
     field_names,
     get_time,

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from groundtrace_codecs.events import Note, StepEvent
+from groundtrace_codecs.events import Label, Note, StepEvent
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter
 

@@ -11,12 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
-from groundtrace_codecs.labels import Label
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.schemas.cdr import CdrDecoder
-from groundtrace_codecs.schemas.ros2msg import parse_ros2msg
+from groundtrace_codecs.schemas.ros2 import CdrDecoder, parse_ros2msg
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter, write_recording
 

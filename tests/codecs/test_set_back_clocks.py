@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from command_runs import run
 
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.source import Source
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Gap, StepEvent
-from groundtrace_codecs.importers import import_recording
-from groundtrace_codecs.mcap.set_backs import set_backs
+from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.mcap.reader import set_backs
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import RecordingWriter

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.event_codec import decode_event, events_of
 from groundtrace_codecs.events import (
     EVENTS,
     Event,
@@ -17,10 +16,11 @@ from groundtrace_codecs.events import (
     LineCrossing,
     Pass,
     Presence,
+    quantised,
 )
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
+from groundtrace_codecs.schemas.event_messages import decode_event, events_of
 from groundtrace_codecs.schemas.protobuf import message_class
-from groundtrace_codecs.traffic import quantised
 from groundtrace_codecs.writer import RecordingWriter
 
 if TYPE_CHECKING:

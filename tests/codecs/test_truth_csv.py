@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from truth_tables import write_truth_csv
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.labels import ANNOTATION_KINDS, TRUTH_KINDS, Label
+from groundtrace_codecs.events import ANNOTATION_KINDS, TRUTH_KINDS, Label
 from groundtrace_codecs.truth import read_truth, read_truth_csv
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.geometry import Geometry, Sensor, geometry_warnings
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, Stream
 from groundtrace_codecs.truth import names_of, unmatched_names
 

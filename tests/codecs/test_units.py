@@ -5,7 +5,7 @@ import math
 import pytest
 
 from groundtrace_codecs.errors import SchemaError
-from groundtrace_codecs.units import to_quantity, to_si
+from groundtrace_codecs.signals import to_quantity, to_si
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from groundtrace.reckoning.facing import SETTLED, Facing
-from groundtrace.reckoning.level_motion import Motion
+from groundtrace.inertial.body_motion import Motion
+from groundtrace.inertial.steps import SETTLED, Facing
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 

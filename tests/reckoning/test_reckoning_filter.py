@@ -7,9 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from groundtrace.reckoning.filter import OFFSET, PLACE, SCALE, ReckoningFilter, ReckoningNoise
-from groundtrace.reckoning.strides import Sight, Stride
-from groundtrace.reckoning.track import Track
+from groundtrace.inertial.pdr_filter import (
+    OFFSET,
+    PLACE,
+    SCALE,
+    ReckoningFilter,
+    ReckoningNoise,
+    Sight,
+    Stride,
+    Track,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
 NOISE = ReckoningNoise(drift=0.002, mount=0.1, length=0.15, scale=0.1, way=0.1)

@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.pipeline import build_pipeline, parse_pipeline
-from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.stage import DeadReckoning
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.inertial.pdr import DeadReckoning
+from groundtrace.inertial.steps import ReckoningParameters
+from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,
     Gap,
     Heading,
+    Label,
     Note,
     StageSpec,
     StepEvent,
     TrackPoint,
 )
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:

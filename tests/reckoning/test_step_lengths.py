@@ -8,13 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from groundtrace.parameters import given_waypoints
-from groundtrace.reckoning.barometer import Barometer
-from groundtrace.reckoning.level_motion import Motion
-from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.places import TangentPlane, waypoints_of
-from groundtrace.reckoning.step_lengths import StepShape, shape_of, step_length
-from groundtrace_codecs.labels import Label
+from groundtrace.inertial.body_motion import Motion
+from groundtrace.inertial.steps import (
+    Barometer,
+    ReckoningParameters,
+    StepShape,
+    TangentPlane,
+    shape_of,
+    step_length,
+    waypoints_of,
+)
+from groundtrace.pipeline.parameters import given_waypoints
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 P = ReckoningParameters()

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.stage import DeadReckoning
-from groundtrace.simulate import WalkOptions, simulate_walk
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.inertial.pdr import DeadReckoning
+from groundtrace.inertial.steps import ReckoningParameters
+from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Heading, Note, StageSpec, StepEvent, TrackPoint
 from groundtrace_codecs.signals import SignalBlock
 
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
     from groundtrace_codecs.events import Event
 
 TOPIC = "/imu/waist"

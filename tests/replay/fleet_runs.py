@@ -7,7 +7,9 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundtrace.simulate import WalkOptions, simulate_walk, write
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -45,7 +47,7 @@ class Here:
 
 def use(monkeypatch: pytest.MonkeyPatch, engine: Any) -> Any:
     """Let the command line use an engine, whatever is asked for."""
-    monkeypatch.setattr("groundtrace.commands.fleet.engine_of", lambda *_: engine)
+    monkeypatch.setattr("groundtrace.cli.fleet.engine_of", lambda *_: engine)
     return engine
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from made_rotations import of_vectors
 
-from groundtrace.heading.rotations import matrix
+from groundtrace.inertial.rotations import matrix
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 START_NS = 1_700_000_000_000_000_000

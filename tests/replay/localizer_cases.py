@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizers.hyperbolic import calibrated_velocity
-from groundtrace.physics.perceived import arrivals
+from groundtrace.localizers.tdoa import calibrated_velocity
+from groundtrace.localizers.wave_physics import arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.localizers.location import Location
+    from groundtrace.pipeline.stage import Location
 
 SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
 ROOM = np.array([(0.0, 0.0), (10, 0), (10, 10), (0, 10)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from groundtrace.heading.rotations import product
+from groundtrace.inertial.rotations import product
 
 
 def of_vectors(angle: np.ndarray) -> np.ndarray:

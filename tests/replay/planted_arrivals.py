@@ -7,23 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace.detector import Frames
-from groundtrace.explain.evidence import Evidence, StageEvidence
-from groundtrace.explain.places import PlaceExplainer
-from groundtrace.gates import Candidates, gate_specs
-from groundtrace.parameters import build
-from groundtrace.pipeline import parse_pipeline
-from groundtrace.plugins import stage_named
-from groundtrace.stage import emitted
-from groundtrace_codecs.events import StageSpec
+from groundtrace.explain.why_places import PlaceExplainer
+from groundtrace.pipeline.config import parse_pipeline
+from groundtrace.pipeline.gates import Candidates, gate_specs
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.plugins import stage_named
+from groundtrace.pipeline.results import Evidence, StageEvidence
+from groundtrace.pipeline.stage import Frames, emitted
+from groundtrace_codecs.events import SIMULATOR, Label, StageSpec
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
-from groundtrace_codecs.labels import SIMULATOR, Label
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace.explain.places import PlaceAccount
+    from groundtrace.explain.why_places import PlaceAccount
 
     Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace.commands import main
-from groundtrace.simulate import RoomOptions, simulate_room
+from groundtrace.cli.main import main
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.signals import SignalBlock
 from groundtrace_codecs.writer import write_recording
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     import pytest
     from numpy.typing import NDArray
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
 
 RATE = 20_000
 STEPS = 14

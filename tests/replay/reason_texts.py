@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.score.step_timing import step_reach_s
+from groundtrace.evaluation.matching import step_reach_s
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.explain import Evidence, Reason, StageEvidence, StepReasons
+    from groundtrace.explain.reasons import Reason, StepReasons
+    from groundtrace.pipeline.results import Evidence, StageEvidence
 
 NUMBER = r"(-?[\d.]+(?:e[+-]?\d+)?|-?inf)"
 OFF = rf"{NUMBER} ms (late|early)"

@@ -6,23 +6,21 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from groundtrace.engine import replay
-from groundtrace.explain import Evidence, evidence_of
-from groundtrace.explain.counted import matched
-from groundtrace.explain.measuring import EventList
+from groundtrace.explain.reasons import matched
 from groundtrace.explain.redecide import Counts
-from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
-from groundtrace.results import Provenance, Results
-from groundtrace.source import Source
+from groundtrace.explain.sweep import EventList
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.results import Evidence, Provenance, Results, evidence_of
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.score import StepMatch
-    from groundtrace_codecs.events import Gap
-    from groundtrace_codecs.labels import Label
+    from groundtrace.evaluation.matching import StepMatch
+    from groundtrace_codecs.events import Gap, Label
     from groundtrace_codecs.signals import SignalBlock
 
 

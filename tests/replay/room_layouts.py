@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from groundtrace.analyze.layout import Layout, layout_of
+from groundtrace.layout.analysis import Layout, layout_of
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 
 NINE = tuple((x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0))

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.simulate import VehicleOptions, simulate_vehicle
-from groundtrace.simulate.road import Drive, Road
+from groundtrace.simulate.road import Drive, Road, VehicleOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace.simulate import Simulation
-    from groundtrace_codecs.labels import Label
+    from groundtrace.simulate.recording import Simulation
+    from groundtrace_codecs.events import Label
 
 #: Noise far below one count, so that waves are seen as they are.
 QUIET = 1e7

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.simulate import RoomOptions, simulate_room
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.geometry import Geometry, Sensor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace.simulate import Simulation
-    from groundtrace_codecs.labels import Label
+    from groundtrace.simulate.recording import Simulation
+    from groundtrace_codecs.events import Label
 
 #: Noise far below one count, so that waves are seen as they are.
 QUIET = 1e7

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.simulate import WalkOptions, simulate_walk
-from groundtrace.simulate.body import sensor_motion
-from groundtrace.simulate.walk import _walker
+from groundtrace.simulate.gait import WalkOptions, sensor_motion
+from groundtrace.simulate.walk import _walker, simulate_walk
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
     Array = NDArray[np.float64]
 

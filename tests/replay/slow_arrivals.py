@@ -9,10 +9,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
-from groundtrace.detectors.filters import bandpass
+from groundtrace.dsp.filters import bandpass
 
 if TYPE_CHECKING:
-    from groundtrace.detectors.toa_cv import VarianceChangeParameters
+    from groundtrace.detectors.variance_change import VarianceChangeParameters
     from groundtrace_codecs.signals import SignalBlock
 
 CELL_S, FRAME_CELLS, QUIET_FRAMES = 0.001, 50, 100

@@ -9,12 +9,12 @@ import pytest
 from replay_blocks import START_NS
 from scipy.spatial.transform import Rotation
 
-from groundtrace.conformance import check_stage, run
 from groundtrace.detectors.adaptive import AdaptiveDetector, AdaptiveParameters
-from groundtrace.detectors.dp import PeakDetector
-from groundtrace.score.steps import score_steps
-from groundtrace.source import Source
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.detectors.peaks import PeakDetector
+from groundtrace.evaluation.steps import score_steps
+from groundtrace.pipeline.conformance import check_stage, run
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream

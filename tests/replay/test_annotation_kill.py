@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from annotated_recordings import recording_in
 
-from groundtrace.annotate import Annotations, stored
+from groundtrace.annotate.store import Annotations, stored
 from groundtrace_codecs.annotations import read_sidecar
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 ANNOTATE = """
 import sys
 from pathlib import Path
-from groundtrace.annotate import Annotations
-from groundtrace_codecs.labels import Label
+from groundtrace.annotate.store import Annotations
+from groundtrace_codecs.events import Label
 with Annotations.open(Path(sys.argv[1]), "ann") as store:
     start = store.key.start_ns
     for i in range(10**6):

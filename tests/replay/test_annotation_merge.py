@@ -11,20 +11,15 @@ from annotated_recordings import START_NS, at, mark, recording_in
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from groundtrace.annotate import (
-    Annotations,
-    conflicts,
-    from_json,
-    to_json,
-    truth_of_annotations,
-)
+from groundtrace.annotate.agreement import conflicts, from_json, to_json, truth_of_annotations
+from groundtrace.annotate.store import Annotations
 from groundtrace.errors import AnnotationError
 from groundtrace_codecs.annotations import Annotation, RecordingKey
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
 KEY = RecordingKey("rec.mcap", "ab" * 32, START_NS)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from annotated_recordings import at, mark, recording_in
 
-from groundtrace.annotate import Annotations, stored
+from groundtrace.annotate.store import Annotations, stored
 from groundtrace.errors import AnnotationError, RecordingError
 from groundtrace_codecs.annotations import read_sidecar
 
@@ -121,7 +121,8 @@ def test_a_second_writer_is_told_who_is_first(recording: Path) -> None:
 
 def test_the_lock_of_a_dead_process_is_free(recording: Path) -> None:
     code = (
-        "import os, sys; from pathlib import Path; from groundtrace.annotate import Annotations\n"
+        "import os, sys; from pathlib import Path\n"
+        "from groundtrace.annotate.store import Annotations\n"
         "store = Annotations.open(Path(sys.argv[1])); os.kill(os.getpid(), 9)"
     )
     subprocess.run([sys.executable, "-c", code, str(recording)], check=False)
@@ -227,7 +228,7 @@ def test_a_folder_that_cannot_be_written_is_said_in_one_line(
     def refuse(path: object, flags: int, *mode: int) -> int:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("groundtrace.annotate.lock.os.open", refuse)
+    monkeypatch.setattr("groundtrace.annotate.store.os.open", refuse)
     with pytest.raises(
         AnnotationError, match="expected a folder to keep the annotations in, found"
     ):
@@ -247,7 +248,7 @@ def test_a_full_disk_is_said_and_the_journal_stays_whole(
             return write(file, data[: len(data) - 50], offset)
 
         with monkeypatch.context() as full:
-            full.setattr("groundtrace.annotate.journal.os.pwrite", half)
+            full.setattr("groundtrace.annotate.store.os.pwrite", half)
             with pytest.raises(AnnotationError, match="No space left on device"):
                 store.add(mark(2.0))
         assert store.items == (first,)

@@ -14,7 +14,7 @@ import pytest
 from command_runs import assert_same_decisions, check_schema, done, run
 
 import groundtrace as gt
-from groundtrace.api.document import plain_document
+from groundtrace.api.tables import plain_document
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

@@ -13,8 +13,7 @@ import pytest
 
 import groundtrace as gt
 from groundtrace.api import pictures
-from groundtrace.api.markup import html_table
-from groundtrace.api.tables import EventTable, rows_table
+from groundtrace.api.tables import EventTable, html_table, rows_table
 
 NAMES = np.array(["left", "", "right"])
 TABLE = EventTable(

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from replay_blocks import START_NS, stream_of
 
-from groundtrace.array_method import ArrayMethod, ArrayParameters, Window, takes_steps
 from groundtrace.errors import PipelineError
-from groundtrace.gates import Candidates
-from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
-from groundtrace.recall import Recall
-from groundtrace.stage import StageRunner
+from groundtrace.localizers.array_method import ArrayMethod, ArrayParameters, Window, takes_steps
+from groundtrace.pipeline.buffers import Recall
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.gates import Candidates
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     Bearing,
     CandidateBlock,

@@ -6,8 +6,8 @@ import os
 
 import pytest
 
-from groundtrace.blas import THREADS, one_thread
-from groundtrace.commands import main
+from groundtrace.cli.main import main
+from groundtrace.runtime import THREADS, one_thread
 
 
 @pytest.fixture

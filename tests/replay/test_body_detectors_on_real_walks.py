@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from groundtrace.conformance import Outcome, run
-from groundtrace.plugins import load
-from groundtrace.score import match_steps
-from groundtrace.source import Source
-from groundtrace.stage import StageConfig, StageRunner
-from groundtrace_codecs.importers import import_recording
+from groundtrace.evaluation.matching import match_steps
+from groundtrace.pipeline.conformance import Outcome, run
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
 
 def imported(source: Path, folder: Path, columns: str) -> tuple[list, list[Label], int, int]:

@@ -12,25 +12,24 @@ from command_runs import check_schema, done, run
 from localizer_cases import ROOM, SENSORS, THETA_S, times_of
 from planted_arrivals import Walk
 
-from groundtrace.calibrate import (
+from groundtrace.errors import RecordingError
+from groundtrace.evaluation.positions import score_positions
+from groundtrace.layout.calibrate import (
     Calibration,
     Choices,
+    Gathered,
     calibrate,
     calibrate_once,
     calibrate_replaying,
     calibrated_geometry,
     gather,
 )
-from groundtrace.calibrate.arrivals import Gathered
-from groundtrace.errors import RecordingError
-from groundtrace.physics.perceived import PLATE
-from groundtrace.plugins import load
-from groundtrace.results import read_results
-from groundtrace.score import score_positions
-from groundtrace.stage import StageConfig, StageRunner
-from groundtrace_codecs.events import Fix, Note, Pick, StageSpec, StepEvent
+from groundtrace.localizers.wave_physics import PLATE
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.results import read_results
+from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace_codecs.events import Fix, Label, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:

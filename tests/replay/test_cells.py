@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import cuts_of, parts_of
 
-from groundtrace.detectors.cell_kernels import window_maxima
-from groundtrace.detectors.cells import CellReducer, LocalMaxima, NoiseRatio, RunningMaximum
-from groundtrace.detectors.filters import UnbiasedMean
+from groundtrace.dsp.filters import UnbiasedMean
+from groundtrace.dsp.noise import CellReducer, LocalMaxima, NoiseRatio, RunningMaximum
+from groundtrace.kernels.picker import window_maxima
 
 N = 203
 RNG = np.random.default_rng(10)

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from groundtrace.clock import Clock
+from groundtrace.pipeline.engine import Clock
 from groundtrace_codecs.signals import NS_PER_S
 
 T0 = 1_700_000_000 * NS_PER_S

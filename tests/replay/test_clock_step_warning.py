@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from groundtrace.explain.evidence import Evidence
-from groundtrace.pipeline import load_pipeline
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.results import Evidence
 from groundtrace_codecs.events import Gap
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from stage_contexts import context_of, rows_in
 
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
-from groundtrace.gates import Candidates, decide
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.gates import Candidates, decide
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,

@@ -12,11 +12,9 @@ from hypothesis import strategies as st
 from replayed_results import waist_walk
 
 from groundtrace.errors import RecordingError
-from groundtrace.explain.comparison import Comparison, Decision, compare, exact_p
-from groundtrace.explain.differences import ParameterChange
-from groundtrace.results import Provenance, Results
-from groundtrace_codecs.events import CandidateBlock, Fix, GateSpec, Quantity, StageSpec
-from groundtrace_codecs.labels import Label
+from groundtrace.explain.compare import Comparison, Decision, ParameterChange, compare, exact_p
+from groundtrace.pipeline.results import Provenance, Results
+from groundtrace_codecs.events import CandidateBlock, Fix, GateSpec, Label, Quantity, StageSpec
 
 START_NS = 1_700_000_000_000_000_000
 RECIPE = 'name = "waist"\n[[stage]]\nname = "steps"\nuse = "dp"\n[stage.parameters]\nheight = {}\n'

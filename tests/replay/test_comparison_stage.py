@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from groundtrace.comparisons.disagreement import LocalizerDisagreement
-from groundtrace.conformance import assert_same, outcome
 from groundtrace.errors import PipelineError
-from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline
-from groundtrace.stage import StageRunner
+from groundtrace.localizers.disagreement import LocalizerDisagreement
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.conformance import assert_same, outcome
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import CandidateBlock, Disagreement, Fix, Gap, Note, StageSpec
 from groundtrace_codecs.geometry import Geometry, Sensor
 

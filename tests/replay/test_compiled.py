@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.compiled import compiled
-from groundtrace.detectors.open_cell_kernels import load
-from groundtrace.lanes import (
+from groundtrace.kernels import compiled
+from groundtrace.kernels.lanes import (
     LANES,
     LANES_32,
     absolute,
@@ -29,8 +28,9 @@ from groundtrace.lanes import (
     stored_row,
     zero_rows,
 )
-from groundtrace.logarithms import ROUGHNESS, logarithm, rough_logarithm
-from groundtrace.tiles import TILE, turn
+from groundtrace.kernels.logarithms import ROUGHNESS, logarithm, rough_logarithm
+from groundtrace.kernels.picker import load
+from groundtrace.kernels.tiles import TILE, turn
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -164,7 +164,7 @@ def _run(code: str, **environment: str) -> str:
 def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(tmp_path: Path):
     code = (
         "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = [];"
-        "from groundtrace.compiled import compiled;"
+        "from groundtrace.kernels import compiled;"
         "print(compiled(lambda x: x + 1)(41))"
     )
     assert _run(code) == "42\n"

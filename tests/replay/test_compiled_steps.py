@@ -10,15 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_rotations import of_vectors, running_products, skew
 
-from groundtrace.detectors.gcc_phat import ONSET, Apart, GccPhat
-from groundtrace.detectors.grid_kernels import TOGETHER
-from groundtrace.detectors.pair_delays import MISFIT_S, PASSES, Band, Delays, consistent, correlated
-from groundtrace.detectors.rhythm import _CLIP, Rhythm, Scale
-from groundtrace.detectors.rhythm_kernels import autocorrelation, clip_window
-from groundtrace.gates import Candidates, Carry
-from groundtrace.heading.attitude import Attitude, AttitudeNoise
-from groundtrace.heading.inertial_frames import Samples, frame_of
-from groundtrace.heading.rotations import (
+from groundtrace.dsp.periodicity import _CLIP, Rhythm, Scale
+from groundtrace.inertial.attitude import Attitude, AttitudeNoise
+from groundtrace.inertial.frames import Samples, frame_of
+from groundtrace.inertial.rotations import (
     crossed,
     headings_of,
     matrix,
@@ -27,10 +22,29 @@ from groundtrace.heading.rotations import (
     product,
     turned,
 )
-from groundtrace.inertial.error_state import ErrorStateFilter, SensorNoise
-from groundtrace.inertial.stances import Segment
-from groundtrace.inertial.strapdown import GRAVITY_MPS2, Pose, integrate
-from groundtrace.localizers.arrival_fit import Model, losses
+from groundtrace.inertial.strapdown import (
+    GRAVITY_MPS2,
+    ErrorStateFilter,
+    Pose,
+    Segment,
+    SensorNoise,
+    integrate,
+)
+from groundtrace.kernels.picker import TOGETHER
+from groundtrace.kernels.steps import autocorrelation, clip_window
+from groundtrace.localizers.gcc_phat import (
+    MISFIT_S,
+    ONSET,
+    PASSES,
+    Apart,
+    Band,
+    Delays,
+    GccPhat,
+    consistent,
+    correlated,
+)
+from groundtrace.localizers.tdoa import Model, losses
+from groundtrace.pipeline.gates import Candidates, Carry
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -264,7 +278,7 @@ def test_a_segment_of_a_foot_is_integrated_and_its_error_carried_as_by_matrices(
 
 
 def test_headings_of_a_frame_are_those_of_its_orientations():
-    from groundtrace.heading.frame_kernels import headings
+    from groundtrace.kernels.attitude import headings
 
     rng = np.random.default_rng(0)
     start, turns = normalised(rng.normal(size=4)), normalised(rng.normal(size=(6, 4)))

@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from groundtrace.conformance import BLOCK_SIZES, assert_same, check_stage, outcome, rechunked
-from groundtrace.parameters import describe
-from groundtrace.pipeline import build_pipeline, load_pipeline, named_pipelines
-from groundtrace.plugins import load, plugins, stage_named
-from groundtrace.source import Source
-from groundtrace.stage import detects, emitted, wanted_quantities
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from groundtrace.pipeline.conformance import (
+    BLOCK_SIZES,
+    assert_same,
+    check_stage,
+    outcome,
+    rechunked,
+)
+from groundtrace.pipeline.parameters import describe
+from groundtrace.pipeline.plugins import load, plugins, stage_named
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import detects, emitted, wanted_quantities
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
@@ -71,7 +77,7 @@ def test_every_detector_takes_blocks_of_a_single_sample(name: str) -> None:
 
 def _one_run(items: list[Any]) -> list[SignalBlock]:
     """The signal around the first event, as one block of 0.2 s and more."""
-    from groundtrace.source import joined
+    from groundtrace.pipeline.source import joined
 
     topic = items[0].topic
     blocks = list(joined([i for i in items if i.topic == topic]))
@@ -79,7 +85,7 @@ def _one_run(items: list[Any]) -> list[SignalBlock]:
 
 
 def _stages(kind: Any) -> Any:
-    from groundtrace.stage import StageConfig, StageRunner
+    from groundtrace.pipeline.stage import StageConfig, StageRunner
 
     return lambda: StageRunner(StageConfig("d", "d"), kind, kind.Parameters())
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.analyze.attenuation import fit_attenuation
-from groundtrace.direction.intersection import Norm, intersect
+from groundtrace.layout.attenuation import fit_attenuation
+from groundtrace.localizers.bearings import Norm, intersect
 
 STATIONS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0], [5.0, 0.0]])
 PLACE = np.array([3.0, 4.0])

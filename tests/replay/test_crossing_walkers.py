@@ -10,13 +10,13 @@ import pytest
 from command_runs import done
 from numpy.testing import assert_allclose
 
-from groundtrace.parameters import build
-from groundtrace.results import read_results
-from groundtrace.score import score_events, score_tracks
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.tracks import score_tracks
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.results import read_results
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace.trackers.walkers import Walkers, WalkersParameters
-from groundtrace_codecs.events import CandidateBlock, Fix, StageSpec, StepEvent, TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace_codecs.events import CandidateBlock, Fix, Label, StageSpec, StepEvent, TrackPoint
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

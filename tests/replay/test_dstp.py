@@ -10,13 +10,19 @@ import numpy as np
 import pytest
 from walking_blocks import START_NS, Walk, waist
 
-from groundtrace.belief import RULES, over_ignorance
-from groundtrace.conformance import Outcome, check_stage, run
-from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters, vertex
-from groundtrace.detectors.sensor_evidence import Evidence, Heights
-from groundtrace.gates import Candidates, decide
-from groundtrace.source import Source
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.detectors.dempster_shafer import (
+    RULES,
+    BeliefDetector,
+    BeliefParameters,
+    Evidence,
+    Heights,
+    over_ignorance,
+    vertex,
+)
+from groundtrace.pipeline.conformance import Outcome, check_stage, run
+from groundtrace.pipeline.gates import Candidates, decide
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_recordings import path_of

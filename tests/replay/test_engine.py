@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from replay_blocks import START_NS, block_of, stream_of
 
-from groundtrace.clock import Clock
-from groundtrace.engine import Tally, replay
-from groundtrace.pipeline import Pipeline, PipelineConfig
+from groundtrace.pipeline.config import Pipeline, PipelineConfig
+from groundtrace.pipeline.engine import Clock, Tally, replay
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S
 

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from replay_blocks import cuts_of
 
-from groundtrace.detectors.even_grid import GRID_HZ, CentredFilter, EvenGrid, Kept, gaussian
-from groundtrace.detectors.gravity import Gravity, along
-from groundtrace.detectors.rhythm import HOP, Rhythm, Scale, repetition
+from groundtrace.detectors.body_signals import Gravity, along
+from groundtrace.dsp.periodicity import HOP, Rhythm, Scale, repetition
+from groundtrace.dsp.resample import GRID_HZ, CentredFilter, EvenGrid, Kept, gaussian
 from groundtrace_codecs.signals import NS_PER_S
 
 N = 600

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from replay_blocks import block_of, cuts_of, parts_of, stream_of
 from scipy import signal
 
-from groundtrace.detectors.filters import (
+from groundtrace.detectors.body_signals import WalkingSignal
+from groundtrace.dsp.filters import (
     ExponentialMean,
     SmoothedSlope,
     StreamingFilter,
@@ -19,7 +20,6 @@ from groundtrace.detectors.filters import (
     phase_delay_s,
     planar,
 )
-from groundtrace.detectors.walking import WalkingSignal
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 N = 300

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from stage_contexts import context_of, rows_in
 
 from groundtrace.detectors.first_breaks import FirstBreakParameters, FirstBreaks
-from groundtrace.gates import Candidates
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.gates import Candidates
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import GateSpec, Pick, Quantity, StageSpec
 
 MS = 1_000_000

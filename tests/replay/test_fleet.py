@@ -15,11 +15,12 @@ from command_runs import check_schema, done, run
 from fleet_runs import Here, use, walks
 from pyarrow import parquet
 
-from groundtrace.fleet.figures import FIGURES
-from groundtrace.fleet.rows import decoded
-from groundtrace.score import __path__ as score_path
-from groundtrace.simulate import RoomOptions, simulate_room, write
-from groundtrace_codecs.rewriting import convert
+from groundtrace.evaluation import __path__ as score_path
+from groundtrace.fleet.table import FIGURES, decoded
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace_codecs.copies import convert
 
 Capture = pytest.CaptureFixture[str]
 WAIST = ("--pipeline", "waist-peaks")
@@ -104,7 +105,7 @@ def test_the_figures_are_those_of_replay_and_score(
 
 
 def test_every_number_of_a_score_is_a_column() -> None:
-    modules = [import_module(f"groundtrace.score.{m.name}") for m in iter_modules(score_path)]
+    modules = [import_module(f"groundtrace.evaluation.{m.name}") for m in iter_modules(score_path)]
     classes = {c.__name__: c for m in modules for c in vars(m).values() if is_dataclass(c)}
 
     def leaves(kind: Any, prefix: tuple[str, ...]) -> set[tuple[str, ...]]:
@@ -143,7 +144,7 @@ def test_a_bug_costs_only_its_recording(capsys: Capture, monkeypatch: pytest.Mon
     def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError("nobody expected this")
 
-    monkeypatch.setattr("groundtrace.fleet.evaluate.score_events", fail)
+    monkeypatch.setattr("groundtrace.fleet.run.score_events", fail)
     assert ran(capsys, *WAIST)["errors"] == 4
     assert rows()[0]["error"].startswith("ZeroDivisionError: nobody expected this (test_fleet.py:")
 

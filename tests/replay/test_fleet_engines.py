@@ -9,7 +9,7 @@ import pytest
 from command_runs import done, run
 from fleet_runs import Here, twice, use, walks
 
-from groundtrace.fleet.local import LocalEngine
+from groundtrace.fleet.engines import LocalEngine
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,9 +12,9 @@ from command_runs import check_schema, done, run
 from fleet_runs import Here, use
 from pyarrow import parquet
 
-from groundtrace.fleet.places import name_of, recordings_of
+from groundtrace.fleet.run import name_of, recordings_of
 from groundtrace_codecs import CodecError, Recording
-from groundtrace_codecs.mcap.remote import BLOCK_BYTES, RemoteBytes, as_url, is_url, public_url
+from groundtrace_codecs.mcap.byte_source import BLOCK_BYTES, RemoteBytes, as_url, is_url, public_url
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

@@ -14,11 +14,9 @@ import pytest
 from command_runs import check_schema, done, run
 from fleet_runs import Here, use, walks
 
-from groundtrace.explain.bootstrap import Interval, Sums, bootstrap_recordings
-from groundtrace.fleet.measures import MEASURES, changes, verdict_of
-from groundtrace.fleet.reading import FleetTable
-from groundtrace.fleet.report import fleet_page
-from groundtrace.fleet.report_rows import ranked
+from groundtrace.explain.reasons import Interval, Sums, bootstrap_recordings
+from groundtrace.fleet.report import MEASURES, changes, fleet_page, ranked, verdict_of
+from groundtrace.fleet.table import FleetTable
 
 Capture = pytest.CaptureFixture[str]
 
@@ -137,7 +135,7 @@ def test_a_page_needs_nothing_from_elsewhere_and_escapes_what_it_names(count: in
 
 
 def test_every_measure_is_of_columns_that_a_table_has() -> None:
-    from groundtrace.fleet.figures import FIGURES
+    from groundtrace.fleet.table import FIGURES
 
     names = {figure.name for figure in FIGURES}
     assert {n for m in MEASURES for n in f"{m.top}+{m.bottom}".split("+") if n} <= names

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from replay_blocks import cuts_of, parts_of
 
-from groundtrace.detectors.frames import FRAME_S, FrameTrace, trace_of
+from groundtrace.detectors.trace import FRAME_S, FrameTrace, trace_of
 from groundtrace_codecs.events import Quantity
 
 RATE_HZ = 200.0

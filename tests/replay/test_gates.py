@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.gates import Candidates, Carry, Level, Refractory, decide, gate_specs
+from groundtrace.pipeline.gates import Candidates, Carry, Level, Refractory, decide, gate_specs
 from groundtrace_codecs.events import GateSpec, Quantity
 from groundtrace_codecs.signals import NS_PER_S
 

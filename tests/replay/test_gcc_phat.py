@@ -8,11 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from groundtrace.array_method import Window
-from groundtrace.detectors.gcc_phat import CLOSURE, COLUMNS, HEIGHT, ONSET, SHIFT, GccPhat
-from groundtrace.detectors.pair_delays import REFERENCE_HZ, Delays, consistent
-from groundtrace.gates import Candidates, decide
-from groundtrace.parameters import describe
+from groundtrace.localizers.array_method import Window
+from groundtrace.localizers.gcc_phat import (
+    CLOSURE,
+    COLUMNS,
+    HEIGHT,
+    ONSET,
+    REFERENCE_HZ,
+    SHIFT,
+    Delays,
+    GccPhat,
+    consistent,
+)
+from groundtrace.pipeline.gates import Candidates, decide
+from groundtrace.pipeline.parameters import describe
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import NS_PER_S, Channel, Stream
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from turning_sensor import run, turning
 
-from groundtrace.heading.calibration import TOO_LITTLE, Calibration, _quadric, fit_ellipsoid
+from groundtrace.inertial.magnetometer import TOO_LITTLE, Calibration, _quadric, fit_ellipsoid
 
 RNG = np.random.default_rng(4)
 SOFT = np.array([[1.15, 0.06, 0.0], [0.06, 0.9, 0.03], [0.0, 0.03, 1.0]])

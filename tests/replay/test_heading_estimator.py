@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from turning_sensor import RATE_HZ, Turning, errors_deg, run, turning
 
-from groundtrace.heading.compass import COLUMNS
-from groundtrace.heading.estimator import HeadingEstimator
-from groundtrace.heading.parameters import HeadingParameters
-from groundtrace.heading.rotations import headings_of
+from groundtrace.inertial.attitude import HeadingParameters
+from groundtrace.inertial.heading import HeadingEstimator
+from groundtrace.inertial.magnetometer import COLUMNS
+from groundtrace.inertial.rotations import headings_of
 
 #: The columns that are headings by one kind of sensor.
 SOURCES = ("gyroscope", "compass")
@@ -122,7 +122,7 @@ def test_a_reference_taken_beside_a_magnet_is_replaced_when_the_sensor_turned() 
     case = turning(60.0, rest_s=10.0)
     # a magnet beside the place of rest: constant in the earth frame
     back = case.orientation * np.array([1, -1, -1, -1])
-    from groundtrace.heading.rotations import turned
+    from groundtrace.inertial.rotations import turned
 
     beside = turned(back, np.broadcast_to([14e-6, 3e-6, 6e-6], (len(back), 3)))
     field = case.samples.field + np.where((case.seconds < 10)[:, None], beside, 0.0)

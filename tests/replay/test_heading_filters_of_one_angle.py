@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from groundtrace.heading.scalar_filters import AzimuthKalman, Exponential, exponential_update
+from groundtrace.inertial.heading_baselines import AzimuthKalman, Exponential, exponential_update
 
 
 def test_the_corrected_azimuth_lies_between_gyroscope_and_compass() -> None:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.score import Score, score_events
-from groundtrace.source import Source
-from groundtrace_codecs.importers import import_recording
+from groundtrace.evaluation.report import Score, score_events
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.source import Source
+from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
 

@@ -15,7 +15,7 @@ from localizer_cases import (
 )
 
 from groundtrace.errors import PipelineError
-from groundtrace.localizers.hyperbolic import calibrated_velocity, locate
+from groundtrace.localizers.tdoa import calibrated_velocity, locate_hyperbolic
 
 #: Theta, sigma, RMSE [m] with the velocity calibrated by a source at [1, 3]; on a lattice of
 #: 0.42 m, which is part of the error at 0.2 ms and so left out here.
@@ -33,7 +33,9 @@ def test_errors_are_those_of_the_thesis_simulation(
     theta: float, sigma: float, golden: float
 ) -> None:
     speed = velocity(SOURCE, theta)
-    off = distances_off(lambda t: locate(SENSORS, t, speed, ROOM), repeated(theta, sigma), SOURCE)
+    off = distances_off(
+        lambda t: locate_hyperbolic(SENSORS, t, speed, ROOM), repeated(theta, sigma), SOURCE
+    )
     assert rms(off) == pytest.approx(golden, rel=0.12)
 
 
@@ -43,14 +45,14 @@ def test_errors_are_those_of_the_thesis_simulation(
 def test_errors_over_the_room_are_the_known_ones(sigma: float, golden: float, half: float) -> None:
     sources, times = uniform(800, sigma)
     speed = velocity(sources)
-    off = distances_off(lambda t: locate(SENSORS, t, speed, ROOM), times, sources)
+    off = distances_off(lambda t: locate_hyperbolic(SENSORS, t, speed, ROOM), times, sources)
     assert (rms(off), float(np.median(off))) == pytest.approx((golden, half), rel=0.12)
 
 
 def test_one_velocity_is_inverted_exactly() -> None:
     source = np.array([3.3, 7.1])
     times = np.linalg.norm(SENSORS - source, axis=1) / 1500 + 12.0
-    place = locate(SENSORS, times, 1500.0, ROOM)
+    place = locate_hyperbolic(SENSORS, times, 1500.0, ROOM)
     assert (place.x, place.y) == pytest.approx(source, abs=0.01)
     assert place.residual < 1e-5
     assert place.covariance[0, 0] > 0
@@ -73,6 +75,6 @@ def test_arrivals_that_come_ever_earlier_calibrate_nothing() -> None:
 def test_three_arrivals_suffice_and_two_do_not() -> None:
     times = np.full(9, np.nan)
     times[[0, 1, 3]] = times_of(SOURCE)[0][[0, 1, 3]]
-    assert locate(SENSORS, times, 1200.0, ROOM).found
+    assert locate_hyperbolic(SENSORS, times, 1200.0, ROOM).found
     times[0] = np.nan
-    assert not locate(SENSORS, times, 1200.0, ROOM).found
+    assert not locate_hyperbolic(SENSORS, times, 1200.0, ROOM).found

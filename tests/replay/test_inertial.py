@@ -11,15 +11,22 @@ from foot_walks import FootWalk, Gait, Sensor, circle, foot_walk, times_s
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.detectors.zupt import ZeroVelocityParameters
-from groundtrace.heading.rotations import headings_of, levelled, turned
-from groundtrace.inertial.compass import Compass
-from groundtrace.inertial.navigator import FootNavigator, inertial_columns
-from groundtrace.inertial.parameters import FootNavigatorParameters
-from groundtrace.inertial.smoothing_kernels import error_between
-from groundtrace.inertial.stances import Segments
-from groundtrace.inertial.strapdown import GYRO, PLACE, SPEED, TURN, Pose, integrate
-from groundtrace.score.closure import aligned_distances
+from groundtrace.detectors.zero_velocity import ZeroVelocityParameters
+from groundtrace.evaluation.positions import aligned_distances
+from groundtrace.inertial.ins import FootNavigator, inertial_columns
+from groundtrace.inertial.magnetometer import FootCompass
+from groundtrace.inertial.rotations import headings_of, levelled, turned
+from groundtrace.inertial.strapdown import (
+    GYRO,
+    PLACE,
+    SPEED,
+    TURN,
+    FootNavigatorParameters,
+    Pose,
+    Segments,
+    integrate,
+)
+from groundtrace.kernels.navigation import error_between
 from groundtrace_codecs.signals import NS_PER_S, Channel
 
 if TYPE_CHECKING:
@@ -208,7 +215,7 @@ def test_the_magnetic_field_holds_the_heading_where_it_is_that_of_the_start() ->
 
 
 def test_a_field_of_another_strength_or_dip_is_no_compass() -> None:
-    compass, level = Compass(), np.array([1.0, 0, 0, 0])
+    compass, level = FootCompass(), np.array([1.0, 0, 0, 0])
     assert compass.turned_by(level, np.full(3, np.nan)) is None
     assert compass.turned_by(level, np.array([20e-6, 0, -40e-6])) is None  # the first
     turned_left = compass.turned_by(level, np.array([20e-6, -2e-6, -40e-6]))

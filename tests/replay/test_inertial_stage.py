@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from foot_walks import START_NS, Gait, Sensor, circle, foot_stream, foot_walk
 
-from groundtrace.conformance import FAULTS, rechunked
-from groundtrace.inertial.navigator import FootNavigator
-from groundtrace.inertial.parameters import FootNavigatorParameters
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.inertial.ins import FootNavigator
+from groundtrace.inertial.strapdown import FootNavigatorParameters
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.conformance import FAULTS, rechunked
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TrackPoint
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from groundtrace.explain.evidence import JOINED, joined, stage_evidence
+from groundtrace.pipeline.results import JOINED, joined, stage_evidence
 from groundtrace_codecs.events import CandidateBlock, Gap, GateSpec, Quantity, StageSpec, TraceBlock
 
 RNG = np.random.default_rng(5)

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms
 
-from groundtrace.localizers.floor import EXPONENT, Floor, Prior, reference_distance
-from groundtrace.localizers.joint_fit import LOSSES, Free, Impacts, fit
-from groundtrace.localizers.joint_start import known_start, places_on, start
-from groundtrace.physics.perceived import PLATE, arrivals
+from groundtrace.localizers.base import EXPONENT, Floor, Prior, reference_distance
+from groundtrace.localizers.joint_calibration import (
+    LOSSES,
+    Free,
+    Impacts,
+    fit,
+    known_start,
+    places_on,
+    start,
+)
+from groundtrace.localizers.wave_physics import PLATE, arrivals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,7 +81,7 @@ def test_clock_offsets_longer_than_waves_take_are_found(known: bool) -> None:
 
 
 def test_four_sensors_place_better_with_a_shared_scale_than_with_their_own() -> None:
-    from groundtrace.localizers import power_law
+    from groundtrace.localizers import tdoa
 
     shared, own = [], []
     for seed in range(4):
@@ -83,7 +90,7 @@ def test_four_sensors_place_better_with_a_shared_scale_than_with_their_own() -> 
         begun = start(impacts, ROOM)
         found = fit(impacts, begun.floor, begun.places, prior=Prior(exponent_deviation=0.05))
         shared.append(off(places_on(impacts, found.floor, ROOM), places))
-        single = [power_law.locate(CORNERS, row, ROOM) for row in times]
+        single = [tdoa.locate_power_law(CORNERS, row, ROOM) for row in times]
         own.append(off(np.array([(p.x, p.y) for p in single]), places))
     assert rms(np.array(own)) > 1.0
     assert rms(np.array(shared)) < 0.6

@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 from walked_paths import PATHS, located, rms, tracked
 
-from groundtrace.trackers.kalman import (
-    PACE_M,
-    F,
-    H,
-    Motion,
-    StepFilter,
-    WalkModel,
-    first_spread,
-)
+from groundtrace.trackers.kalman import PACE_M, F, H, Motion, StepFilter, WalkModel, first_spread
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

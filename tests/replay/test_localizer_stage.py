@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, times_of
 
-from groundtrace.conformance import assert_same, outcome
 from groundtrace.errors import PipelineError
-from groundtrace.explain.evidence import Evidence, stage_evidence
-from groundtrace.explain.grid import parse_axis
-from groundtrace.explain.redecide import Redecider
-from groundtrace.pipeline import PipelineConfig, StageConfig, build_pipeline, load_pipeline
-from groundtrace.plugins import load
-from groundtrace.source import Source
-from groundtrace.stage import StageRunner
+from groundtrace.explain.redecide import Redecider, parse_axis
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.conformance import assert_same, outcome
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.results import Evidence, stage_evidence
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import CandidateBlock, Fix, Gap, Note, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
 from groundtrace_codecs.recording import Recording

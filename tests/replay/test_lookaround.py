@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import cuts_of, parts_of
 
-from groundtrace.detectors.lookaround import Lookaround, level
+from groundtrace.dsp.filters import Lookaround, level
 
 SIGNALS = st.lists(st.integers(-3, 3), max_size=60)
 

@@ -7,13 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.belief import RULES
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
-from groundtrace.detectors.dstp import BeliefDetector, BeliefParameters
-from groundtrace.detectors.sensor_evidence import Evidence, Heights
+from groundtrace.detectors.dempster_shafer import (
+    RULES,
+    BeliefDetector,
+    BeliefParameters,
+    Evidence,
+    Heights,
+)
 from groundtrace.errors import PipelineError
-from groundtrace.parameters import build
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import GateSpec, Note, Quantity, StageSpec
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import START_NS, block_of, cuts_of, split, stream_of
 
-from groundtrace.nonfinite import Holder
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.plugins import load
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.source import Holder
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.detectors.onset import EDGE, criterion_of, lane_onsets, memory_of
-from groundtrace.lanes import LANES
+from groundtrace.detectors.arrivals import EDGE, criterion_of, lane_onsets, memory_of
+from groundtrace.kernels.lanes import LANES
 
 
 def aic(windows: np.ndarray) -> np.ndarray:

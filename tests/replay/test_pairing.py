@@ -9,8 +9,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.detectors.pairing import Pairing
-from groundtrace.gates import Candidates, Level, decide
+from groundtrace.detectors.body_signals import Pairing
+from groundtrace.pipeline.gates import Candidates, Level, decide
 from groundtrace_codecs.events import Quantity
 
 COLUMNS = (Quantity("height", "m"), Quantity("fall", "s"))

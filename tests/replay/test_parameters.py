@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.parameters import build, describe, gate, measured, parse_value
+from groundtrace.pipeline.parameters import build, describe, gate, measured, parse_value
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from groundtrace.score.pass_section import pass_section
-from groundtrace.score.passes import score_passes
-from groundtrace_codecs.events import Pass
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.html import pass_section
+from groundtrace.evaluation.vehicles import score_passes
+from groundtrace_codecs.events import Label, Pass
 
 S = 1_000_000_000
 LABELS = (

@@ -7,14 +7,14 @@ import pytest
 from thickness_modes import mode_hz
 
 from groundtrace.errors import PipelineError
-from groundtrace.physics.lamb import (
+from groundtrace.localizers.wave_physics import (
+    Plate,
+    Solid,
     a0_mps,
     cutoffs,
     thin_a0_mps,
     thin_limit_hz,
 )
-from groundtrace.physics.solid import Solid
-from groundtrace.simulate.plate import Plate
 
 #: The thesis's example in sections 1.1 to 1.3.
 EXAMPLE = Solid.of_lame(7000e6, 10000e6, 2500.0)

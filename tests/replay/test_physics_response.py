@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 from scipy.signal import hilbert
 
-from groundtrace.physics.perceived import (
+from groundtrace.localizers.wave_physics import (
+    Plate,
+    Response,
+    Synthesis,
     arrivals,
+    envelope,
     front_arrival_s,
     front_mps,
     onset_s,
     sensor_arrival_s,
     sensor_mps,
+    wavenumber,
 )
-from groundtrace.physics.response import Response, envelope, wavenumber
-from groundtrace.simulate.plate import Plate, Synthesis
 
 #: The thesis's concrete with its a rounded as printed: 183 m2/s.
 ROUNDED = replace(Plate(), young_pa=24e9 * (183 / Plate().dispersion_m2s) ** 2)

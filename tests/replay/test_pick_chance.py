@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.explain.pick_reasons import CHANCE, chance
+from groundtrace.explain.why_picks import CHANCE, chance
 
 RATE_HZ = 5.0
 

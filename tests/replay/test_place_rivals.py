@@ -26,8 +26,7 @@ from planted_arrivals import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.explain.place_causes import PlaceCause
-    from groundtrace.explain.places import FixAccount, PlaceAccount
+    from groundtrace.explain.why_places import FixAccount, PlaceAccount, PlaceCause
 
 #: Laws of arrivals over distance: a plate's, constant velocity, and a noisier picker.
 LAWS: tuple[dict[str, float], ...] = (

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from command_runs import done
 
-from groundtrace.conformance import rechunked
-from groundtrace.placement import Measures, PlacementGuess, guessed
-from groundtrace.placement_watch import PlacementWatch, noted
+from groundtrace.inertial.placement import Measures, PlacementGuess, PlacementWatch, guessed, noted
+from groundtrace.pipeline.conformance import rechunked
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
@@ -196,7 +195,7 @@ def test_info_and_replay_show_the_guess(
 def test_real_recordings_are_guessed(
     data: Path, tmp_path: Path, source: str, map_name: str, site: str
 ) -> None:
-    from groundtrace.source import Source
+    from groundtrace.pipeline.source import Source
     from groundtrace_codecs.recording import Recording
 
     path = tmp_path / "walk.mcap"

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace.commands import main
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk
-from groundtrace_codecs.labels import Label
+from groundtrace.cli.main import main
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from groundtrace_codecs.writer import write_recording
 
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
     import pytest
     from numpy.typing import NDArray
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
 
 RATE = 20_000
 STEP = round(0.48 * RATE)  # a step and its coda, but not the next step

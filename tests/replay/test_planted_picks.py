@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from planted_rooms import STEPS, Room, why
 
-from groundtrace.commands import main
-from groundtrace.results import read_results
-from groundtrace.score.picks import pick_residuals
-from groundtrace.score.report import answers_of
+from groundtrace.cli.main import main
+from groundtrace.evaluation.picks import pick_residuals
+from groundtrace.evaluation.report import answers_of
+from groundtrace.pipeline.results import read_results
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 from planted_rooms import ONSETS, STEPS, Room, why
 
-from groundtrace.explain.place_remedies import Figures
+from groundtrace.explain.why_places import Figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable

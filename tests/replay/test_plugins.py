@@ -8,9 +8,9 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
-from groundtrace import plugins
 from groundtrace.errors import PluginError
-from groundtrace.plugins import load, stage_named
+from groundtrace.pipeline import plugins
+from groundtrace.pipeline.plugins import load, stage_named
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def registered(monkeypatch):
 def test_our_own_stages_are_registered():
     found = {p.name: p for p in plugins.plugins("stages")}
     assert {"dp", "zc", "sta-lta", "toa-cv"} <= set(found)
-    assert found["dp"].target == "groundtrace.detectors.dp:PeakDetector"
+    assert found["dp"].target == "groundtrace.detectors.peaks:PeakDetector"
     assert found["dp"].distribution == "groundtrace"
     assert list(found) == sorted(found)
 
@@ -52,7 +52,7 @@ def test_an_unknown_name_is_refused_with_the_known_ones():
 
 
 def test_a_plugin_that_does_not_import_is_refused_in_one_line(registered):
-    registered(broken="no_such_module:Thing", absent="groundtrace.clock:Nothing")
+    registered(broken="no_such_module:Thing", absent="groundtrace.pipeline.engine:Nothing")
     with pytest.raises(
         PluginError, match=r"^stages: broken: expected no_such_module:Thing to import, found: "
     ):
@@ -70,7 +70,7 @@ def test_a_group_without_plugins_is_empty(registered):
 
 def test_listing_imports_no_plugin():
     code = (
-        "import sys; from groundtrace.plugins import plugins; plugins('stages');"
+        "import sys; from groundtrace.pipeline.plugins import plugins; plugins('stages');"
         "print(any(m.startswith(('groundtrace.detectors', 'scipy')) for m in sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

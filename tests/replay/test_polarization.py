@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 import pytest
 
-from groundtrace.direction.polarization import Method, Polarization, polarization
+from groundtrace.localizers.bearings import Method, Polarization, polarization
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

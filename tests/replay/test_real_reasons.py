@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from reason_texts import Claims
 
-from groundtrace.explain import StepReasons
-from groundtrace.explain.measuring import measure_evidence
+from groundtrace.evaluation.matching import best_shift
+from groundtrace.explain.reasons import StepReasons
+from groundtrace.explain.sweep import measure_evidence
 from groundtrace.explain.unfiltered import with_recording
-from groundtrace.pipeline import load_pipeline
-from groundtrace.score.step_timing import best_shift
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_recordings import map_path
 

@@ -12,18 +12,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reason_texts import CHANNELS, Claims
 
-from groundtrace.detector import Frames
-from groundtrace.explain import CAUSES, Evidence, Reason, StageEvidence, StepReasons
-from groundtrace.explain.measuring import resolved
-from groundtrace.explain.parts import accepted_picks
+from groundtrace.explain.reasons import CAUSES, Reason, StepReasons, accepted_picks
 from groundtrace.explain.redecide import associated
-from groundtrace.gates import Candidates, decided_block, gate_specs
-from groundtrace.parameters import build
-from groundtrace.pipeline import PipelineConfig, load_pipeline
-from groundtrace.plugins import stage_named
-from groundtrace.stage import StageConfig, StageRunner, emitted
-from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec
-from groundtrace_codecs.labels import Label
+from groundtrace.explain.sweep import resolved
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
+from groundtrace.pipeline.gates import Candidates, decided_block, gate_specs
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.plugins import stage_named
+from groundtrace.pipeline.results import Evidence, StageEvidence
+from groundtrace.pipeline.stage import Frames, StageConfig, StageRunner, emitted
+from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
 from groundtrace_codecs.signals import NS_PER_S
 
 START, LENGTH_S = 1_700_000_000 * NS_PER_S, 6.0

@@ -7,8 +7,8 @@ import pytest
 import shapely
 
 from groundtrace.errors import PipelineError
-from groundtrace.localizers.outline import outline_of
-from groundtrace.localizers.regions import Regions, find_regions, pairs
+from groundtrace.localizers.arrival_order import Regions, find_regions, pairs
+from groundtrace.localizers.base import outline_of
 
 
 def corners(width: float, height: float) -> np.ndarray:

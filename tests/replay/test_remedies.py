@@ -11,13 +11,18 @@ import pytest
 from replayed_results import Walk, waist_walk, walk_of
 
 from groundtrace.errors import PipelineError
-from groundtrace.explain import Counts, Healer, Redecider, Remedy
-from groundtrace.explain.account import Account, Mended, account
-from groundtrace.explain.counted import matched
-from groundtrace.explain.measuring import measure_evidence
-from groundtrace.pipeline import load_pipeline, with_settings
-from groundtrace.simulate import RoomOptions, WalkOptions, simulate_room, simulate_walk, write
-from groundtrace_codecs.labels import Label
+from groundtrace.explain.reasons import matched
+from groundtrace.explain.redecide import Counts, Redecider
+from groundtrace.explain.remedies import Healer, Remedy
+from groundtrace.explain.sweep import measure_evidence
+from groundtrace.explain.why import Account, Mended, account
+from groundtrace.pipeline.config import load_pipeline, with_settings
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
+from groundtrace_codecs.events import Label
 
 if TYPE_CHECKING:
     from pathlib import Path

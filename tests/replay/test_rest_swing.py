@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from walking_blocks import START_NS, waist
 
-from groundtrace.conformance import check_stage, run
-from groundtrace.detectors.rest_swing import SwingDetector, SwingParameters, extreme
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.detectors.swing import SwingDetector, SwingParameters, extreme
+from groundtrace.pipeline.conformance import check_stage, run
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 GATES = [gate.name for gate in SwingDetector.gates]

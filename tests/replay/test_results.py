@@ -10,7 +10,8 @@ import pytest
 from replay_blocks import START_NS, block_of, stream_of
 
 from groundtrace.errors import RecordingError
-from groundtrace.results import (
+from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.results import (
     RUN,
     Provenance,
     ResultsSink,
@@ -19,12 +20,12 @@ from groundtrace.results import (
     public_arguments,
     read_results,
 )
-from groundtrace.sinks import Session
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,
     GateSpec,
+    Label,
     Note,
     Pick,
     Quantity,
@@ -33,7 +34,6 @@ from groundtrace_codecs.events import (
     TraceBlock,
 )
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.writer import RecordingWriter
 
 STREAM = stream_of(2, 100.0)

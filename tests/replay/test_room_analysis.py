@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 from room_layouts import NINE, SQUARE, geometry, layout
 
-from groundtrace.analyze.advice import Trial, candidates, contributions
-from groundtrace.analyze.ambiguity import ambiguity
-from groundtrace.analyze.error_maps import METHODS, error_map, times_of
-from groundtrace.analyze.layout import grid_of, layout_of
-from groundtrace.analyze.room import Settings, analyze_room
-from groundtrace.analyze.words import findings
 from groundtrace.errors import PipelineError
-from groundtrace.localizers import hyperbolic, power_law, so_tdoa
+from groundtrace.layout.analysis import (
+    METHODS,
+    Settings,
+    Trial,
+    ambiguity,
+    analyze_room,
+    candidates,
+    contributions,
+    error_map,
+    grid_of,
+    layout_of,
+    times_of,
+)
+from groundtrace.layout.report import findings
+from groundtrace.localizers import arrival_order, tdoa
 
 QUICK = Settings(lattice=5, draws=3)
 
@@ -38,20 +46,20 @@ def test_many_impacts_at_once_are_located_as_each_alone() -> None:
     room = layout()
     times = times_of(room, np.array([(1.0, 3.0), (4.4, 7.1), (9.5, 0.3)]), 4, 2).reshape(-1, 9)
     sensors, outline = room.positions, room.outline
-    regions = so_tdoa.known_regions(sensors, outline)
+    regions = arrival_order.known_regions(sensors, outline)
     for together, alone in (
-        (so_tdoa.places(regions, times), [so_tdoa.among(regions, t) for t in times]),
+        (arrival_order.places(regions, times), [arrival_order.among(regions, t) for t in times]),
         (
-            hyperbolic.places(sensors, times, 900.0, outline),
-            [hyperbolic.locate(sensors, t, 900.0, outline) for t in times],
+            tdoa.hyperbolic_places(sensors, times, 900.0, outline),
+            [tdoa.locate_hyperbolic(sensors, t, 900.0, outline) for t in times],
         ),
         (
-            power_law.places(sensors, times, outline),
-            [power_law.locate(sensors, t, outline, huber=np.inf) for t in times],
+            tdoa.power_law_places(sensors, times, outline),
+            [tdoa.locate_power_law(sensors, t, outline, huber=np.inf) for t in times],
         ),
         (
-            power_law.places(sensors[:4], times[:, :4], outline),
-            [power_law.locate(sensors[:4], t[:4], outline, huber=np.inf) for t in times],
+            tdoa.power_law_places(sensors[:4], times[:, :4], outline),
+            [tdoa.locate_power_law(sensors[:4], t[:4], outline, huber=np.inf) for t in times],
         ),
     ):
         np.testing.assert_allclose(together, [(p.x, p.y) for p in alone], atol=1e-9)

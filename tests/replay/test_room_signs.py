@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from room_layouts import NINE, at_1000_mps, layout
 
-from groundtrace.analyze.layout import grid_of
-from groundtrace.analyze.signs import drawn_wrong, mean_wrong, poisson_binomial, sign_errors
-from groundtrace.localizers import so_tdoa
-from groundtrace.localizers.regions import pairs
-from groundtrace.localizers.sign_model import chance_wrong
+from groundtrace.layout.analysis import (
+    drawn_wrong,
+    grid_of,
+    mean_wrong,
+    poisson_binomial,
+    sign_errors,
+)
+from groundtrace.localizers import arrival_order
+from groundtrace.localizers.arrival_order import chance_wrong, pairs
 
 #: Source, sigma [s]: lambda, variance of independent errors, mean and variance of physical ones.
 GOLDEN = [
@@ -76,12 +80,12 @@ def test_regions_bear_as_many_wrong_signs_as_known(
     source: tuple[float, float], known: dict[int, float]
 ) -> None:
     # the known values are of some hundred draws: 0.05 is two of their standard deviations
-    regions = so_tdoa.known_regions(np.array(NINE), layout().outline)
-    signs, told = so_tdoa.measured_signs(regions, at_1000_mps(np.array([source]))[0])
-    true = so_tdoa.distances(regions, signs, told).argmin()
+    regions = arrival_order.known_regions(np.array(NINE), layout().outline)
+    signs, told = arrival_order.measured_signs(regions, at_1000_mps(np.array([source]))[0])
+    true = arrival_order.distances(regions, signs, told).argmin()
     rng = np.random.default_rng(4)
     for errors, share in known.items():
         flips = np.argsort(rng.random((2000, 36)), axis=1) < errors
-        wrong = so_tdoa.distances(regions, np.where(flips, -signs, signs), told)
+        wrong = arrival_order.distances(regions, np.where(flips, -signs, signs), told)
         alone = (wrong == wrong.min(axis=1, keepdims=True)).sum(axis=1) == 1
         assert np.mean(alone & (wrong.argmin(axis=1) == true)) == pytest.approx(share, abs=0.05)

@@ -21,7 +21,7 @@ from replay_blocks import (
     times_in,
 )
 
-from groundtrace.runs import IrregularRuns, UniformRuns, run_tracker
+from groundtrace.pipeline.source import IrregularRuns, UniformRuns, run_tracker
 from groundtrace_codecs.events import Gap
 
 STREAM = stream_of()

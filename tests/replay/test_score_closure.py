@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.score import score_tracks
-from groundtrace_codecs.events import TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.tracks import score_tracks
+from groundtrace_codecs.events import Label, TrackPoint
 
 NONE = (float("nan"),) * 3
 

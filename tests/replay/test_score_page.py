@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.commands import main
-from groundtrace.results import Provenance, ResultsSink, read_results
-from groundtrace.score import score_events
-from groundtrace.score.html import score_page
-from groundtrace.sinks import Session
+from groundtrace.cli.main import main
+from groundtrace.evaluation.html import score_page
+from groundtrace.evaluation.report import score_events
+from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.results import Provenance, ResultsSink, read_results
 from groundtrace_codecs.events import (
     Disturbance,
     Event,
     Fix,
     Heading,
+    Label,
     Pick,
     StageSpec,
     StepEvent,
     TrackPoint,
 )
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.score import score_events, score_picks
-from groundtrace_codecs.events import GateSpec, Note, Pick, Quantity, StageSpec, StepEvent
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.picks import score_picks
+from groundtrace.evaluation.report import score_events
+from groundtrace_codecs.events import GateSpec, Label, Note, Pick, Quantity, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
 START = 1_700_000_000 * NS_PER_S

@@ -7,18 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from groundtrace.score import (
-    consistency,
-    normalised_squares,
-    score_disturbances,
-    score_events,
-    score_headings,
-    score_positions,
-)
-from groundtrace.score.consistency import score_consistency
-from groundtrace.score.places import match_places, true_places
-from groundtrace_codecs.events import Disturbance, Fix, Heading, TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.headings import score_disturbances, score_headings
+from groundtrace.evaluation.positions import match_places, score_positions, true_places
+from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.tracks import consistency, normalised_squares, score_consistency
+from groundtrace_codecs.events import Disturbance, Fix, Heading, Label, TrackPoint
 
 NAN3 = (math.nan,) * 3
 SECOND = 10**9

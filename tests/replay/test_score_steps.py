@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from groundtrace.score import match, score_steps
-from groundtrace.score.matching import f1_of, f1_score, metronome_f1, random_f1
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.matching import f1_of, f1_score, match, metronome_f1, random_f1
+from groundtrace.evaluation.steps import score_steps
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S
 
 START = 1_700_000_000 * NS_PER_S

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.score import assign, gospa, match, ospa, score_tracks
-from groundtrace_codecs.events import TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.dsp.assignment import assign
+from groundtrace.evaluation.matching import match
+from groundtrace.evaluation.tracks import gospa, ospa, score_tracks
+from groundtrace_codecs.events import Label, TrackPoint
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

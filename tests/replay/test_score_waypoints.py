@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from groundtrace.score.waypoints import score_waypoints
-from groundtrace_codecs.events import TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.positions import score_waypoints
+from groundtrace_codecs.events import Label, TrackPoint
 
 NAN = float("nan")
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from groundtrace.score import score_events
-from groundtrace.score.step_words import confusion, truth_words
-from groundtrace_codecs.events import StepEvent
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.steps import confusion, truth_words
+from groundtrace_codecs.events import Label, StepEvent
 
 SECOND = 10**9
 

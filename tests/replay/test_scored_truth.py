@@ -10,13 +10,19 @@ import pytest
 from command_runs import check_schema, done, run
 
 from groundtrace.errors import RecordingError
-from groundtrace.results import Provenance, Results, ResultsSink, given_to
-from groundtrace.score import score_events
-from groundtrace.score.report import answers_of
-from groundtrace.score.truth import foot_of, scored_truth
-from groundtrace.sinks import Session
-from groundtrace_codecs.events import Disturbance, Event, Heading, StageSpec, StepEvent, TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.evaluation.report import answers_of, score_events
+from groundtrace.evaluation.truth import foot_of, scored_truth
+from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.results import Provenance, Results, ResultsSink, given_to
+from groundtrace_codecs.events import (
+    Disturbance,
+    Event,
+    Heading,
+    Label,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms, uniform
 
-from groundtrace.localizers.api import Site
+from groundtrace.localizers.base import PRIOR_COUNT, RunningSigma, Site
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating
-from groundtrace.localizers.running_sigma import PRIOR_COUNT, RunningSigma
-from groundtrace.physics.perceived import PLATE
-from groundtrace.plugins import load
+from groundtrace.localizers.wave_physics import PLATE
+from groundtrace.pipeline.plugins import load
 from groundtrace_codecs.geometry import Medium
 
 SCALE = float(np.cbrt(THETA_S / PLATE))

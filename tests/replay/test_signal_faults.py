@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from planted_rooms import RATE, Room
 
-from groundtrace.health import HealthWatch
+from groundtrace.detectors.fault_scan import HealthWatch
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.health import Finding
+    from groundtrace.detectors.signal_faults import Finding
 
 #: About one standard deviation of the simulated noise [counts].
 SIGMA = 4

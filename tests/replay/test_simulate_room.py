@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from scipy.special import hankel1
 from simulated_rooms import of_kind, samples_of
 
 from groundtrace.errors import SimulationError
-from groundtrace.simulate import RoomOptions, Simulation, simulate_room
+from groundtrace.localizers.wave_physics import Plate, Synthesis
 from groundtrace.simulate.footfall import ArrivalLaw, Footfall
-from groundtrace.simulate.options import SIDE_M
-from groundtrace.simulate.plate import Plate, Synthesis
-from groundtrace.simulate.sensors import sensor_places
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import SIDE_M, RoomOptions, sensor_places
+
+if TYPE_CHECKING:
+    from groundtrace.simulate.recording import Simulation
 
 SHORT = RoomOptions(duration_s=4.0, channels=9)
 

@@ -10,9 +10,8 @@ import shapely
 from simulated_rooms import L_OUTLINE, L_ROOM, of_kind, samples_of
 
 from groundtrace.errors import SimulationError
-from groundtrace.simulate import RoomOptions, simulate_room
-from groundtrace.simulate.drawing import drawn
-from groundtrace.simulate.paths import clear_rectangle, paths_in
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions, clear_rectangle, drawn, paths_in
 from groundtrace_codecs.geometry import Geometry, Sensor
 
 SHAPES = ["straight", "l", "v", "u", "circle", "ellipse", "there-and-back"]

@@ -11,10 +11,10 @@ from scipy.special import hankel1
 from simulated_rooms import L_ROOM, of_kind, one_step, samples_of, start_of, values_of
 
 from groundtrace.errors import SimulationError
-from groundtrace.simulate import RoomOptions, simulate_room
+from groundtrace.localizers.wave_physics import Plate, Synthesis
 from groundtrace.simulate.footfall import BARE, HEEL, ArrivalLaw, Footfall
-from groundtrace.simulate.plate import Plate, Synthesis
-from groundtrace.simulate.sensors import Mounting
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import Mounting, RoomOptions
 
 
 def column(simulation, channel: str) -> int:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from simulated_rooms import L_OUTLINE, L_ROOM, of_kind, one_step, start_of, values_of
 
+from groundtrace.localizers.wave_physics import Plate
 from groundtrace.simulate.footfall import ArrivalLaw
-from groundtrace.simulate.plate import Plate
-from groundtrace.simulate.walls import Walls
+from groundtrace.simulate.propagation import Walls
 
 SQUARE = np.array([(0.0, 0.0), (6.0, 0.0), (6.0, 4.0), (0.0, 4.0)])
 TURNED = SQUARE @ np.array([[0.6, 0.8], [-0.8, 0.6]])

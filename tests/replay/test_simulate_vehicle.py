@@ -9,11 +9,8 @@ import pytest
 from scipy.signal import hilbert, welch
 from simulated_roads import QUIET, of_kind, simulated, values_of
 
-from groundtrace.simulate import VehicleOptions
-from groundtrace.simulate.vehicle_signal import sampled
-from groundtrace.simulate.vehicle_source import Source, between, margin
-from groundtrace.simulate.vehicle_traffic import LEVEL_MPS
-from groundtrace.simulate.vehicle_waves import RADIAL
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.vehicle_signal import LEVEL_MPS, RADIAL, Source, between, margin, sampled
 from groundtrace.vehicles.medium import Geophone, PowerLaw, loss_per_m
 from groundtrace_codecs.geometry import Geometry, Sensor
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from simulated_roads import of_kind, simulated
 
-from groundtrace.score import score_tracks
-from groundtrace.score.places import true_places
+from groundtrace.evaluation.positions import true_places
+from groundtrace.evaluation.tracks import score_tracks
 from groundtrace_codecs.events import TrackPoint
 
 START_NS = 1_767_603_600_000_000_000

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from groundtrace.errors import SimulationError
-from groundtrace.simulate import Simulation, WalkOptions, simulate_walk
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.walk import simulate_walk
+
+if TYPE_CHECKING:
+    from groundtrace.simulate.recording import Simulation
 
 
 def values_of(simulation: Simulation, source: int = 0) -> np.ndarray:

@@ -9,9 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulated_walks import moved, walked
 
-from groundtrace.simulate import WalkOptions
-from groundtrace.simulate.person import person
-from groundtrace.simulate.walk_options import PlacementName
+from groundtrace.simulate.gait import PlacementName, WalkOptions, person
 
 PLACEMENTS = PlacementName.__args__
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from simulated_walks import walked
 
-from groundtrace.commands import application
+from groundtrace.cli.main import application
 from groundtrace.errors import SimulationError
-from groundtrace.simulate import WalkOptions, simulate_walk
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
 
 

@@ -9,10 +9,10 @@ import pytest
 from replay_blocks import START_NS, stream_of
 from slow_arrivals import slow_toa_cv
 
-from groundtrace.conformance import outcome, rechunked
-from groundtrace.detectors.toa_cv import VarianceChangePicker
-from groundtrace.gates import Candidates, decide
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.detectors.variance_change import VarianceChangePicker
+from groundtrace.pipeline.conformance import outcome, rechunked
+from groundtrace.pipeline.gates import Candidates, decide
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import SignalBlock
 
 

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, SOURCE, distances_off, repeated, rms, times_of, uniform
 
-from groundtrace.localizers.sign_model import likeliest
-from groundtrace.localizers.so_tdoa import distances, known_regions, locate, measured_signs
+from groundtrace.localizers.arrival_order import (
+    distances,
+    known_regions,
+    likeliest,
+    locate,
+    measured_signs,
+)
 
 if TYPE_CHECKING:
-    from groundtrace.localizers.location import Location
-    from groundtrace.localizers.regions import Regions
+    from groundtrace.localizers.arrival_order import Regions
+    from groundtrace.pipeline.stage import Location
 
 #: Theta, sigma, RMSE of the region centres, and of samples of the room with ties averaged [m]; of
 #: 5000 runs.

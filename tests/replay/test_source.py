@@ -6,17 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from replay_blocks import (
-    START_NS,
-    block_of,
-    blocks_in,
-    gaps_in,
-    samples_in,
-    stream_of,
-    times_in,
-)
+from replay_blocks import START_NS, block_of, blocks_in, gaps_in, samples_in, stream_of, times_in
 
-from groundtrace.source import Source, joined
+from groundtrace.pipeline.source import Source, joined
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.recording import Recording, Stamped

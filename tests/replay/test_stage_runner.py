@@ -8,10 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from replay_blocks import START_NS, block_of, stream_of
 
-from groundtrace.detector import Frames
-from groundtrace.gates import Candidates, Level
-from groundtrace.parameters import gate
-from groundtrace.stage import CannotStart, Context, Input, Stage, StageConfig, StageRunner
+from groundtrace.pipeline.gates import Candidates, Level
+from groundtrace.pipeline.parameters import gate
+from groundtrace.pipeline.stage import (
+    CannotStart,
+    Context,
+    Frames,
+    Input,
+    Stage,
+    StageConfig,
+    StageRunner,
+)
 from groundtrace_codecs.events import (
     CandidateBlock,
     Gap,

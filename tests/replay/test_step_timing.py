@@ -10,16 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.score import StepMatch, match_steps, timing_pairs
-from groundtrace.score.step_timing import (
+from groundtrace.evaluation.matching import (
     REACH_S,
+    StepMatch,
     TimingPair,
     answers_text,
     best_shift,
     found_text,
+    match_steps,
     step_reach_s,
+    timing_pairs,
 )
-from groundtrace_codecs.labels import Label
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S
 
 START = 1_700_000_000 * NS_PER_S

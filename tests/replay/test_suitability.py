@@ -8,19 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.conformance import rechunked
-from groundtrace.engine import replay
 from groundtrace.errors import PipelineError
-from groundtrace.explain.measuring import EventList, measure_evidence
-from groundtrace.pipeline import (
-    build_pipeline,
-    load_pipeline,
-    parse_pipeline,
-    with_settings,
-)
-from groundtrace.score.steps import score_steps
-from groundtrace.source import Source
-from groundtrace.suitability import prepared, refuse_unsuitable, with_placements
+from groundtrace.evaluation.steps import score_steps
+from groundtrace.explain.suitability import prepared, refuse_unsuitable, with_placements
+from groundtrace.explain.sweep import EventList, measure_evidence
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
+from groundtrace.pipeline.conformance import rechunked
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
@@ -134,7 +129,7 @@ def test_an_unsure_guess_and_too_little_walking_leave_the_defaults(tmp_path: Pat
 
 
 def test_without_a_gyroscope_a_guess_must_be_surer() -> None:
-    from groundtrace.placement import Measures, guessed
+    from groundtrace.inertial.placement import Measures, guessed
 
     half = Measures(60.0, 2.0, 0.9, 0.02, 13.0, 0.05, 0.1)
     blind = replace(half, turning_radps=None, rests=None)

@@ -9,24 +9,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.engine import replay
 from groundtrace.errors import PipelineError, RecordingError
-from groundtrace.explain.chain import StepChain
-from groundtrace.explain.evidence import stage_evidence
-from groundtrace.explain.grid import Axis, make_grid, parse_axis
-from groundtrace.explain.measuring import EventList, measure_evidence, resolved, with_values
-from groundtrace.explain.ranking import rank
-from groundtrace.explain.redecide import Counts, Redecider
-from groundtrace.explain.sweep import Subject, count, f1_of, reproduced
-from groundtrace.pipeline import PipelineConfig, build_pipeline, load_pipeline
-from groundtrace.score import match_steps
-from groundtrace.source import Source
+from groundtrace.evaluation.matching import match_steps
+from groundtrace.explain.redecide import Axis, Counts, Redecider, StepChain, make_grid, parse_axis
+from groundtrace.explain.sweep import (
+    EventList,
+    Subject,
+    count,
+    f1_of,
+    measure_evidence,
+    rank,
+    reproduced,
+    resolved,
+    with_values,
+)
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.results import stage_evidence
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
-    from groundtrace.explain.evidence import Evidence
+    from groundtrace.pipeline.results import Evidence
     from groundtrace_codecs.signals import SignalBlock
 
 WAIST_GATES = (

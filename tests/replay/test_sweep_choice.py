@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.explain.bootstrap import Verdicts, bootstrap
-from groundtrace.explain.grid import Axis, Grid, make_grid, parse_axis
-from groundtrace.explain.measuring import resolved
-from groundtrace.explain.plateau import middle, pareto_front
-from groundtrace.pipeline import PipelineConfig, load_pipeline
+from groundtrace.explain.reasons import Verdicts, bootstrap
+from groundtrace.explain.redecide import Axis, Grid, make_grid, parse_axis
+from groundtrace.explain.sweep import middle, pareto_front, resolved
+from groundtrace.pipeline.config import PipelineConfig, load_pipeline
 from groundtrace_codecs.signals import NS_PER_S
 
 

@@ -15,8 +15,8 @@ import pytest
 from command_runs import Ran, done, run
 from jsonschema import Draft202012Validator, ValidationError
 
-from groundtrace.commands import main
-from groundtrace.pipeline import load_pipeline
+from groundtrace.cli.main import main
+from groundtrace.pipeline.config import load_pipeline
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from groundtrace.detectors.toa_sb import STRETCHES, NoiseStatisticsPicker
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.detectors.noise_statistics import STRETCHES, NoiseStatisticsPicker
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 

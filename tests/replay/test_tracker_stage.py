@@ -10,16 +10,22 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.parameters import build
-from groundtrace.pipeline import build_pipeline, parse_pipeline
-from groundtrace.plugins import stage_named
-from groundtrace.score import score_tracks
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.evaluation.tracks import score_tracks
+from groundtrace.pipeline.config import build_pipeline, parse_pipeline, wire
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.plugins import stage_named
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace.trackers.walkers import Walkers, WalkersParameters
-from groundtrace.wiring import wire
-from groundtrace_codecs.estimates import SMOOTHED
-from groundtrace_codecs.events import CandidateBlock, Event, Fix, Gap, StageSpec, TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace_codecs.events import (
+    SMOOTHED,
+    CandidateBlock,
+    Event,
+    Fix,
+    Gap,
+    Label,
+    StageSpec,
+    TrackPoint,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

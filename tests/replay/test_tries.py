@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from groundtrace.errors import PipelineError
-from groundtrace.explain import Redecider
-from groundtrace.explain.counted import times_of
-from groundtrace.explain.measuring import measure_evidence
-from groundtrace.explain.tries import Tries
-from groundtrace.pipeline import load_pipeline
-from groundtrace.simulate import RoomOptions, simulate_room, write
+from groundtrace.explain.reasons import times_of
+from groundtrace.explain.redecide import Redecider, Tries
+from groundtrace.explain.sweep import measure_evidence
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import pytest
 from replay_blocks import block_of, stream_of
 
-from groundtrace import cores, engine
-from groundtrace.clock import Clock
-from groundtrace.engine import AHEAD, ReplayLoop, replay
-from groundtrace.pipeline import Pipeline, PipelineConfig, build_pipeline, load_pipeline
-from groundtrace.source import Source
-from groundtrace_codecs.event_encoding import encode_event
+from groundtrace.pipeline import engine
+from groundtrace.pipeline import engine as cores
+from groundtrace.pipeline.config import Pipeline, PipelineConfig, build_pipeline, load_pipeline
+from groundtrace.pipeline.engine import AHEAD, Clock, ReplayLoop, replay
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.writer import encode_event
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:

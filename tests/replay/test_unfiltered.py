@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from test_planted_causes import Planting
 
-from groundtrace.commands import main
+from groundtrace.cli.main import main
 from groundtrace.explain.reasons import unfiltered_kind
-from groundtrace.pipeline import StageConfig
-from groundtrace.plugins import plugins, stage_named
-from groundtrace.stage import detects
-from groundtrace_codecs.labels import Label
+from groundtrace.pipeline.plugins import plugins, stage_named
+from groundtrace.pipeline.stage import StageConfig, detects
+from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 
@@ -127,7 +126,7 @@ DETECTORS = sorted(p.name for p in plugins("stages") if detects(stage_named(p.na
 
 @pytest.mark.parametrize("name", DETECTORS)
 def test_a_detector_without_its_filter_measures_the_same_things(name: str) -> None:
-    from groundtrace.plugins import load
+    from groundtrace.pipeline.plugins import load
 
     kind: Any = load("stages", name)
     found = unfiltered_kind(StageConfig(name))

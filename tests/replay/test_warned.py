@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from groundtrace.warned import warnings_of
+from groundtrace.pipeline.warned import warnings_of
 from groundtrace_codecs.events import Note
 
 NS = 10**9

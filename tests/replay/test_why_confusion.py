@@ -45,7 +45,7 @@ def test_what_was_called_something_else_is_named(name: str, seed: int) -> None:
 
 
 def test_every_cause_of_a_step_is_planted_somewhere() -> None:
-    from groundtrace.explain import CAUSES
+    from groundtrace.explain.reasons import CAUSES
 
     planted = {cell.cause for cell in cells() if cell.asked == "steps"}
     assert set(CAUSES) - planted == {"undecided"}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.window_power import WindowPower
+from groundtrace.dsp.spectral import WindowPower
 
 N = 700
 SAMPLES = np.random.default_rng(2).integers(-3000, 3000, (2, N)).astype(np.int16)

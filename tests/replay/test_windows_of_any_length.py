@@ -12,10 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.rounds import Rounds, in_order
-from groundtrace.simulate import WalkOptions, simulate_walk, write
-from groundtrace.source import Source
+from groundtrace.pipeline.buffers import Rounds, in_order
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import CandidateBlock, Gap, Heading, StageSpec, TraceBlock
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream

@@ -12,19 +12,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from turning_sensors import RATE_HZ, turning_sensor
 
-from groundtrace.health.axes import AxisMap
-from groundtrace.health.imu import ImuWatch, judged
-from groundtrace.health.limits import Limits
-from groundtrace.health.repeats import Repeats
-from groundtrace.health.turning import RIVALS, Spreads, rival_of, rotations
-from groundtrace.health.windows import Windows
+from groundtrace.detectors.clipping import Limits, Repeats
+from groundtrace.detectors.signal_faults import Windows
+from groundtrace.inertial.worn_sensor_faults import (
+    RIVALS,
+    AxisMap,
+    ImuWatch,
+    Spreads,
+    judged,
+    rival_of,
+    rotations,
+)
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from groundtrace.health import Finding
+    from groundtrace.detectors.signal_faults import Finding
 
 GYRO, FORCE, FIELD = "angular_velocity", "acceleration", "magnetic_field"
 UNITS = {GYRO: "rad/s", FORCE: "m/s2", FIELD: "T"}

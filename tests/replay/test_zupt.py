@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from walking_blocks import START_NS, Walk, foot, waist
 
-from groundtrace.conformance import check_stage, run
-from groundtrace.detectors.zupt import (
+from groundtrace.detectors.zero_velocity import (
     ZeroVelocityDetector,
     ZeroVelocityParameters,
     ZeroVelocityStatistic,
 )
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.conformance import check_stage, run
+from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.signals import NS_PER_S
 
 LEAD = ZeroVelocityParameters().lead_s

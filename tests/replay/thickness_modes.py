@@ -12,7 +12,7 @@ from numpy.polynomial import legendre
 from scipy.linalg import eigh
 
 if TYPE_CHECKING:
-    from groundtrace.physics.solid import Solid
+    from groundtrace.localizers.wave_physics import Solid
 
 DEGREE = 24
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from made_rotations import of_vectors, running_products
 
-from groundtrace.heading.estimator import HeadingEstimator
-from groundtrace.heading.inertial_frames import Samples
-from groundtrace.heading.parameters import HeadingParameters
-from groundtrace.heading.rotations import headings_of, turned
+from groundtrace.inertial.attitude import HeadingParameters
+from groundtrace.inertial.frames import Samples
+from groundtrace.inertial.heading import HeadingEstimator
+from groundtrace.inertial.rotations import headings_of, turned
 
 RATE_HZ = 100.0
 #: The earth's field, east, north, up [T].

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.localizers import so_tdoa
-from groundtrace.physics.perceived import arrivals
-from groundtrace.trackers.kalman import Motion, StepFilter, first_spread
-from groundtrace.trackers.rts import smoothed
+from groundtrace.localizers import arrival_order
+from groundtrace.localizers.wave_physics import arrivals
+from groundtrace.trackers.kalman import Motion, StepFilter, first_spread, smoothed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,10 +49,10 @@ def located(path: Array, runs: int) -> Array:
 @cache
 def _located(path: bytes, runs: int) -> Array:
     steps = np.frombuffer(path).reshape(-1, 2)
-    regions = so_tdoa.known_regions(SENSORS, ROOM)
+    regions = arrival_order.known_regions(SENSORS, ROOM)
     clean = arrivals(np.linalg.norm(steps[:, None] - SENSORS, axis=2), THETA_S)
     times = clean + np.random.default_rng(3).normal(0, SIGMA_S, (runs, *clean.shape))
-    fixes = [so_tdoa.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
+    fixes = [arrival_order.among(regions, row) for row in times.reshape(-1, len(SENSORS))]
     return np.array([(fix.x, fix.y) for fix in fixes]).reshape(runs, len(steps), 2)
 
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typed_walks import accelerations
 
-from groundtrace.conformance import rechunked
-from groundtrace.heading.walking_axis import Swing, WalkingAxis, step_swing
-from groundtrace.steptypes.axes import BodyAxes, axis_vector
+from groundtrace.inertial.body_motion import Swing, WalkingAxis, step_swing
+from groundtrace.inertial.step_type import BodyAxes, axis_vector
+from groundtrace.pipeline.conformance import rechunked
 
 G = 9.80665
 

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from groundtrace.steptypes.chains import (
+from groundtrace.inertial.step_type import (
     CONTACT,
     PHASE,
     Frontal,
     Lateral,
+    common_share,
+    corrected_lead,
     frontal,
     lateral,
+    smoothing,
     strip_of,
 )
-from groundtrace.steptypes.corrections import common_share, corrected_lead
-from groundtrace.steptypes.follower import smoothing
 
 
 def walking(lead: float, sharp: float = 0.3) -> np.ndarray:

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from groundtrace.conformance import rechunked
-from groundtrace.plugins import load
-from groundtrace.simulate import WalkOptions, simulate_walk
-from groundtrace.stage import StageConfig, StageRunner
+from groundtrace.pipeline.conformance import rechunked
+from groundtrace.pipeline.plugins import load
+from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import StageSpec, StepEvent
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from groundtrace_codecs.events import Event
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Event, Label
 
 TOPIC = "/imu/waist"
 NS = 10**9

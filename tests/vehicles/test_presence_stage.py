@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from vehicle_runs import START_NS, replayed, road
 
-from groundtrace.conformance import check_stage
-from groundtrace.gates import Candidates, Carry
-from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.detector import PresenceParameters, VehiclePresence
-from groundtrace.vehicles.lasting import Lasting
+from groundtrace.pipeline.conformance import check_stage
+from groundtrace.pipeline.gates import Candidates, Carry
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.vehicles.presence import Lasting, PresenceParameters, VehiclePresence
 from groundtrace_codecs.events import CandidateBlock, Presence
 
 ANTENNAS = VehicleOptions()

@@ -9,13 +9,10 @@ import pytest
 from scipy import signal
 from vehicle_powers import ANTENNAS, LAW
 
-from groundtrace.vehicles import positions, ratios
-from groundtrace.vehicles.analytic import AnalyticBand, power
-from groundtrace.vehicles.courses import Observed, fit_course
-from groundtrace.vehicles.cycles import CyclePower
-from groundtrace.vehicles.floors import NoiseFloor
+from groundtrace.vehicles import likelihood, ratios
+from groundtrace.vehicles.courses import Observed, Search, fit_course
 from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.search import Search
+from groundtrace.vehicles.presence import AnalyticBand, CyclePower, NoiseFloor, power
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,9 +64,9 @@ def test_samples_become_a_place_by_ratios() -> None:
     _, analytic = AnalyticBand(RATE, 8, 30)(times, samples)
     powers = power(analytic)
     found = ratios.estimate(powers[1:], powers[:1])
-    nodes = positions.lattice((-10, -10), (40, 40), 1.0)
+    nodes = likelihood.lattice((-10, -10), (40, 40), 1.0)
     own = float(found.log_sigma.mean()) / 2**0.5
-    location = positions.locate(nodes, ANTENNAS, found.log_theta, own)
+    location = likelihood.locate(nodes, ANTENNAS, found.log_theta, own)
     sigma = np.sqrt(np.diag(location.covariance))
     # the noise of the ground makes all powers somewhat more alike: ratios are not corrected for it
     assert np.abs([location.x - 9, location.y - 19] / sigma).max() < 5

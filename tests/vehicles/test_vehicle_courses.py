@@ -9,9 +9,8 @@ import pytest
 from vehicle_powers import ANTENNAS, LAW, fluctuating, observed, straight
 
 from groundtrace.vehicles import lines
-from groundtrace.vehicles.courses import CourseFit, Observed, fit_course
+from groundtrace.vehicles.courses import CourseFit, Observed, Search, fit_course
 from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.search import Search
 from groundtrace.vehicles.tracker import MotionModel, cycle_places, track, track_places
 
 TIMES = np.arange(12.0) + 0.5

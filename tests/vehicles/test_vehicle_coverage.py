@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from vehicle_powers import ANTENNAS, FLOOR, LAW, MU, straight
 
-from groundtrace.vehicles.courses import Observed, fit_course
+from groundtrace.vehicles.courses import Observed, Search, fit_course
 from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.search import Search
 
 TIMES = np.arange(0, 14, 0.5)
 PLACE, VELOCITY = (12.0, 17.0), (2.0, 5.0)

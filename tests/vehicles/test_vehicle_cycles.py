@@ -10,10 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from groundtrace.detectors.filters import bandpass
-from groundtrace.vehicles.analytic import AnalyticBand, power
-from groundtrace.vehicles.cycles import CyclePower, CyclePowers, degrees_of_freedom
-from groundtrace.vehicles.floors import NoiseFloor
+from groundtrace.dsp.filters import bandpass
+from groundtrace.vehicles.presence import (
+    AnalyticBand,
+    CyclePower,
+    CyclePowers,
+    NoiseFloor,
+    degrees_of_freedom,
+    power,
+)
 
 RATE = 200.0
 START_NS = 1_700_000_000_300_000_000

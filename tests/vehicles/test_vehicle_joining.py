@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from vehicle_runs import replayed, road
 
-from groundtrace.pipeline import build_pipeline, load_pipeline
-from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle
-from groundtrace.vehicles.crossings import Way, crossing_of, lines_of
+from groundtrace.pipeline.config import build_pipeline, load_pipeline
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.vehicles.course_stages import Way, crossing_of, lines_of
+from groundtrace.vehicles.courses import RunCollector, RunLimits
 from groundtrace.vehicles.lines import Course
-from groundtrace.vehicles.runs import RunCollector, RunLimits
+from groundtrace.vehicles.stations import Cycle
 from groundtrace_codecs.events import Pass
 from groundtrace_codecs.geometry import Geometry, Sensor, Stations
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from vehicle_powers import ANTENNAS, LAW, MU
 
-from groundtrace.vehicles import positions
+from groundtrace.vehicles import likelihood
 from groundtrace.vehicles.likelihood import CyclePlace, less_noise
 from groundtrace.vehicles.medium import ranges
 from groundtrace.vehicles.ratios import (
@@ -70,7 +70,7 @@ def test_a_sensor_that_hardly_hears_the_vehicle_has_little_weight() -> None:
 
 def test_least_squares_of_logarithms_weigh_sensors_by_how_sure_they_are() -> None:
     rng = np.random.default_rng(3)
-    nodes = positions.lattice((-10, -10), (40, 40), 2.0)
+    nodes = likelihood.lattice((-10, -10), (40, 40), 2.0)
     truth = -1.5 * np.log(ranges(PLACE, ANTENNAS))
     sigmas = np.array([0.05, 0.05, 0.05, 0.05, 0.6, 0.6])
     off = {True: [], False: []}
@@ -78,8 +78,8 @@ def test_least_squares_of_logarithms_weigh_sensors_by_how_sure_they_are() -> Non
         logs = truth + sigmas * rng.normal(size=6)
         for weighed, errors in off.items():
             known = sigmas if weighed else 0.05
-            found = positions.locate(nodes, ANTENNAS, logs[0] - logs[1:], known)
+            found = likelihood.locate(nodes, ANTENNAS, logs[0] - logs[1:], known)
             errors.append(np.array([found.x, found.y]) - PLACE)
-    spread = positions.locate(nodes, ANTENNAS, truth[0] - truth[1:], sigmas).covariance
+    spread = likelihood.locate(nodes, ANTENNAS, truth[0] - truth[1:], sigmas).covariance
     assert np.cov(np.array(off[True]).T) == pytest.approx(spread, rel=0.5, abs=0.02)
     assert np.std(off[True]) < 0.3 * np.std(off[False])

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from vehicle_powers import fluctuating
 
-from groundtrace.vehicles.passes import PassFinder, StationPass, smoothed
-from groundtrace.vehicles.roads import Road, RoadPass, associate
+from groundtrace.vehicles.passes import PassFinder, Road, RoadPass, StationPass, associate, smoothed
 
 ALONG, OFFSETS = (0.0, 60.0, 150.0), (5.0, 6.0, 4.0)
 FLOOR, FREEDOM = 0.02, 36

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from vehicle_powers import ANTENNAS, LAW, MU
 
-from groundtrace.vehicles import positions
+from groundtrace.vehicles import likelihood
 from groundtrace.vehicles.likelihood import CyclePlace, profiled_mu
 from groundtrace.vehicles.medium import PowerLaw, ranges
 
 TRIANGLE = np.array([(0.0, 0.0), (20.0, 3.0), (6.0, 18.0)])
-NODES = positions.lattice((-10, -10), (40, 40), 1.0)
+NODES = likelihood.lattice((-10, -10), (40, 40), 1.0)
 PLACE = np.array([9.3, 17.6])
 AXIS = np.arange(-10.0, 40.5, 1.0)
 
@@ -27,7 +27,7 @@ def test_squared_distances_are_as_the_ratio_of_powers_to_two_over_n() -> None:
     assert s ** (2 / 1.5) == pytest.approx(0.3403, abs=1e-4)
     sensors = np.array([(0.0, 0.0), (19.0, 0.0), (0.0, 5.0)])
     place = np.array([7.0, 0.0])
-    found = positions.solve(sensors, log_theta(place, sensors))
+    found = likelihood.solve(sensors, log_theta(place, sensors))
     assert np.abs(found - place).max(axis=1).min() < 1e-9
 
 
@@ -35,29 +35,29 @@ def test_squared_distances_are_as_the_ratio_of_powers_to_two_over_n() -> None:
 def test_three_sensors_are_solved_exactly(exponent: float) -> None:
     rng = np.random.default_rng(7)
     for place in rng.uniform(-30, 40, (50, 2)):
-        found = positions.solve(TRIANGLE, log_theta(place, TRIANGLE, exponent), exponent)
+        found = likelihood.solve(TRIANGLE, log_theta(place, TRIANGLE, exponent), exponent)
         assert np.linalg.norm(found - place, axis=1).min() < 1e-6
 
 
 def test_sensors_in_a_line_leave_a_mirror_image() -> None:
     line = np.array([(0.0, 0.0), (10.0, 0.0), (25.0, 0.0)])
-    found = positions.solve(line, log_theta(PLACE, line))
+    found = likelihood.solve(line, log_theta(PLACE, line))
     assert sorted(found[:, 1]) == pytest.approx([-17.6, 17.6])
     assert found[:, 0] == pytest.approx([9.3, 9.3])
 
 
 def test_ratios_that_no_place_has_give_none() -> None:
     line = np.array([(0.0, 0.0), (10.0, 0.0), (25.0, 0.0)])
-    assert len(positions.solve(line, np.array([3.0, -6.0]))) == 0
+    assert len(likelihood.solve(line, np.array([3.0, -6.0]))) == 0
 
 
 def test_the_table_finds_the_node_of_true_ratios() -> None:
     place = np.array([9.0, 18.0])
     truth = log_theta(place, ANTENNAS)
-    best = positions.correlation(NODES, ANTENNAS, truth)
+    best = likelihood.correlation(NODES, ANTENNAS, truth)
     assert NODES[best.argmax()].tolist() == [9, 18]
     assert best.max() == pytest.approx(1)
-    assert NODES[positions.squares(NODES, ANTENNAS, truth).argmin()].tolist() == [9, 18]
+    assert NODES[likelihood.squares(NODES, ANTENNAS, truth).argmin()].tolist() == [9, 18]
 
 
 def test_the_reference_tells_places_apart_that_the_others_do_not() -> None:
@@ -67,19 +67,19 @@ def test_the_reference_tells_places_apart_that_the_others_do_not() -> None:
     ratio = r[:, 1:] / r[:, :1]
     printed = (ratio / np.linalg.norm(ratio, axis=1, keepdims=True)) @ np.exp(truth)
     printed /= np.linalg.norm(np.exp(truth))
-    close = positions.correlation(NODES, sensors, truth)
+    close = likelihood.correlation(NODES, sensors, truth)
     assert (printed > printed.max() - 1e-4).sum() > 3 * (close > close.max() - 1e-4).sum()
 
 
 def test_a_place_from_ratios_is_refined_below_the_table_with_its_error() -> None:
-    exact = positions.locate(NODES, ANTENNAS, log_theta(PLACE, ANTENNAS), 0.05 / 2**0.5)
+    exact = likelihood.locate(NODES, ANTENNAS, log_theta(PLACE, ANTENNAS), 0.05 / 2**0.5)
     assert (exact.x, exact.y) == pytest.approx(PLACE.tolist(), abs=1e-6)
     rng = np.random.default_rng(8)
     truth = -1.5 * np.log(ranges(PLACE, ANTENNAS))
     off = []
     for _ in range(120):
         logs = truth + rng.normal(0, 0.05 / 2**0.5, 6)
-        found = positions.locate(NODES, ANTENNAS, logs[0] - logs[1:], 0.05 / 2**0.5)
+        found = likelihood.locate(NODES, ANTENNAS, logs[0] - logs[1:], 0.05 / 2**0.5)
         off.append(np.array([found.x, found.y]) - PLACE)
     assert np.cov(np.array(off).T) == pytest.approx(exact.covariance, rel=0.35, abs=0.01)
 

@@ -9,20 +9,19 @@ import pytest
 from vehicle_powers import LAW
 from vehicle_runs import replayed, told
 
-from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle
-from groundtrace.vehicles.course_worker import (
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.vehicles.course_stages import (
     CourseFinder,
     CourseParameters,
     CurveFinder,
     CurveParameters,
     CycleCourseFinder,
     CycleCourseParameters,
+    mirror_lost,
 )
 from groundtrace.vehicles.courses import Observed
-from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.rides import mirror_lost
-from groundtrace.vehicles.scoring import fit_powers
+from groundtrace.vehicles.medium import fit_powers, ranges
+from groundtrace.vehicles.stations import Cycle
 from groundtrace_codecs.events import Event, Fix, Note, Pass, TrackPoint
 from groundtrace_codecs.geometry import Geometry, Sensor
 

@@ -9,10 +9,10 @@ import pytest
 from vehicle_runs import START_NS, replayed, road, told
 
 from groundtrace.errors import PipelineError
-from groundtrace.localizers.location import Location
-from groundtrace.pipeline import build_pipeline, load_pipeline, parse_pipeline
-from groundtrace.score import score_events
-from groundtrace.simulate import VehicleOptions
+from groundtrace.evaluation.report import score_events
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline
+from groundtrace.pipeline.stage import Location
+from groundtrace.simulate.road import VehicleOptions
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from command_runs import check_schema, done
 
-from groundtrace.explain.counted import PassTruth, counted_kind
-from groundtrace.explain.grid import parse_axis
-from groundtrace.gates import Candidates
-from groundtrace.pipeline import load_pipeline
+from groundtrace.explain.reasons import PassTruth, counted_kind
+from groundtrace.explain.redecide import parse_axis
+from groundtrace.pipeline.config import load_pipeline
+from groundtrace.pipeline.gates import Candidates
 from groundtrace_codecs.events import StageSpec
 
 if TYPE_CHECKING:

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from vehicle_powers import fluctuating
 
-from groundtrace.vehicles.passes import PassFinder
-from groundtrace.vehicles.roads import Road
-from groundtrace.vehicles.traffic import Driven, driven
-from groundtrace.vehicles.traffic_fit import Stretch
-from groundtrace.vehicles.traffic_model import RoadPowers, Vehicle
-from groundtrace.vehicles.traffic_scatter import Scatter, rooted, scatter_of
+from groundtrace.vehicles.medium import Scatter, rooted, scatter_of
+from groundtrace.vehicles.passes import PassFinder, Road
+from groundtrace.vehicles.traffic import Driven, RoadPowers, Stretch, Vehicle, driven
 
 TIMES = np.arange(0, 40, 0.25)
 ALONG, OFFSETS = np.array([0.0, 10.0]), np.array([5.0, 5.0])

@@ -10,9 +10,8 @@ import pytest
 from vehicle_powers import ANTENNAS, LAW, fluctuating
 from vehicle_runs import replayed
 
-from groundtrace.simulate import VehicleOptions
-from groundtrace.vehicles.api import Cycle
-from groundtrace.vehicles.course_worker import (
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.vehicles.course_stages import (
     CourseFinder,
     CourseParameters,
     CurveFinder,
@@ -21,10 +20,9 @@ from groundtrace.vehicles.course_worker import (
     CycleCourseParameters,
     RunWorker,
 )
-from groundtrace.vehicles.courses import Observed, fit_course
+from groundtrace.vehicles.courses import UNLIKE, Observed, Search, fit_course, fit_two
 from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.search import Search
-from groundtrace.vehicles.two_courses import UNLIKE, fit_two
+from groundtrace.vehicles.stations import Cycle
 from groundtrace_codecs.events import Note, TrackPoint
 from groundtrace_codecs.geometry import Geometry, Sensor
 

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.conformance import rechunked
-from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
-from groundtrace.simulate import VehicleOptions, simulate_vehicle
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.conformance import rechunked
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace_codecs.events import CandidateBlock, LikelihoodSurface, StageSpec, TraceBlock
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
+    from groundtrace.simulate.road import VehicleOptions
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import SignalBlock
 

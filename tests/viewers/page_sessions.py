@@ -11,7 +11,9 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-from groundtrace.simulate import WalkOptions, simulate_walk, write
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,7 +63,7 @@ def running(
     folder: Path, *asked: str, ends_with: int = 0
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Run a command that serves a page, which it says on stderr, until the block ends."""
-    program = "from groundtrace.commands import main; main()"
+    program = "from groundtrace.cli.main import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, *asked],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},

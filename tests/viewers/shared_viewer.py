@@ -11,9 +11,9 @@ from conftest import skip_or_fail
 from PIL import Image
 
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.picture import GREETING_S, ViewerState, _state, wait_for_recording
-from groundtrace_viewers.serve import connect, free_port, start_viewer
-from groundtrace_viewers.timeline import TIMELINE
+from groundtrace_viewers.rerun.capture import GREETING_S, ViewerState, _state, wait_for_recording
+from groundtrace_viewers.rerun.process import connect, free_port, start_viewer
+from groundtrace_viewers.rerun.timeline import TIMELINE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

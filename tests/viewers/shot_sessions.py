@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from viewer_sessions import FIRST_BREAKS, NAMES, SEISMIC, SPEC, at, blocks, room_session
 
-from groundtrace_codecs.events import Pick
+from groundtrace_codecs.events import Label, Pick
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.sinks import Session
+    from groundtrace.pipeline.engine import Session
 
 SHOTS_S = (1.0, 3.5)
 #: Samples between a shot and its arrival at a channel, and between channels.

@@ -11,12 +11,12 @@ import pytest
 from command_runs import done, run
 from page_sessions import serving, write_walk
 
-from groundtrace.engine import ReplayLoop
+from groundtrace.pipeline.engine import ReplayLoop
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from groundtrace.engine import Item, Tally
+    from groundtrace.pipeline.engine import Item, Tally
 
 Capture = pytest.CaptureFixture[str]
 
@@ -50,7 +50,7 @@ def test_a_page_that_is_stopped_says_what_is_kept_and_ends_with_0(walk: Path) ->
 def test_a_page_that_is_stopped_before_it_is_ready_says_so_and_ends_with_0(
     walk: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace_viewers.annotate_server.run", lambda *_: pytest.fail("served"))
+    monkeypatch.setattr("groundtrace_viewers.web.annotate.run", lambda *_: pytest.fail("served"))
     done(capsys, "annotate", walk, "--add", "missed@1.5")
     ran = done(capsys, "annotate", walk, "--serve", "--no-browser")
     said = "stopped before the page was ready; 1 annotation is kept in walk.annotations.mcap"

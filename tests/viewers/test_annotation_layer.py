@@ -9,10 +9,10 @@ import rerun as rr
 from viewer_sessions import START_NS, room_session, write_room
 
 from groundtrace_codecs.annotations import Annotation
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.annotation_layer import LANE, layer_rrd, states
-from groundtrace_viewers.lanes import MARK_NS
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_codecs.events import Label
+from groundtrace_viewers.rerun.annotations import LANE, layer_rrd, states
+from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import MARK_NS
 
 if TYPE_CHECKING:
     from pathlib import Path

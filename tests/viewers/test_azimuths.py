@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from groundtrace.gates import Candidates, Carry, decided_block, gate_specs
-from groundtrace.reckoning.parameters import ReckoningParameters
-from groundtrace.reckoning.reckoner import DeadReckoner
+from groundtrace.inertial.pdr import DeadReckoner
+from groundtrace.inertial.steps import ReckoningParameters
+from groundtrace.pipeline.gates import Candidates, Carry, decided_block, gate_specs
 from groundtrace_codecs.events import StageSpec
-from groundtrace_viewers.azimuths import AzimuthLog
+from groundtrace_viewers.rerun.walk import AzimuthLog
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
-    from groundtrace_viewers.timeline import Timeline
+    from groundtrace_viewers.rerun.timeline import Timeline
 
 
 class Sent:

@@ -12,23 +12,20 @@ import rerun.blueprint as rrb
 from shared_viewer import pixels, running_viewer
 from shot_sessions import shot_labels, write_shots
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, named_pipelines, parse_pipeline
-from groundtrace.simulate import (
-    RoomOptions,
-    VehicleOptions,
-    WalkOptions,
-    simulate_room,
-    simulate_vehicle,
-    simulate_walk,
-    write,
-)
-from groundtrace.sinks import Session
-from groundtrace.source import Source
+from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
+from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.source import Source
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.room import simulate_room
+from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
-from groundtrace_viewers.blueprint import blueprint
-from groundtrace_viewers.sink import RerunSink
-from groundtrace_viewers.timeline import TIMELINE
+from groundtrace_viewers.rerun.blueprint import blueprint
+from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import TIMELINE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
     from shared_viewer import SharedViewer
 
-    from groundtrace.simulate import Simulation
+    from groundtrace.simulate.recording import Simulation
 
 #: What stations beside a road have, and the pipeline of antennas has not.
 PASSES = '[[stage]]\nname = "passes"\nuse = "vehicle-passes"\n'
@@ -162,7 +159,7 @@ def complaints_and_sameness(
 def test_every_view_shows_its_data_and_none_complains(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, viewer: SharedViewer
 ) -> None:
-    monkeypatch.setattr("groundtrace_viewers.sink.blueprint", side_by_side)
+    monkeypatch.setattr("groundtrace_viewers.rerun.sink.blueprint", side_by_side)
     if kind == "shots":
         rrd, at_s = write_shots(tmp_path / "r.rrd", shot_labels()), 1.05
     else:

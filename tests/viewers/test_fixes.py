@@ -6,9 +6,9 @@ import numpy as np
 from viewer_sessions import at, read_back, room_session
 
 from groundtrace_codecs.events import Fix, StageSpec
-from groundtrace_viewers.fixes import CORNERS, ELLIPSES, KEY, POINTS, ellipse
-from groundtrace_viewers.palette import FIX_COLOURS
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.places import CORNERS, ELLIPSES, FIX_KEY, POINTS, ellipse
+from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import FIX_COLOURS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,12 +54,12 @@ def test_fixes_are_points_and_ellipses_in_the_colour_of_their_stage(tmp_path: Pa
 
 
 def test_the_key_names_every_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from groundtrace_viewers.timeline import Timeline
+    from groundtrace_viewers.rerun.timeline import Timeline
 
     named: list[list[str]] = []
 
     def static(self: Timeline, path: str, *shown: object) -> None:
-        if path == KEY:
+        if path == FIX_KEY:
             named.append([str(label) for label in shown[0].labels.as_arrow_array().to_pylist()])
 
     monkeypatch.setattr(Timeline, "static", static)

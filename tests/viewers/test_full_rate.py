@@ -19,17 +19,15 @@ from viewer_sessions import (
     seismic_samples,
 )
 
-from groundtrace_codecs.events import StepEvent
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.close_ups import EVERY_NS, Moments
+from groundtrace_codecs.events import Label, StepEvent
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.full_rate import FullRate, planned
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.signals import FullRate, planned
+from groundtrace_viewers.rerun.sink import EVERY_NS, Moments, RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.sinks import Session
+    from groundtrace.pipeline.engine import Session
 
 SCALARS = "Scalars:scalars"
 LAG_NS = 5_000_000_000
@@ -38,8 +36,8 @@ LAG_NS = 5_000_000_000
 @pytest.fixture
 def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the little session one that does not fit at full rate; its close-ups do."""
-    monkeypatch.setattr("groundtrace_viewers.full_rate.SMALL_BYTES", 0.0)
-    monkeypatch.setattr("groundtrace_viewers.full_rate.MOST_OF_RAW", 100.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.signals.SMALL_BYTES", 0.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 100.0)
 
 
 def written(path: Path, mode: str, session: Session | None = None) -> Path:
@@ -137,8 +135,8 @@ def test_nothing_or_a_span_is_shown_where_it_is_asked_for(tmp_path: Path) -> Non
 def test_close_ups_take_no_more_than_was_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace_viewers.full_rate.MOST_OF_RAW", 0.0)
-    monkeypatch.setattr("groundtrace_viewers.full_rate.SMALL_BYTES", 100_000.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 0.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.signals.SMALL_BYTES", 100_000.0)
     sink = RerunSink(tmp_path / "few.rrd", full_rate="misses")
     sink.open(room_session())
     judge = StepEvent(at(0.2), "step", "", "/seismic", "associate", 9.0, 4)

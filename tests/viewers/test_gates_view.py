@@ -11,23 +11,28 @@ import pytest
 from conftest import skip_or_fail
 from viewer_sessions import read_back
 
-from groundtrace.explain import Evidence, evidence_of
-from groundtrace.explain.comparison import compare
-from groundtrace.explain.counted import matched
-from groundtrace.explain.evidence import stage_evidence
-from groundtrace.explain.measuring import EventList
-from groundtrace.pipeline import build_pipeline, load_pipeline, with_settings
-from groundtrace.results import Provenance, Results
-from groundtrace.source import Source
+from groundtrace.explain.compare import compare
+from groundtrace.explain.reasons import matched
+from groundtrace.explain.sweep import EventList
+from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
+from groundtrace.pipeline.results import Evidence, Provenance, Results, evidence_of, stage_evidence
+from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import GateSpec
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.evidence import Focus
-from groundtrace_viewers.gates import BEHIND, FIRST, PASSED, gate_top, verdicts_of, why_view
-from groundtrace_viewers.moment import recording_at
-from groundtrace_viewers.serve import connect, open_viewer, viewer_program
-from groundtrace_viewers.sides import compare_view
+from groundtrace_viewers.rerun.pages import (
+    BEHIND,
+    FIRST,
+    PASSED,
+    Focus,
+    compare_view,
+    gate_top,
+    recording_at,
+    verdicts_of,
+    why_view,
+)
+from groundtrace_viewers.rerun.process import connect, open_viewer, viewer_program
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,7 +47,7 @@ GATES = "/gates/steps/imu/waist"
 
 @cache
 def results(*settings: str) -> Results:
-    from groundtrace.engine import replay
+    from groundtrace.pipeline.engine import replay
 
     name = "room-walk.mcap" if settings[0].startswith("picks") else "waist-walk.mcap"
     pipeline = "room-footsteps" if name.startswith("room") else "waist-peaks"
@@ -176,7 +181,7 @@ def test_the_viewers_program_verifies_the_files(rrd: Path, both: Path) -> None:
 def test_a_miss_is_drawn_without_complaint_and_with_its_colours(
     rrd: Path, viewer: SharedViewer
 ) -> None:
-    from groundtrace_viewers.gates import GATE_COLOURS
+    from groundtrace_viewers.rerun.pages import GATE_COLOURS
 
     state, pixels = viewer.show(rrd)
     assert {v.name: v.reports for v in state.views if v.reports} == {}
@@ -225,8 +230,8 @@ def viewers(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[subprocess.P
         started.append((process, port))
         return process
 
-    for module in ("moment", "sink"):
-        monkeypatch.setattr(f"groundtrace_viewers.{module}.open_viewer", without_screen)
+    for module in ("pages", "sink"):
+        monkeypatch.setattr(f"groundtrace_viewers.rerun.{module}.open_viewer", without_screen)
     yield started
     for process, _ in started:
         process.terminate()
@@ -250,10 +255,10 @@ def test_a_replay_started_at_a_miss_stands_there(
     monkeypatch: pytest.MonkeyPatch,
     viewers: list[tuple[subprocess.Popen[bytes], int]],
 ) -> None:
-    from groundtrace.commands import main
+    from groundtrace.cli.main import main
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("groundtrace.commands.showing.has_display", lambda: True)
+    monkeypatch.setattr("groundtrace.cli.console.has_display", lambda: True)
     setting = ("--set", "steps.height=2.0", "--at-miss", "2", "--spawn")
     try:
         main(["replay", str(path_of("waist-walk.mcap")), "--pipeline", "waist-peaks", *setting])

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from viewer_sessions import START_NS, at, read_back
 
-from groundtrace_viewers.growing_line import RUNS, SEGMENTS_S, GrowingLine
-from groundtrace_viewers.timeline import Timeline
+from groundtrace_viewers.rerun.timeline import RUNS, SEGMENTS_S, GrowingLine, Timeline
 
 if TYPE_CHECKING:
     from pathlib import Path

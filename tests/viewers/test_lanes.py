@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from groundtrace_viewers.lanes import MARK_NS, Lane, coincident
+from groundtrace_viewers.rerun.timeline import MARK_NS, Lane, coincident
 
 
 class Recorder:

@@ -8,19 +8,20 @@ import pytest
 from page_sessions import write_walk
 from viewer_sessions import IMU, SEISMIC, at, decisions, room_session
 
-from groundtrace.commands.replaying import replay
-from groundtrace.results import read_results
-from groundtrace.simulate import WalkOptions, simulate_walk, write
-from groundtrace_codecs.events import Fix, Gap, Note, StepEvent
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.annotate_server import replayed
+from groundtrace.cli.replay import replay
+from groundtrace.pipeline.results import read_results
+from groundtrace.simulate.gait import WalkOptions
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.walk import simulate_walk
+from groundtrace_codecs.events import Fix, Gap, Label, Note, StepEvent
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.moments import Moments, moments_of_results, moments_of_session
+from groundtrace_viewers.rerun.moments import Moments, moments_of_results, moments_of_session
+from groundtrace_viewers.web.annotate import replayed
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.results import Results
+    from groundtrace.pipeline.results import Results
 
 PIPELINE = """
 name = "room"

@@ -21,13 +21,13 @@ from viewer_sessions import (
     truth,
 )
 
-from groundtrace.score.report import score_events
-from groundtrace.stage import accepted_events
-from groundtrace_codecs.event_codec import events_of, layout_of
+from groundtrace.evaluation.report import score_events
+from groundtrace.pipeline.stage import accepted_events
 from groundtrace_codecs.events import EVENTS, CandidateBlock, Event, EventKind, StepEvent
-from groundtrace_codecs.mcap import McapFile
+from groundtrace_codecs.mcap.reader import McapFile
+from groundtrace_codecs.schemas.event_messages import events_of, layout_of
 from groundtrace_codecs.writer import RecordingWriter
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

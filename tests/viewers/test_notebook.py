@@ -9,7 +9,8 @@ import rerun as rr
 from share_sessions import shared_walk
 
 import groundtrace_viewers
-from groundtrace_viewers import ViewerError, notebook
+from groundtrace_viewers import ViewerError
+from groundtrace_viewers.web import notebook
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,12 +14,12 @@ from conftest import skip_or_fail
 from page_sessions import serving, write_walk
 from PIL import Image
 
-from groundtrace.annotate import Annotations, stored
+from groundtrace.annotate.store import Annotations, stored
 from groundtrace_codecs.recording import Recording
-from groundtrace_viewers.annotate_server import replayed
-from groundtrace_viewers.layout_file import layout_of
-from groundtrace_viewers.moments import moments_of_results
-from groundtrace_viewers.single_page import single_page
+from groundtrace_viewers.rerun.blueprint import layout_of
+from groundtrace_viewers.rerun.moments import moments_of_results
+from groundtrace_viewers.web.annotate import replayed
+from groundtrace_viewers.web.share import single_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

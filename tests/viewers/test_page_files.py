@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from viewer_sessions import write_walker
 
-from groundtrace_viewers import viewer_files
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.layout_file import layout_of
-from groundtrace_viewers.page_files import (
+from groundtrace_viewers.rerun import process
+from groundtrace_viewers.rerun.blueprint import layout_of
+from groundtrace_viewers.rerun.process import VIEWER_FILES, viewer_folder
+from groundtrace_viewers.web.server import (
     FOLDER,
     MODULES,
     POLICY,
@@ -18,7 +19,6 @@ from groundtrace_viewers.page_files import (
     joined_script,
     page_file,
 )
-from groundtrace_viewers.viewer_files import VIEWER_FILES, viewer_folder
 
 DOCUMENTATION = Path(__file__).parents[2] / "docs" / "page.md"
 
@@ -64,8 +64,8 @@ def test_the_viewers_files_are_taken_once(monkeypatch: pytest.MonkeyPatch, tmp_p
         made.append(1)
         return dict.fromkeys(VIEWER_FILES, b"content")
 
-    monkeypatch.setattr(viewer_files, "cache_folder", lambda: tmp_path / "a" / "b")
-    monkeypatch.setattr(viewer_files, "_files", files)
+    monkeypatch.setattr(process, "cache_folder", lambda: tmp_path / "a" / "b")
+    monkeypatch.setattr(process, "_files", files)
     assert viewer_folder() == viewer_folder() == tmp_path / "a" / "b"
     assert made == [1]
     assert {p.name for p in (tmp_path / "a" / "b").iterdir()} == set(VIEWER_FILES)
@@ -75,8 +75,8 @@ def test_a_home_that_cannot_be_written_to_is_no_obstacle(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "home").write_text("a file, not a folder")
-    monkeypatch.setattr(viewer_files, "cache_folder", lambda: tmp_path / "home" / "cache")
-    monkeypatch.setattr(viewer_files, "_files", lambda: dict.fromkeys(VIEWER_FILES, b"x"))
+    monkeypatch.setattr(process, "cache_folder", lambda: tmp_path / "home" / "cache")
+    monkeypatch.setattr(process, "_files", lambda: dict.fromkeys(VIEWER_FILES, b"x"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     folder = viewer_folder()
     assert folder.parent == tmp_path

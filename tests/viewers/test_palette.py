@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from viewer_sessions import IMU, NAMES, room_session
 
-from groundtrace_viewers.palette import SENSOR_COLOURS, SensorColours, heat
+from groundtrace_viewers.rerun.timeline import SENSOR_COLOURS, SensorColours, heat
 
 
 def lightness(packed: np.ndarray) -> np.ndarray:

@@ -5,8 +5,7 @@ import pytest
 from viewer_sessions import IMU, SEISMIC, at, blocks, imu_samples, seismic_samples
 
 from groundtrace_codecs.events import Pick, StepEvent
-from groundtrace_viewers.recent import Recent
-from groundtrace_viewers.traces import Traces
+from groundtrace_viewers.rerun.signals import Recent, Traces
 
 
 @pytest.mark.parametrize("rows", [1, 40, 12_000])

@@ -22,12 +22,11 @@ from viewer_sessions import (
     write_walker,
 )
 
-from groundtrace_codecs.events import CandidateBlock, Note, Quantity
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.detector import TOP_EDGE, ceiling
+from groundtrace_codecs.events import CandidateBlock, Label, Note, Quantity
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.serve import quiet_environment, viewer_program
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.decisions import TOP_EDGE, ceiling
+from groundtrace_viewers.rerun.process import quiet_environment, viewer_program
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path

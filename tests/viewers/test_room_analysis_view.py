@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from groundtrace.analyze.layout import layout_of
-from groundtrace.analyze.room import RoomAnalysis, Settings, analyze_room
+from groundtrace.layout.analysis import RoomAnalysis, Settings, analyze_room, layout_of
 from groundtrace_codecs.geometry import Geometry, Medium, Sensor
-from groundtrace_viewers.room_analysis import _coloured, room_page, room_view
+from groundtrace_viewers.rerun.pages import _coloured, room_page, room_view
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,9 +20,9 @@ from viewer_sessions import (
 )
 
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.headless import main, screenshot
-from groundtrace_viewers.serve import connect, free_port, open_viewer, quiet_environment
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.capture import main, screenshot
+from groundtrace_viewers.rerun.process import connect, free_port, open_viewer, quiet_environment
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     import subprocess
@@ -111,7 +111,7 @@ def test_a_live_viewer_is_left_paused_at_the_first_event(
     def without_screen(arguments: list[str], port: int) -> subprocess.Popen[bytes]:
         return open_viewer(["--headless", *arguments], port)
 
-    monkeypatch.setattr("groundtrace_viewers.sink.open_viewer", without_screen)
+    monkeypatch.setattr("groundtrace_viewers.rerun.sink.open_viewer", without_screen)
     port = free_port()
     sink = RerunSink(tmp_path / "live.rrd", spawn=True, port=port)
     try:

@@ -8,8 +8,8 @@ import rerun as rr
 from shot_sessions import SHOTS_S, arrival, shot_labels, write_shots
 from viewer_sessions import NAMES, START_NS, at, read_back, write_room
 
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.section import AFTER_NS, BEFORE_NS, DEFLECTION, scaled
+from groundtrace_codecs.events import Label
+from groundtrace_viewers.rerun.site import AFTER_NS, BEFORE_NS, DEFLECTION, scaled
 
 if TYPE_CHECKING:
     from pathlib import Path

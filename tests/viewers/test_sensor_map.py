@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from groundtrace_viewers.sensor_map import MOST_NAMES, RADIUS, labelled, marker_radius
+from groundtrace_viewers.rerun.site import MOST_NAMES, RADIUS, labelled, marker_radius
 
 
 def test_few_sensors_are_all_named() -> None:

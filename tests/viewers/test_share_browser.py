@@ -15,7 +15,7 @@ from command_runs import done
 from share_sessions import Walk, shared_walk
 from test_page_browser import browser, drawn, page, ready, rows  # noqa: F401
 
-from groundtrace.annotate import stored
+from groundtrace.annotate.store import stored
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from viewer_sessions import START_NS, room_session
 
 from groundtrace_codecs.events import Disturbance, Fix, Heading, TrackPoint
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path

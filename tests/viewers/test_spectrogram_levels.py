@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-from groundtrace_viewers.spectrogram import BANDS, MAX_POINTS, BandLevels, resolution
+from groundtrace_viewers.rerun.spectrogram import BANDS, MAX_POINTS, BandLevels, resolution
 
 STREAM = Stream("/s", (Channel("G1", "ground_velocity", "m/s"),), 2000.0)
 CUT = resolution(2000.0, 0.1, 250.0, 6.0)

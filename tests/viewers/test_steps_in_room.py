@@ -18,18 +18,18 @@ from viewer_sessions import (
     seismic_samples,
 )
 
-from groundtrace.engine import replay
-from groundtrace.pipeline import build_pipeline, parse_pipeline
+from groundtrace.pipeline.config import build_pipeline, parse_pipeline
+from groundtrace.pipeline.engine import replay
 from groundtrace_codecs.events import Bearing, Disagreement, Fix, Pick, StageSpec, StepEvent
 from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import Channel
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from groundtrace.sinks import Session
+    from groundtrace.pipeline.engine import Session
     from groundtrace_codecs.events import Event
 
 SCALARS, LABELS = "Scalars:scalars", "Points2D:labels"

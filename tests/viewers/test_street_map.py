@@ -8,12 +8,11 @@ import pytest
 import rerun.blueprint as rrb
 from viewer_sessions import START_NS, at, read_back, room_session
 
-from groundtrace.reckoning.places import TangentPlane
-from groundtrace_codecs.events import StageSpec, TrackPoint
-from groundtrace_codecs.labels import Label
+from groundtrace.inertial.steps import TangentPlane
+from groundtrace_codecs.events import Label, StageSpec, TrackPoint
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-from groundtrace_viewers.blueprint import blueprint
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.blueprint import blueprint
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +37,7 @@ def walked(path: Path, monkeypatch: pytest.MonkeyPatch, *, map_tiles: bool) -> l
         layouts.append(blueprint(*args, **options))
         return layouts[-1]
 
-    monkeypatch.setattr("groundtrace_viewers.sink.blueprint", noted)
+    monkeypatch.setattr("groundtrace_viewers.rerun.sink.blueprint", noted)
     truth = tuple(Label(at(s), "step", x_m=s, y_m=2.0 * s) for s in range(5))
     session = replace(
         room_session(), application="walker", streams=(GNSS,), geometry=None, labels=truth

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 from viewer_sessions import STEPS_S, at, decisions, room_session, walker_session
 
-from groundtrace.results import Provenance, ResultsSink
-from groundtrace_codecs.events import Event, Fix, Pick, StageSpec, StepEvent, TrackPoint
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.share_sources import Sources, sources_of
-from groundtrace_viewers.summary import summary_page
-from groundtrace_viewers.summary_figures import place_map
+from groundtrace.pipeline.results import Provenance, ResultsSink
+from groundtrace_codecs.events import Event, Fix, Label, Pick, StageSpec, StepEvent, TrackPoint
+from groundtrace_viewers.web.summary import Sources, place_map, sources_of, summary_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from groundtrace.sinks import Session
+    from groundtrace.pipeline.engine import Session
 
 STAGES = """
 [[stage]]

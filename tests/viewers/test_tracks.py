@@ -9,13 +9,11 @@ import pytest
 from viewer_sessions import SEISMIC, START_NS, at, blocks, read_back, room_session, seismic_samples
 
 from groundtrace_codecs.events import TrackPoint
-from groundtrace_viewers.fixes import CORNERS
-from groundtrace_viewers.palette import FILTERED_TRACK, SMOOTHED_TRACK
-from groundtrace_viewers.sensor_map import bounds
-from groundtrace_viewers.sink import RerunSink
-from groundtrace_viewers.timeline import Entity
-from groundtrace_viewers.tracks import HOLD_S, LINES, PRESENT
-from groundtrace_viewers.views import site
+from groundtrace_viewers.rerun.blueprint import site_view
+from groundtrace_viewers.rerun.places import CORNERS, HOLD_S, PRESENT, TRACK_LINES
+from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.site import bounds
+from groundtrace_viewers.rerun.timeline import FILTERED_TRACK, SMOOTHED_TRACK, Entity
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -56,12 +54,12 @@ def walked(tmp_path: Path) -> Path:
 def test_a_track_grows_by_a_segment_at_each_step(
     walked: Path, stage: str, first: float, colour: int
 ) -> None:
-    times, strips = read_back(walked, f"{LINES}/{stage}/1", "LineStrips2D:strips")
+    times, strips = read_back(walked, f"{TRACK_LINES}/{stage}/1", "LineStrips2D:strips")
     assert (times + START_NS).tolist() == [at(1 + 0.5 * k) for k in range(1, 5)]
     segments = np.array(strips)[:, 0]
     assert segments[:, 0, 0].tolist() == pytest.approx([first + 0.5 * k for k in range(4)])
     assert segments[:-1, 1].tolist() == segments[1:, 0].tolist()
-    _, shades = read_back(walked, f"{LINES}/{stage}/1", "LineStrips2D:colors")
+    _, shades = read_back(walked, f"{TRACK_LINES}/{stage}/1", "LineStrips2D:colors")
     assert {shade[0] for shade in shades} == {colour}
 
 
@@ -91,15 +89,15 @@ def test_a_track_that_comes_in_parts_is_one_line(tmp_path: Path) -> None:
         sink.write(point(0.5 * k, 0.2 * k))
         sink.write(block)
     sink.close()
-    times, _ = read_back(path, f"{LINES}/track/1", "LineStrips2D:strips")
+    times, _ = read_back(path, f"{TRACK_LINES}/track/1", "LineStrips2D:strips")
     assert len(times) == len(pieces) - 1
 
 
 def test_the_map_shows_all_of_a_track_before_the_cursor() -> None:
-    path = f"{LINES}/track/1"
+    path = f"{TRACK_LINES}/track/1"
     shown = bounds(room_session())
     assert shown is not None
-    view = site(shown, [Entity(path, "map"), Entity(f"{PRESENT}/track/1/place", "map")])
+    view = site_view(shown, [Entity(path, "map"), Entity(f"{PRESENT}/track/1/place", "map")])
     assert list(view.visualizer_overrides) == [path]
 
 

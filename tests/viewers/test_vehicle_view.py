@@ -20,17 +20,19 @@ from vehicle_sessions import (
 )
 from viewer_sessions import at, read_back
 
-from groundtrace_codecs.events import Fix, Pass
-from groundtrace_codecs.traffic import quantised
-from groundtrace_viewers.about import about
-from groundtrace_viewers.courses import COURSES, HOLD_NS
-from groundtrace_viewers.fixes import CROSSES
-from groundtrace_viewers.likelihood_map import HOLD_NS as IMAGE_NS
-from groundtrace_viewers.likelihood_map import LIKELIHOOD, SHOWN_LEVELS
-from groundtrace_viewers.moments import moments_of_session
-from groundtrace_viewers.road_map import signs
-from groundtrace_viewers.sensor_map import bounds
-from groundtrace_viewers.ways import dashes
+from groundtrace_codecs.events import Fix, Pass, quantised
+from groundtrace_viewers.rerun.moments import moments_of_session
+from groundtrace_viewers.rerun.places import CROSSES
+from groundtrace_viewers.rerun.site import bounds, signs
+from groundtrace_viewers.rerun.timeline import about
+from groundtrace_viewers.rerun.vehicles import (
+    COURSE_HOLD_NS,
+    COURSES,
+    LIKELIHOOD,
+    SHOWN_LEVELS,
+    dashes,
+)
+from groundtrace_viewers.rerun.vehicles import LIKELIHOOD_HOLD_NS as IMAGE_NS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,7 +102,7 @@ def test_a_course_is_dashed_from_its_first_place_on_and_the_vehicle_moves(tmp_pa
     events = [stage("curve", "track"), stage("course", "track"), *course("curve")]
     path = written(tmp_path / "course.rrd", vehicle_session(), *events, *course("course"))
     times, strips = read_back(path, f"{COURSES}/course/1/course", STRIPS)
-    assert times.tolist() == [10_000_000_000, 15_000_000_000 + HOLD_NS]
+    assert times.tolist() == [10_000_000_000, 15_000_000_000 + COURSE_HOLD_NS]
     assert len(strips[0]) > 10
     assert strips[1] == []
     times, places = read_back(path, f"{COURSES}/course/1/place", "Points2D:positions")

@@ -7,9 +7,9 @@ import numpy as np
 import rerun as rr
 from viewer_sessions import STEPS_S, at, read_back, room_session, write_room, write_walker
 
-from groundtrace.score import score_steps
-from groundtrace_codecs.labels import Label
-from groundtrace_viewers.verdict import Verdict, verdicts
+from groundtrace.evaluation.steps import score_steps
+from groundtrace_codecs.events import Label
+from groundtrace_viewers.rerun.decisions import Verdict, verdicts
 
 if TYPE_CHECKING:
     from pathlib import Path

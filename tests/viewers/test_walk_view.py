@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from viewer_sessions import IMU, at, blocks, imu_samples, read_back, walker_session
 
-from groundtrace.pipeline import build_pipeline, parse_pipeline
-from groundtrace.score.turn import turn_onto
+from groundtrace.evaluation.positions import turn_onto
+from groundtrace.pipeline.config import build_pipeline, parse_pipeline
 from groundtrace_codecs.events import (
     CandidateBlock,
     Disturbance,
     Heading,
+    Label,
     Quantity,
     StageSpec,
     StepEvent,
     TrackPoint,
 )
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-from groundtrace_viewers.serve import quiet_environment, viewer_program
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.process import quiet_environment, viewer_program
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path

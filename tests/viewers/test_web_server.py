@@ -11,10 +11,10 @@ import pytest
 import rerun as rr
 from page_sessions import Served, serving, showing, write_walk
 
-from groundtrace.annotate import Annotations, stored
+from groundtrace.annotate.store import Annotations, stored
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.page_api import LARGEST_BODY
-from groundtrace_viewers.web import listen
+from groundtrace_viewers.web.annotate import LARGEST_BODY
+from groundtrace_viewers.web.server import listen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,6 +11,7 @@ from viewer_sessions import START_NS, at, room_session
 from groundtrace_codecs.events import (
     CandidateBlock,
     GateSpec,
+    Label,
     LineCrossing,
     Pass,
     Quantity,
@@ -19,15 +20,14 @@ from groundtrace_codecs.events import (
     TrackPoint,
 )
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, Stream
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace.sinks import Session
+    from groundtrace.pipeline.engine import Session
     from groundtrace_codecs.events import Event
 
 STATIONS = {"S1": 0.0, "S2": 20.0, "S3": 40.0}

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.sinks import Session
+from groundtrace.pipeline.engine import Session
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,
     Gap,
     GateSpec,
+    Label,
     Note,
     Pick,
     Quantity,
@@ -21,9 +22,8 @@ from groundtrace_codecs.events import (
     TraceBlock,
 )
 from groundtrace_codecs.geometry import Geometry, Sensor
-from groundtrace_codecs.labels import Label
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-from groundtrace_viewers.sink import RerunSink
+from groundtrace_viewers.rerun.sink import RerunSink
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,19 +7,18 @@ recording is written.
 
 from __future__ import annotations
 
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..errors import FormatError, MissingReaderError, SchemaError
-from ..signals import NS_PER_S, Channel, SignalBlock, Stream
-from ..units import to_quantity
-from .api import Imported
-from .end_to_end import GAP_S, Part, lay_out
-from .moments import parse_start
-from .riff import bytes_missing, origination
+from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_quantity
+from .base import Imported
+from .map import GAP_S, Part, lay_out
+from .time import parse_start
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from .api import ImportMap, Source, StreamMap
+    from .base import ImportMap, Source, StreamMap
 
 _SUFFIXES = frozenset({".wav", ".flac", ".w64", ".rf64"})
 #: Encoding to the type soundfile reads, the bits it puts below the sample, and our format.
@@ -62,7 +61,7 @@ class AudioImporter:
         return 0.4 if path.suffix.lower() in _SUFFIXES else 0.0
 
     def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
-        """Read the files of one recorder; several lie where :mod:`.end_to_end` puts them.
+        """Read the files of one recorder; several lie where :mod:`.map` puts them.
 
         Parameters
         ----------
@@ -260,3 +259,81 @@ def _samples(sound: _Sound) -> Iterator[NDArray[Any]]:
                 )
             read += len(samples)
             yield samples >> below if below else samples
+
+
+#: Size of a chunk that is given elsewhere (RF64) or was never filled in.
+_OPEN = (0, 0xFFFF_FFFF)
+_HEAD = 8
+_MAX_CHUNKS = 1000
+
+
+class Chunk(NamedTuple):
+    """One chunk: its name, where its content starts, and its size [bytes]."""
+
+    name: bytes
+    start: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Origination:
+    """When a Broadcast WAV file starts (EBU Tech 3285, chunk ``bext``).
+
+    Attributes
+    ----------
+    date
+        ISO 8601 text of the day.
+    samples
+        From midnight to the first sample.
+    """
+
+    date: str
+    samples: int
+
+
+def chunks(path: Path) -> Iterator[Chunk]:
+    """Yield the chunks of a RIFF or RF64 file; nothing where it is neither."""
+    with path.open("rb") as file:
+        if file.read(4) not in (b"RIFF", b"RF64"):
+            return
+        place = 12
+        for _ in range(_MAX_CHUNKS):
+            file.seek(place)
+            head = file.read(_HEAD)
+            if len(head) < _HEAD:
+                return
+            size = int.from_bytes(head[4:], "little")
+            yield Chunk(head[:4], place + _HEAD, size)
+            place += _HEAD + size + size % 2
+
+
+def bytes_missing(path: Path) -> int:
+    """Return how many bytes of samples a WAV file promises and does not have."""
+    end = path.stat().st_size
+    for chunk in chunks(path):
+        if chunk.name == b"data" and chunk.size not in _OPEN:
+            return max(0, chunk.start + chunk.size - end)
+    return 0
+
+
+def origination(path: Path) -> Origination | None:
+    """Return when a Broadcast WAV file says it starts, None without a date.
+
+    The time of day is that of the sample count since midnight (``TimeReference``), which is exact;
+    recorders that leave it at zero give whole seconds (``OriginationTime``) instead.
+    """
+    found = next((c for c in chunks(path) if c.name == b"bext"), None)
+    if found is None:
+        return None
+    with path.open("rb") as file:
+        file.seek(found.start + 320)
+        date, time, reference = file.read(10), file.read(8), file.read(8)
+    day = re.fullmatch(rb"(\d{4}).(\d\d).(\d\d)", date)
+    clock = re.fullmatch(rb"(\d\d).(\d\d).(\d\d)", time)
+    if day is None or int(day[1]) < 1970:
+        return None
+    text = "-".join(part.decode() for part in day.groups())
+    samples = int.from_bytes(reference, "little")
+    if not samples and clock is not None:
+        text += "T" + ":".join(part.decode() for part in clock.groups())
+    return Origination(text, samples)

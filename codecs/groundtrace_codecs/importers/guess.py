@@ -2,25 +2,41 @@
 
 Words of the header count most, then how large the numbers are: gravity is 9.8 m/s2 or 1 g, the
 earth's field 20 to 70 uT, the air's pressure near 1000 hPa.
+
+Units that cannot be true: what a stream's values would mean, and the unit they fit instead.
+
+Gravity is in every accelerometer's values, the earth's field in every magnetometer's, and no body
+turns at a hundred radians a second: values that are of the right size in another unit carry the
+wrong one.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import csv
+import io
+import json
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import FormatError
-from .guess_columns import Column, name_columns
-from .guess_counter import GuessedCounter, guess_counter
-from .guess_table import RawTable, read_raw
-from .guess_time import PLACEHOLDER_HZ, GuessedTime, guess_time
-from .guess_toml import as_toml
+from ..errors import FormatError, SchemaError
+from ..signals import NS_PER_S, QUANTITIES, to_si
+from .map import TIME_UNITS_NS
+from .time import moments
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from ..signals import SignalBlock, Stream
+    from .base import TimeUnit
+
+    Numbers = Mapping[int, NDArray[np.float64]]
 
 
 class Remark(NamedTuple):
@@ -118,3 +134,681 @@ def _group(table: RawTable, topic: str, columns: tuple[Column, ...]) -> Remark:
     worst = max((c.sureness for c in columns), key=["sure", "likely", "unsure"].index)
     why = "; ".join(dict.fromkeys(c.why for c in columns))
     return Remark(topic, f"{' and '.join(kinds)}: {labels}", worst, why)
+
+
+Axis = Literal["x", "y", "z", ""]
+
+
+class Column(NamedTuple):
+    """One column: where, what, in which unit, along which axis, how sure, and why."""
+
+    place: int
+    quantity: str
+    unit: str
+    axis: Axis
+    sureness: str
+    why: str
+
+
+class Named(NamedTuple):
+    """What the header alone says: where, what, which axis, the words left, and the unit's text."""
+
+    place: int
+    quantity: str
+    axis: Axis
+    rest: str
+    cell: str
+
+
+#: Words of each quantity, and the short names of its axes.
+_WORDS: tuple[tuple[str, str], ...] = (
+    ("acceleration_magnitude", r"(?:acc[a-z]*[ _])?(?:magnitude|norm)|vector[ _]magnitude"),
+    ("acceleration", r"lin\w*[ _]?acc\w*|acc[a-z]*|a(?=_?[xyz]$)|beschl\w*"),
+    ("angular_velocity", r"gyr[a-z]*|ang\w*[ _]?vel\w*|rot\w*|omega|[gw](?=_?[xyz]$)"),
+    ("magnetic_field", r"mag[a-z]*(?:[ _]?field)?|[mb](?=_?[xyz]$)"),
+    ("pressure", r"press\w*|baro\w*|druck"),
+    ("temperature", r"temp\w*"),
+    ("latitude", r"lat\w*"),
+    ("longitude", r"lon\w*|lng"),
+    ("altitude", r"alt\w*|height"),
+)
+VECTORS = frozenset({"acceleration", "angular_velocity", "magnetic_field"})
+_FIX = ("latitude", "longitude", "altitude")
+_TOPICS = {
+    "acceleration": "/acc",
+    "acceleration_magnitude": "/acc_magnitude",
+    "angular_velocity": "/gyro",
+    "magnetic_field": "/mag",
+    "pressure": "/baro",
+    "temperature": "/temperature",
+    "latitude": "/fix",
+}
+_BARE_UNIT = re.compile(r"[(\[]([^()\[\]]*)[)\]]|_(g|mg|dps|ut|hpa|pa|kpa|mps2|ms2|rads)$", re.I)
+#: Spellings of units in headers, in lower case and without blanks.
+_UNITS: dict[str, dict[str, str]] = {
+    "acceleration": {
+        **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "mps2", "ms2", "ms-2", "m.s-2"), "m/s2"),
+        "g": "g",
+        "mg": "mg",
+    },
+    "angular_velocity": {
+        **dict.fromkeys(("rad/s", "rads", "rad/sec"), "rad/s"),
+        **dict.fromkeys(("deg/s", "dps", "°/s", "deg/sec"), "deg/s"),
+    },
+    "magnetic_field": {
+        **dict.fromkeys(("ut", "µt", "μt"), "uT"),
+        "nt": "nT",
+        "mt": "mT",
+        "t": "T",
+        "gauss": "gauss",
+        "mgauss": "mgauss",
+        **dict.fromkeys(("a.u.", "a.u", "au"), "a.u."),
+    },
+    "pressure": {"hpa": "hPa", "pa": "Pa", "kpa": "kPa", "mbar": "mbar"},
+}
+_UNITS["acceleration_magnitude"] = _UNITS["acceleration"]
+_FIXED = {"temperature": "degC", "latitude": "deg", "longitude": "deg", "altitude": "m"}
+#: Unit to the range the median of the length of a vector, or of a value, has in it.
+_RANGES: dict[str, tuple[tuple[str, float, float], ...]] = {
+    "acceleration": (("m/s2", 7.0, 13.0), ("g", 0.7, 1.4), ("mg", 700.0, 1400.0)),
+    "magnetic_field": (
+        ("uT", 15.0, 90.0),
+        ("mgauss", 150.0, 900.0),
+        ("gauss", 0.15, 0.9),
+        ("T", 15e-6, 90e-6),
+        ("nT", 15e3, 90e3),
+    ),
+    "pressure": (("hPa", 300.0, 1100.0), ("Pa", 3e4, 1.1e5), ("kPa", 30.0, 110.0)),
+}
+_RANGES["acceleration_magnitude"] = _RANGES["acceleration"]
+#: A column of no more different values is a flag.
+_FLAGS = 8
+#: Above this no body turns, so that the unit is degrees [rad/s]; half of it leaves a doubt.
+_FAST_RADPS = 40.0
+
+
+def name_columns(header: Sequence[str], numbers: Numbers) -> dict[str, tuple[Column, ...]]:
+    """Return the streams of a table by topic.
+
+    Parameters
+    ----------
+    header
+        Names of all columns; empty without a header.
+    numbers
+        The columns of numbers besides the time, by index.
+    """
+    named = [n for i in numbers if header and (n := _named(i, header[i])) is not None]
+    groups: dict[tuple[str, str], list[Named]] = {}
+    for each in named:
+        quantity = "latitude" if each.quantity in _FIX else each.quantity
+        groups.setdefault((quantity, each.rest), []).append(each)
+    whole = {k: g for k, g in groups.items() if _whole(k[0], g)}
+    found = {k: _with_unit(k[0], g, numbers) for k, g in whole.items()}
+    if not found:
+        return _without_words(numbers)
+    several = len({rest for _, rest in found}) > 1
+    return _topics(found, several)
+
+
+def _named(index: int, cell: str) -> Named | None:
+    """Return what a cell of the header says, None where it says nothing known."""
+    words = _BARE_UNIT.sub("", cell).strip()
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", words).lower()
+    for quantity, pattern in _WORDS:
+        match = re.search(rf"(?:^|[^a-z])({pattern})", words)
+        if match is None:
+            continue
+        rest = words[: match.start(1)] + words[match.end(1) :]
+        axis = _axis(quantity, rest, match[1])
+        if quantity in VECTORS and axis is None:
+            continue
+        kept = re.sub(r"(^|[^a-z])[xyz]($|[^a-z])", " ", f" {rest} ")
+        slug = "_".join(re.findall(r"[a-z0-9]+", kept))
+        return Named(index, quantity, axis or "", slug, cell)
+    return None
+
+
+def _axis(quantity: str, rest: str, word: str) -> Axis | None:
+    """Return the axis of a column, by a letter that stands alone or ends the word."""
+    if quantity not in VECTORS:
+        return ""
+    found = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])", rest) or re.search(r"([xyz])$", word)
+    axes: dict[str, Axis] = {"x": "x", "y": "y", "z": "z"}
+    return axes[found[1]] if found else None
+
+
+def _whole(quantity: str, group: Sequence[Named]) -> bool:
+    have = sorted(n.axis if quantity in VECTORS else n.quantity for n in group)
+    if quantity in VECTORS:
+        return have == ["x", "y", "z"]
+    return have == sorted(_FIX) if quantity == "latitude" else len(have) == 1
+
+
+def _with_unit(quantity: str, group: Sequence[Named], numbers: Numbers) -> tuple[Column, ...]:
+    if quantity in _FIXED:
+        return tuple(
+            Column(n.place, n.quantity, _FIXED[n.quantity], "", "likely", "the header's words")
+            for n in group
+        )
+    said = {_said(quantity, n.cell) for n in group}
+    if len(said) == 1 and (unit := said.pop()) is not None:
+        sureness, why = "sure", "the header says quantity and unit"
+    else:
+        unit, sureness, why = _by_size(quantity, np.stack([numbers[n.place] for n in group]))
+    return tuple(Column(n.place, quantity, unit, n.axis, sureness, why) for n in group)
+
+
+def _said(quantity: str, cell: str) -> str | None:
+    """Return the unit a header names."""
+    match = _BARE_UNIT.search(cell)
+    text = "" if match is None else (match[1] or match[2] or "")
+    return _UNITS[quantity].get(text.lower().replace(" ", ""))
+
+
+def _by_size(quantity: str, values: NDArray[np.float64]) -> tuple[str, str, str]:
+    """Return unit, sureness and reason from the numbers, shape (n_axes, n)."""
+    with np.errstate(over="ignore"):
+        lengths = np.sqrt(np.nansum(values**2, axis=0))
+    if quantity == "angular_velocity":
+        fast = float(np.percentile(lengths, 99))
+        if fast > _FAST_RADPS:
+            return "deg/s", "likely", f"{fast:.3g} rad/s would be faster than a body turns"
+        doubt = "likely" if fast < _FAST_RADPS / 2 else "unsure"
+        return "rad/s", doubt, f"99 % are below {fast:.3g}"
+    median = float(np.median(lengths))
+    for unit, low, high in _RANGES[quantity]:
+        if low <= median <= high:
+            return unit, "likely", f"the median of {median:.4g} is that of {quantity} in {unit}"
+    return "count", "unsure", f"a median of {median:.4g} fits no unit"
+
+
+def _topics(
+    found: Mapping[tuple[str, str], tuple[Column, ...]], several: bool
+) -> dict[str, tuple[Column, ...]]:
+    """Return the groups by topic; acceleration and rotation of one sensor are one IMU."""
+    topics: dict[str, tuple[Column, ...]] = {}
+    rests = Counter(r for q, r in found if q in ("acceleration", "angular_velocity"))
+    for (quantity, rest), columns in found.items():
+        imu = rests[rest] == 2 and quantity in ("acceleration", "angular_velocity")
+        topic = "/imu" if imu else _TOPICS[quantity]
+        topic += f"/{rest}" if several and rest else ""
+        topics[topic] = (*topics.get(topic, ()), *columns)
+    return topics
+
+
+def _without_words(numbers: Numbers) -> dict[str, tuple[Column, ...]]:
+    """Return what the numbers alone show: three columns as long as gravity, else counts."""
+    # a flag beside the axes, such as a phone's accuracy of 3, adds little to their length
+    order = [i for i, column in numbers.items() if len(np.unique(column)) > _FLAGS]
+    for start in range(len(order) - 2):
+        three = order[start : start + 3]
+        if three[2] - three[0] != 2:
+            continue
+        unit, _, why = _by_size("acceleration", np.stack([numbers[i] for i in three]))
+        if unit != "count":
+            axes: tuple[Axis, ...] = ("x", "y", "z")
+            return {
+                "/acc": tuple(
+                    Column(i, "acceleration", unit, a, "unsure", f"{why}, and no words say so")
+                    for i, a in zip(three, axes, strict=True)
+                )
+            }
+    why = "no words are known and no numbers are as long as gravity"
+    found = tuple(Column(i, "seismic", "count", "", "unsure", why) for i in numbers)
+    return {"/seismic": found} if found else {}
+
+
+_COUNTER_WORD = re.compile(
+    r"(?i)(packet|pkt|count|seq|sample|frame|(^|[^a-z])(nr|no|n|id|index|idx)$)"
+)
+#: What counters of 8, 12, 16 and 32 bits wrap around at.
+_MODULI = (256, 4096, 65536, 1 << 32)
+#: Of the steps of a counter, this part is one at least.
+_STEADY = 0.8
+
+
+class GuessedCounter(NamedTuple):
+    """A counter: its column, what it wraps around at, how sure, and why."""
+
+    column: int
+    modulus: int | None
+    sureness: str
+    why: str
+
+
+def guess_counter(
+    table: RawTable, numbers: Mapping[int, NDArray[np.float64]]
+) -> GuessedCounter | None:
+    """Return the column that is most likely the device's count of samples.
+
+    A count of rows from 0 or 1 without a hole tells nothing and is none.
+
+    Parameters
+    ----------
+    table
+        The table.
+    numbers
+        The columns of numbers besides the time, by index.
+    """
+    found = [_counter(table, i, column) for i, column in numbers.items()]
+    candidates = [g for g in found if g is not None]
+    order = ["sure", "likely"]
+    return min(candidates, key=lambda g: (order.index(g.sureness), g.column), default=None)
+
+
+def _counter(table: RawTable, index: int, column: NDArray[np.float64]) -> GuessedCounter | None:
+    if not np.isfinite(column).all() or (np.rint(column) != column).any() or column.min() < 0:
+        return None
+    steps = np.diff(column)
+    if not len(steps) or (steps == 1).mean() < _STEADY:
+        return None
+    name = table.header[index] if table.header else ""
+    named = _COUNTER_WORD.search(name) is not None
+    modulus = _modulus(column, steps)
+    if modulus is not None:
+        sureness = "sure" if named else "likely"
+        return GuessedCounter(index, modulus, sureness, f"it wraps around at {modulus}")
+    holes = int((steps > 1).sum())
+    if named and (holes or column[0] > 1):
+        what = f"{holes} holes" if holes else f"it begins at {column[0]:.0f}"
+        return GuessedCounter(index, None, "likely", f"{what}, and no wrap-around is in this file")
+    return None
+
+
+def _modulus(column: NDArray[np.float64], steps: NDArray[np.float64]) -> int | None:
+    """Return what a counter wraps around at, None where it does not."""
+    back = steps[steps < -32]
+    for modulus in _MODULI:
+        if len(back) and column.max() < modulus and (back <= -0.75 * modulus).all():
+            return modulus
+    return None
+
+
+#: How much of a table is looked at [bytes].
+_HEAD = 1 << 20
+_DELIMITERS = (",", ";", "\t", "|", " ")
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|[+-]?(nan|inf)", re.IGNORECASE)
+_MIN_ROWS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class RawTable:
+    """The start of a table.
+
+    Attributes
+    ----------
+    delimiter, decimal, encoding
+        As a map names them.
+    header
+        Names of the columns, stripped; empty where there is none.
+    skip_rows
+        Rows before the first of numbers.
+    rows
+        Cells of the rows of numbers, all of one width.
+    """
+
+    delimiter: str
+    decimal: Literal[".", ","]
+    encoding: str
+    header: tuple[str, ...]
+    skip_rows: int
+    rows: tuple[list[str], ...]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.rows[0])
+
+    def label(self, index: int) -> str:
+        """Return what to call a column."""
+        name = " ".join(self.header[index].splitlines()) if self.header else ""
+        return name or f"column {index}"
+
+    def key(self, index: int) -> str | int:
+        """Return what a map calls a column: its name where that is one of a kind."""
+        name = self.header[index] if self.header else ""
+        return name if name and self.header.count(name) == 1 else index
+
+
+def read_raw(path: Path) -> RawTable:
+    """Read the start of a table.
+
+    Raises
+    ------
+    FormatError
+        Where no separator gives rows of numbers.
+    """
+    with path.open("rb") as file:
+        data = file.read(_HEAD + 1)
+    text, encoding = _text(data)
+    if len(data) > _HEAD:  # the last line is not whole
+        text = text.rpartition("\n")[0]
+    found = [t for d in _DELIMITERS if (t := _split(text, d, encoding)) is not None]
+    if not found:
+        raise FormatError(f"{path.name}: expected rows of numbers, found none")
+    return max(found, key=lambda t: (len(t.rows) * t.width, -_DELIMITERS.index(t.delimiter)))
+
+
+def _text(data: bytes) -> tuple[str, str]:
+    try:
+        # the read may end inside a character
+        return data.decode("utf-8-sig"), "utf-8-sig"
+    except UnicodeDecodeError as error:
+        if error.start >= len(data) - 3 and len(data) > _HEAD:
+            return data[: error.start].decode("utf-8-sig"), "utf-8-sig"
+    return data.decode("latin-1"), "latin-1"
+
+
+def _split(text: str, delimiter: str, encoding: str) -> RawTable | None:
+    """Return the table one separator gives, None where it gives none of two columns or more."""
+    try:
+        cells = [r for r in csv.reader(io.StringIO(text, newline=""), delimiter=delimiter) if r]
+    except csv.Error:
+        return None
+    numeric = [_is_row(row) for row in cells]
+    widths = [len(row) for row, good in zip(cells, numeric, strict=True) if good]
+    if len(widths) < _MIN_ROWS:
+        return None
+    width = max(set(widths), key=widths.count)
+    start = next(i for i, row in enumerate(cells) if numeric[i] and len(row) == width)
+    rows = [row for row in cells[start:] if len(row) == width]
+    if len(rows) < _MIN_ROWS:
+        return None
+    header = tuple(c.strip() for c in cells[start - 1]) if start else ()
+    if len(header) == width - 1 and not any(row[-1].strip() for row in rows):
+        header = (*header, "")  # only the rows end in a separator
+    decimal: Literal[".", ","] = "." if delimiter == "," or not _commas(rows) else ","
+    named = len(header) == width and any(header)
+    return RawTable(delimiter, decimal, encoding, header if named else (), start, tuple(rows))
+
+
+def _is_row(cells: list[str]) -> bool:
+    """Return whether at least half of the filled cells are numbers."""
+    filled = [c.strip() for c in cells if c.strip()]
+    numbers = sum(_NUMBER.fullmatch(c) is not None for c in filled)
+    return numbers >= 1 and 2 * numbers >= len(filled)
+
+
+def _commas(rows: list[list[str]]) -> bool:
+    cells = [c for row in rows[:100] for c in row if _NUMBER.fullmatch(c.strip())]
+    return any("," in c for c in cells) and not any("." in c for c in cells)
+
+
+_TIME_WORD = re.compile(
+    r"(?i)(^|[^a-z])(t|ts|time|times|zeit|epoch|timestamp|\w*time\w*|sec\w*|elapsed)"
+)
+_COUNTER = re.compile(r"(?i)(^|[^a-z])(index|idx|sample|samples|packet\w*|count\w*|seq|no|nr|row)")
+#: Words of a header to the unit of a time.
+_UNIT_WORDS: tuple[tuple[TimeUnit, str], ...] = (
+    ("ns", r"(?i)(^|[^a-z])(ns|nsec|nano\w*)($|[^a-z])"),
+    ("us", r"(?i)(^|[^a-z])([uµμ]s|usec|micro\w*)($|[^a-z])"),
+    ("ms", r"(?i)(^|[^a-z])(ms|msec|milli\w*)($|[^a-z])"),
+    ("s", r"(?i)(^|[^a-z])(s|sec|secs|seconds?|seconds_elapsed)($|[^a-z])"),
+)
+#: Rate written where a table has no times, for the user to correct [Hz].
+PLACEHOLDER_HZ = 100.0
+#: No time is a larger number, whatever its unit.
+_MAX = 1e19
+#: Unix times of 2001 to 2100 by their unit.
+_EPOCH_S = (1e9, 4.1e9)
+#: Below this a number that looks like a unix time counts something finer since a start [Hz].
+_SLOWEST_HZ = 0.01
+#: Rates of sensors worn, carried or stuck into the ground [Hz].
+_RATES_HZ = (1.01, 2000.0)
+
+
+class GuessedTime(NamedTuple):
+    """A time column: its index, unit, the rate it gives, how sure, why, and if it names a zone."""
+
+    column: int
+    unit: TimeUnit
+    rate_hz: float
+    sureness: str
+    why: str
+    zoned: bool = True
+
+
+def guess_time(table: RawTable, numbers: Mapping[int, NDArray[np.float64]]) -> GuessedTime | None:
+    """Return the column that is most likely the time, None where none goes on and on."""
+    found = [_iso(table, i) for i in range(table.width) if i not in numbers]
+    found += [_numeric(table, i, column) for i, column in numbers.items()]
+    candidates = [g for g in found if g is not None]
+    order = ["sure", "likely", "unsure"]
+    return min(candidates, key=lambda g: (order.index(g.sureness), g.column), default=None)
+
+
+def _iso(table: RawTable, index: int) -> GuessedTime | None:
+    cells = [row[index].strip() for row in table.rows]
+    if not all(c[:4].isdigit() and len(c) > 9 for c in cells):
+        return None
+    try:
+        times_ns, _ = moments(cells, table.label(index))
+    except SchemaError:
+        return None
+    step = float(np.median(np.diff(times_ns))) / NS_PER_S
+    if step <= 0:
+        return None
+    zoned = re.search(r"(Z|[+-]\d\d:?\d\d|[A-Za-z]+\]?)$", cells[0]) is not None
+    return GuessedTime(index, "iso", 1 / step, "sure", "every cell is an ISO 8601 time", zoned)
+
+
+def _numeric(table: RawTable, index: int, column: NDArray[np.float64]) -> GuessedTime | None:
+    if not np.isfinite(column).all() or np.abs(column).max() > _MAX:
+        return None
+    steps = np.diff(column)
+    name = table.header[index] if table.header else ""
+    step = float(np.median(steps))
+    forward = float((steps >= 0).mean())
+    named = _TIME_WORD.search(name) is not None
+    if step <= 0 or forward < (0.95 if named else 0.99) or column[-1] <= column[0]:
+        return None
+    if _COUNTER.search(name) and not named:
+        return None
+    unit, certain, why = _unit(name, float(column[0]), step)
+    if not named and not certain and (np.abs(steps / step - 1) < 0.5).mean() < 0.8:
+        return None  # something that grows, but not as time does
+    rate_hz = 1e9 / (step * TIME_UNITS_NS[unit])
+    sureness = "sure" if named and certain else "likely" if named or certain else "unsure"
+    return GuessedTime(index, unit, rate_hz, sureness, why)
+
+
+def _unit(name: str, first: float, step: float) -> tuple[TimeUnit, bool, str]:
+    """Return the unit of times, whether that is certain, and why."""
+    for unit, factor in TIME_UNITS_NS.items():
+        dated = _EPOCH_S[0] <= first * factor / 1e9 <= _EPOCH_S[1]
+        if dated and 1e9 / (step * factor) > _SLOWEST_HZ:
+            return _TYPED[unit], True, f"the numbers are unix times in {unit}"
+    for unit, words in _UNIT_WORDS:
+        if re.search(words, name):
+            return unit, True, f"the header says {unit}"
+    for unit, factor in TIME_UNITS_NS.items():
+        if _RATES_HZ[0] <= 1e9 / (step * factor) <= _RATES_HZ[1]:
+            return _TYPED[unit], False, f"a step of {step:g} {unit} gives the rate of a sensor"
+    return "s", False, "no unit gives the rate of a sensor"
+
+
+_TYPED: dict[str, TimeUnit] = {"s": "s", "ms": "ms", "us": "us", "ns": "ns"}
+
+
+def as_toml(
+    table: RawTable,
+    time: GuessedTime | None,
+    counter: GuessedCounter | None,
+    groups: Mapping[str, Sequence[Column]],
+    remarks: Sequence[Remark],
+) -> str:
+    """Return the text of a map."""
+    lines = ["# Guessed by groundtrace import --guess: check it, then import with --map."]
+    lines += [f"# {_plain(remark_line(r))}" for r in remarks]
+    lines += [
+        'format = "csv"',
+        f"delimiter = {_toml_text(table.delimiter)}",
+        f"decimal = {_toml_text(table.decimal)}",
+        'comment = ""',
+        f"skip_rows = {table.skip_rows}",
+        f"encoding = {_toml_text(table.encoding)}",
+    ]
+    if time is None:
+        lines.append(f"rate_hz = {PLACEHOLDER_HZ}")
+    else:
+        lines.append(
+            f"time = {{column = {_key(table, time.column)}, unit = {_toml_text(time.unit)}}}"
+        )
+    if counter is not None:
+        wraps = "" if counter.modulus is None else f", modulus = {counter.modulus}"
+        lines.append(f"counter = {{column = {_key(table, counter.column)}{wraps}}}")
+    for topic, columns in groups.items():
+        lines += ["", "[[stream]]", f"topic = {_toml_text(topic)}", "columns = ["]
+        lines += [f"  {_column(table, c)}," for c in columns]
+        lines.append("]")
+    return "\n".join(lines) + "\n"
+
+
+def remark_line(remark: Remark) -> str:
+    """Return one guess as a line."""
+    sure = f" ({remark.sureness}: {remark.why})" if remark.sureness else f" ({remark.why})"
+    return f"{remark.about}: {remark.taken}{sure}"
+
+
+def _column(table: RawTable, column: Column) -> str:
+    axis = f", axis = {_toml_text(column.axis)}" if column.axis else ""
+    return (
+        f"{{column = {_key(table, column.place)}, quantity = {_toml_text(column.quantity)}, "
+        f"unit = {_toml_text(column.unit)}{axis}}}"
+    )
+
+
+def _key(table: RawTable, index: int) -> str:
+    key = table.key(index)
+    return _toml_text(key) if isinstance(key, str) else str(key)
+
+
+def _toml_text(text: str) -> str:
+    """Return a TOML basic string, whose escapes are those of JSON but for DEL."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _plain(text: str) -> str:
+    """Return a comment without what TOML forbids there."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
+#: Lengths kept of each vector: enough for a median, whatever the recording's length.
+_KEPT = 20_000
+#: Fewer lengths than this tell nothing.
+_ENOUGH = 20
+
+
+class Range(NamedTuple):
+    """What is measured of a quantity: a percentile of the lengths, and where it can lie [SI]."""
+
+    percentile: float
+    low: float
+    high: float
+    #: Units the number may have been in, most usual first.
+    units: tuple[str, ...]
+
+
+#: Gravity is in the median of any carried accelerometer; the field of the earth is 22 to 67 uT,
+#: that of a room's iron up to some hundreds; the fastest turns of a foot are near 30 rad/s; the
+#: pressure of the air is that of Everest to that of a deep mine.
+RANGES = {
+    "acceleration": Range(50, 3.0, 40.0, ("g", "mg", "m/s2", "mm/s2")),
+    "angular_velocity": Range(99, 0.0, 100.0, ("deg/s",)),
+    "magnetic_field": Range(50, 2e-6, 2e-3, ("uT", "mgauss", "gauss", "nT", "mT")),
+    "pressure": Range(50, 3e4, 1.3e5, ("hPa", "kPa", "bar", "Pa")),
+}
+#: Within these a number is believed to be of the unit suggested [SI].
+_LIKELY = {
+    "acceleration": (7.0, 13.0),
+    "angular_velocity": (0.0, 60.0),
+    "magnetic_field": (15e-6, 90e-6),
+    "pressure": (3e4, 1.1e5),
+}
+#: Quantities of which some sensors tell the changes only: an app's acceleration without gravity, a
+#: microbarometer's pressure.
+_CHANGES = frozenset({"acceleration", "pressure"})
+
+
+@dataclass(slots=True)
+class UnitWatch:
+    """Hears the blocks of one stream and says which of its units cannot be true.
+
+    Parameters
+    ----------
+    stream
+        What the columns are.
+    """
+
+    stream: Stream
+    _lengths: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
+    _count: dict[str, int] = field(default_factory=dict)
+    _every: int = 1
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take the samples of a block into account, fewer of them the longer it goes on."""
+        for quantity, columns in self._vectors().items():
+            values = block.samples[:: self._every, columns] * self.stream.scales[columns]
+            lengths = np.linalg.norm(values, axis=1)
+            kept = self._lengths.setdefault(quantity, [])
+            kept.append(lengths[np.isfinite(lengths)])
+            self._count[quantity] = self._count.get(quantity, 0) + len(kept[-1])
+        if max(self._count.values(), default=0) > 2 * _KEPT:
+            self._every *= 2
+            for quantity, kept in self._lengths.items():
+                self._lengths[quantity] = [np.concatenate(kept)[::2]]
+                self._count[quantity] = len(self._lengths[quantity][0])
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return one line for each quantity whose unit cannot be true."""
+        found = (self._remark(quantity, kept) for quantity, kept in self._lengths.items())
+        return tuple(line for line in found if line is not None)
+
+    def _vectors(self) -> dict[str, list[int]]:
+        """Return the columns of each quantity in SI; a vector counts with all three axes only."""
+        vectors: dict[str, list[int]] = {}
+        for i, channel in enumerate(self.stream.channels):
+            if channel.quantity in RANGES and channel.unit == QUANTITIES[channel.quantity]:
+                vectors.setdefault(channel.quantity, []).append(i)
+        return {
+            quantity: columns
+            for quantity, columns in vectors.items()
+            if len(columns) == (1 if quantity == "pressure" else 3)
+        }
+
+    def _remark(self, quantity: str, kept: Sequence[NDArray[np.float64]]) -> str | None:
+        lengths = np.concatenate(kept)
+        if len(lengths) < _ENOUGH or not lengths.any():
+            return None
+        range_ = RANGES[quantity]
+        value = float(np.percentile(lengths, range_.percentile))
+        if range_.low <= value <= range_.high:
+            return None
+        si = QUANTITIES[quantity]
+        fix = _fix(quantity, value)
+        if fix is None and quantity in _CHANGES and value < range_.low:
+            return None
+        what = "99 % of the lengths are below" if range_.percentile > 50 else "the median length is"
+        return (
+            f"{self.stream.topic}: {quantity} in {si}: {what} {value:.3g} {si}, "
+            f"which cannot be{'' if fix is None else f'; {fix}'}"
+        )
+
+
+def _fix(quantity: str, value: float) -> str | None:
+    """Return the unit that makes a value likely, said as what to do, None where none does.
+
+    The value may be a number that was never brought to SI, or one that was brought twice.
+    """
+    low, high = _LIKELY[quantity]
+    si = QUANTITIES[quantity]
+    for unit in RANGES[quantity].units:
+        factor = to_si(unit)[1]
+        if unit != si and low <= value * factor <= high:
+            return f"as {unit} it would be {value * factor:.3g} {si}: was {unit} called {si}?"
+    for unit in RANGES[quantity].units:
+        factor = to_si(unit)[1]
+        if unit != si and low <= value / factor <= high:
+            was = f"{value / factor:.3g}"
+            return f"before {unit} was taken to {si} it was {was}: was {si} called {unit}?"
+    return None

@@ -1,24 +1,56 @@
-"""Importer for recordings of phone apps: Sensor Logger and phyphox, as zip, folder or CSV files."""
+"""Importer for recordings of phone apps: Sensor Logger and phyphox, as zip, folder or CSV files.
+
+Tables of the app phyphox: one per sensor, or one in all.
+
+The first column is ``Time (s)``, since the experiment began; the others say their unit. Separator
+and decimal sign are the user's choice, the words those of the phone's language, so that a column
+is known by its unit. ``meta/time.csv`` says when on the calendar the experiment ran and paused: the
+time of the experiment stands still in a pause.
+
+Tables of the app Sensor Logger, one per sensor.
+
+Columns are ``time`` (unix time, ns), ``seconds_elapsed`` and the sensor's, whose axes stand in the
+order z, y, x. Units and signs are those its UNITS and COORDINATES pages give: Android's, except
+that an iPhone without "Standardise Units & Frames" gives every acceleration with the opposite
+sign, and that of the uncalibrated accelerometer in g.
+
+Importer for traces of the Indoor Location Competition 2.0 (Microsoft Research, XYZ10).
+
+A trace is tab-separated text, one event a line: unix time [ms], type, values. Accelerometer,
+gyroscope and magnetometer of the phone become streams, the surveyor's waypoints truth, and the
+first of them the place where the walk starts. Radio scans and Android's own orientation stay out.
+"""
 
 from __future__ import annotations
 
 import csv
+import io
+import re
 import zipfile
 import zlib
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
 
 from ..errors import FormatError, SchemaError
-from . import phyphox, sensor_logger
-from .phone_app import AppFile, Found
-from .sampled import together
+from ..events import Label
+from ..geometry import Geometry
+from ..signals import NS_PER_S, Channel, Stream, to_quantity
+from . import base
+from .base import ColumnMap, Imported, ImportMap, StreamMap, TimeMap
+from .map import MAX_NS, TIME_UNITS_NS, Sampled, sample_format, together
+from .tables import TextTable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from .api import Imported, ImportMap
-    from .delimited import TextFile
+    from numpy.typing import NDArray
+
+    from .base import Source, TimeUnit
+    from .tables import TextFile
 
 #: Files that say more about those beside them, by the folder they are in.
 _BESIDE = ("Metadata.csv", "Annotation.csv", "meta/time.csv")
@@ -72,15 +104,15 @@ class PhoneImporter:
 
 def _app(files: Sequence[AppFile]) -> Callable[[Sequence[AppFile]], Found] | None:
     """Return what reads the files, or None."""
-    if any(sensor_logger.is_table(f) for f in files):
-        return sensor_logger.read
-    if any(phyphox.is_table(f) for f in files):
-        return phyphox.read
+    if any(is_sensor_logger_table(f) for f in files):
+        return read_sensor_logger
+    if any(is_phyphox_table(f) for f in files):
+        return read_phyphox
     return None
 
 
 def _says_more(files: Sequence[AppFile]) -> bool:
-    return any(sensor_logger.is_metadata(f) or phyphox.is_clock(f) for f in files)
+    return any(is_metadata(f) or is_clock(f) for f in files)
 
 
 @contextmanager
@@ -135,3 +167,490 @@ def _look(file: TextFile) -> AppFile:
     except csv.Error:
         header = []
     return AppFile(file, tuple(c.strip() for c in header), delimiter, head)
+
+
+PLACEMENT = "phone"
+#: First part of the topic of each quantity.
+TOPICS = {
+    "acceleration": "/acc",
+    "angular_velocity": "/gyro",
+    "magnetic_field": "/mag",
+    "pressure": "/baro",
+    "temperature": "/temperature",
+    "latitude": "/fix",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class AppFile:
+    """One table of an app.
+
+    Attributes
+    ----------
+    file
+        On the disk or in an archive.
+    header
+        Cells of the first line.
+    delimiter
+        What separates them.
+    head
+        The first bytes.
+    """
+
+    file: TextFile
+    header: tuple[str, ...]
+    delimiter: str
+    head: bytes
+
+    @property
+    def name(self) -> str:
+        """Name without folder."""
+        return self.file.name
+
+    @property
+    def stem(self) -> str:
+        """Name without suffix."""
+        return self.name.rpartition(".")[0]
+
+    def records(self) -> list[dict[str, str]]:
+        """Return the rows as texts by column, for tables that hold no samples."""
+        text = self.file.read_bytes().decode("utf-8-sig", "replace").replace("\0", "")
+        try:
+            rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=self.delimiter))
+        except csv.Error:
+            return []
+        return [dict(zip(self.header, row, strict=False)) for row in rows[1:]]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What an app's files hold."""
+
+    sampled: tuple[Sampled, ...]
+    labels: tuple[Label, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """One column of a table: its name, and what it measures."""
+
+    column: str
+    quantity: str
+    unit: str
+    axis: Literal["x", "y", "z", ""] = ""
+
+
+def sampled(
+    file: AppFile, topic: str, columns: tuple[Wanted, ...], time: str, unit: TimeUnit
+) -> Sampled | None:
+    """Return columns of a table as samples in SI, None where it has no rows.
+
+    Rows in which no column has a number are left out: apps write them where a sensor had nothing
+    to say.
+
+    Raises
+    ------
+    SchemaError
+        Where a column or a number is missing; names file, line and column.
+    """
+    if not file.head.partition(b"\n")[2].strip():
+        return None
+    table = TextTable.load(file.file, _map(file, columns, time, unit))
+    times = table.times_ns(TimeMap(time, unit))
+    if np.abs(times).max() > MAX_NS:
+        raise SchemaError(f"{file.name}: {time}: expected times, found {times.max()} ns")
+    factors = [to_quantity(c.quantity, c.unit) for c in columns]
+    values = np.stack([table.numbers(c.column) for c in columns], axis=1)
+    values = values * np.array([factor for _, factor in factors])
+    channels = tuple(
+        Channel(_name(c), c.quantity, si, c.axis)
+        for c, (si, _) in zip(columns, factors, strict=True)
+    )
+    there: NDArray[np.bool_] = ~np.isnan(values).all(axis=1)
+    if not there.any():
+        return None
+    return Sampled(topic, PLACEMENT, channels, times[there], values[there])
+
+
+def _name(column: Wanted) -> str:
+    return f"{column.quantity}_{column.axis}" if column.axis else column.quantity
+
+
+def _map(file: AppFile, columns: tuple[Wanted, ...], time: str, unit: TimeUnit) -> ImportMap:
+    """Return the map of a table: its columns by name, and its decimal sign by its numbers."""
+    second = file.head.split(b"\n", 2)[1]
+    comma = file.delimiter != "," and b"," in second
+    maps = tuple(ColumnMap(c.column, c.quantity, c.unit, c.axis) for c in columns)
+    return ImportMap(
+        "phone",
+        (StreamMap("/", maps),),
+        time=TimeMap(time, unit),
+        delimiter=file.delimiter,
+        decimal="," if comma else ".",
+        comment="",
+        skip_rows=1,
+    )
+
+
+_TIME = re.compile(r"(?i)(time|t|zeit|temps|tempo|tiempo)\s*\(s\)")
+_COLUMN = re.compile(r"(?P<words>.*?)\s*\b(?P<axis>[xyzXYZ])?\s*\((?P<unit>[^()]+)\)")
+#: Unit to what is measured in it and what we call it.
+_UNITS = {
+    "m/s^2": ("acceleration", "m/s2"),
+    "m/s²": ("acceleration", "m/s2"),
+    "rad/s": ("angular_velocity", "rad/s"),
+    "µT": ("magnetic_field", "uT"),
+    "μT": ("magnetic_field", "uT"),
+    "hPa": ("pressure", "hPa"),
+    "°C": ("temperature", "degC"),
+}
+_AXIS: dict[str, Literal["x", "y", "z", ""]] = {"x": "x", "y": "y", "z": "z", "": ""}
+_VECTORS = frozenset({"acceleration", "angular_velocity", "magnetic_field"})
+_LINEAR = re.compile(r"(?i)linear|without g|ohne g")
+_PHYPHOX_FIX = ("latitude", "longitude", "altitude")
+
+
+class Piece(NamedTuple):
+    """The experiment ran from one of its times [ns] on; what to add for unix time [ns]."""
+
+    start_ns: int
+    offset_ns: int
+
+
+def is_phyphox_table(file: AppFile) -> bool:
+    """Return whether a file is a table of samples."""
+    return bool(file.header) and bool(_TIME.fullmatch(file.header[0])) and bool(_groups(file))
+
+
+def is_clock(file: AppFile) -> bool:
+    """Return whether a file says when the experiment ran."""
+    return {"event", "experiment time", "system time"} <= set(file.header)
+
+
+def read_phyphox(files: Sequence[AppFile]) -> Found:
+    """Return the streams of the tables of one experiment.
+
+    Raises
+    ------
+    SchemaError
+        Where a table does not hold what it should, or two hold the same.
+    """
+    pieces = [p for file in files if is_clock(file) for p in _pieces(file)]
+    found: dict[str, Sampled] = {}
+    for file in (f for f in files if is_phyphox_table(f)):
+        for topic, columns in _groups(file).items():
+            read_ = sampled(file, topic, columns, file.header[0], "s")
+            if read_ is None:
+                continue
+            if topic in found:
+                raise SchemaError(f"{file.name}: {topic}: expected one table of it, found two")
+            found[topic] = _on_calendar(read_, pieces)
+    warnings = [] if pieces else ["no meta/time.csv: times count from the start of the experiment"]
+    if f"/acc_linear/{PLACEMENT}" in found and f"/acc/{PLACEMENT}" not in found:
+        warnings.append("the acceleration is without gravity, and nothing else has it")
+    return Found(tuple(found.values()), (), tuple(warnings))
+
+
+def _groups(file: AppFile) -> dict[str, tuple[Wanted, ...]]:
+    """Return the columns of each stream of a table, by topic."""
+    groups: dict[str, list[Wanted]] = {}
+    for cell in file.header[1:]:
+        match = _COLUMN.fullmatch(cell)
+        if match is None:
+            continue
+        place = _place(cell, match["words"])
+        if place is not None:
+            groups.setdefault(f"/fix/{PLACEMENT}", []).append(place)
+            continue
+        quantity, unit = _UNITS.get(match["unit"], ("", ""))
+        axis = _AXIS[(match["axis"] or "").lower()] if quantity in _VECTORS else ""
+        if not quantity or (quantity in _VECTORS and not axis):
+            continue
+        part = "_linear" if quantity == "acceleration" and _LINEAR.search(cell + file.name) else ""
+        topic = f"{TOPICS[quantity]}{part}/{PLACEMENT}"
+        groups.setdefault(topic, []).append(Wanted(cell, quantity, unit, axis))
+    return {t: tuple(c) for t, c in groups.items() if _whole(c)}
+
+
+def _place(cell: str, words: str) -> Wanted | None:
+    """Return a column of a place on the globe."""
+    word = words.strip().lower()
+    if word == "height":
+        word = "altitude"
+    if word not in _PHYPHOX_FIX:
+        return None
+    return Wanted(cell, word, "m" if word == "altitude" else "deg")
+
+
+def _whole(columns: list[Wanted]) -> bool:
+    """Return whether each axis is there once; places need all three numbers."""
+    have = [c.axis or c.quantity for c in columns]
+    if columns[0].quantity in _PHYPHOX_FIX:
+        return sorted(have) == sorted(_PHYPHOX_FIX)
+    return len(set(have)) == len(have)
+
+
+def _pieces(file: AppFile) -> list[Piece]:
+    """Return the pieces of a clock; a row without numbers is no piece."""
+    pieces = []
+    for row in file.records():
+        if row.get("event", "").strip().upper() != "START":
+            continue
+        try:
+            experiment, system = (
+                float(row[key].replace(",", ".")) for key in ("experiment time", "system time")
+            )
+        except (KeyError, ValueError) as error:
+            raise SchemaError(f"{file.name}: START: expected two times, found {row}") from error
+        if not (0 <= system < 9e9 and abs(experiment) < 9e9):
+            raise SchemaError(f"{file.name}: START: expected unix seconds, found {system}")
+        start_ns = round(experiment * NS_PER_S)
+        # seconds since 1970 with three decimals: the float keeps them, its last digits do not
+        pieces.append(Piece(start_ns, round(system * 1000) * 1_000_000 - start_ns))
+    return sorted(pieces)
+
+
+def _on_calendar(found: Sampled, pieces: Sequence[Piece]) -> Sampled:
+    """Return the samples at their times on the calendar, a pause being a gap."""
+    if not pieces:
+        return found
+    starts: NDArray[np.int64] = np.array([p.start_ns for p in pieces], np.int64)
+    offsets: NDArray[np.int64] = np.array([p.offset_ns for p in pieces], np.int64)
+    which = np.maximum(np.searchsorted(starts, found.times_ns, side="right") - 1, 0)
+    return replace(found, times_ns=found.times_ns + offsets[which])
+
+
+#: Tables of each stream that is one sensor, best first, with what their columns are.
+_AXES = {
+    "angular_velocity": (("Gyroscope", "GyroscopeUncalibrated"), "rad/s"),
+    "magnetic_field": (("Magnetometer", "MagnetometerUncalibrated"), "uT"),
+}
+_SENSOR_LOGGER_FIX = (
+    Wanted("latitude", "latitude", "deg"),
+    Wanted("longitude", "longitude", "deg"),
+    Wanted("altitude", "altitude", "m"),
+)
+_ACC = TOPICS["acceleration"]
+_SUM = ("Accelerometer", "Gravity")
+#: Tables with samples that are read, whole or as the second best.
+_SENSORS = frozenset(
+    {
+        *(name for names, _ in _AXES.values() for name in names),
+        *_SUM,
+        "TotalAcceleration",
+        "AccelerometerUncalibrated",
+        "Barometer",
+        "Location",
+    }
+)
+
+
+def is_sensor_logger_table(file: AppFile) -> bool:
+    """Return whether a file is the table of a sensor."""
+    return {"time", "seconds_elapsed"} <= set(file.header)
+
+
+def is_metadata(file: AppFile) -> bool:
+    """Return whether a file says which phone and settings the others are of."""
+    return {"platform", "appVersion"} <= set(file.header)
+
+
+def read_sensor_logger(files: Sequence[AppFile]) -> Found:
+    """Return the streams and annotations of the tables of one recording.
+
+    Raises
+    ------
+    SchemaError
+        Where a table does not hold what it should.
+    """
+    tables = {f.stem: f for f in files if is_sensor_logger_table(f)}
+    sign, warnings = _sign([f for f in files if is_metadata(f)])
+    found = [_single(tables, q, *_AXES[q]) for q in _AXES]
+    found.append(_columns(tables, "Barometer", (Wanted("pressure", "pressure", "mbar"),)))
+    found.append(_columns(tables, "Location", _SENSOR_LOGGER_FIX))
+    acceleration, remarks = _acceleration(tables, sign)
+    others = sorted(tables.keys() - _SENSORS - {"Annotation"})
+    if others:
+        remarks += (f"left alone: {', '.join(others)}",)
+    return Found(
+        tuple(s for s in (acceleration, *found) if s is not None),
+        _notes(tables.get("Annotation")),
+        (*warnings, *remarks),
+    )
+
+
+def _sign(metadata: Sequence[AppFile]) -> tuple[float, tuple[str, ...]]:
+    """Return what takes an acceleration to Android's sign, -1 also for g, and a remark."""
+    rows = [row for file in metadata for row in file.records()]
+    if not rows:
+        return 1.0, ("no Metadata.csv: units and signs are taken as an Android phone gives them",)
+    ios = rows[0].get("platform", "").strip().lower() == "ios"
+    standard = rows[0].get("standardisation", "").strip().lower() == "true"
+    if not ios or standard:
+        return 1.0, ()
+    return -1.0, ("iOS without Standardise Units & Frames: accelerations are turned round",)
+
+
+def _axes(quantity: str, unit: str) -> tuple[Wanted, ...]:
+    return tuple(Wanted(axis, quantity, unit, axis) for axis in ("x", "y", "z"))
+
+
+def _columns(
+    tables: dict[str, AppFile], name: str, columns: tuple[Wanted, ...], part: str = ""
+) -> Sampled | None:
+    """Return the samples of one table, None where there is none with those columns."""
+    file = tables.get(name)
+    if file is None or not all(c.column in file.header for c in columns):
+        return None
+    topic = f"{TOPICS[columns[0].quantity]}{part}/{PLACEMENT}"
+    return sampled(file, topic, columns, "time", "ns")
+
+
+def _single(
+    tables: dict[str, AppFile], quantity: str, names: tuple[str, ...], unit: str
+) -> Sampled | None:
+    read_ = (_columns(tables, name, _axes(quantity, unit)) for name in names)
+    return next((s for s in read_ if s is not None), None)
+
+
+def _acceleration(
+    tables: dict[str, AppFile], sign: float
+) -> tuple[Sampled | None, tuple[str, ...]]:
+    """Return the acceleration with gravity, as an accelerometer measures it, and remarks."""
+    axes = _axes("acceleration", "m/s2")
+    total = _columns(tables, "TotalAcceleration", axes)
+    if total is not None:
+        return _turned(total, sign), ()
+    linear, gravity = (_columns(tables, name, axes) for name in _SUM)
+    if (
+        linear is not None
+        and gravity is not None
+        and np.array_equal(linear.times_ns, gravity.times_ns)
+    ):
+        summed = replace(linear, values=linear.values + gravity.values)
+        return _turned(summed, sign), ("acceleration is Accelerometer.csv plus Gravity.csv",)
+    raw = _columns(
+        tables, "AccelerometerUncalibrated", _axes("acceleration", "g" if sign < 0 else "m/s2")
+    )
+    if raw is not None:
+        return _turned(raw, sign), ("acceleration is AccelerometerUncalibrated.csv",)
+    if linear is None:
+        return None, ()
+    bare = replace(linear, topic=f"{_ACC}_linear/{PLACEMENT}")
+    return _turned(bare, sign), ("Accelerometer.csv is without gravity, and nothing else has it",)
+
+
+def _turned(found: Sampled, sign: float) -> Sampled:
+    return replace(found, values=found.values * sign)
+
+
+def _notes(file: AppFile | None) -> tuple[Label, ...]:
+    """Return what the user wrote while recording; a row without a time is left out."""
+    rows = [] if file is None else file.records()
+    return tuple(
+        Label(int(row["time"]), "note", note=row.get("text", "").strip(), author="Sensor Logger")
+        for row in rows
+        if re.fullmatch(r"\d{1,18}|[1-8]\d{18}", row.get("time", ""), re.ASCII)
+    )
+
+
+#: Type of a line, its topic, quantity and unit.
+SENSORS = {
+    "TYPE_ACCELEROMETER": ("/acc/phone", "acceleration", "m/s2"),
+    "TYPE_GYROSCOPE": ("/gyro/phone", "angular_velocity", "rad/s"),
+    "TYPE_MAGNETIC_FIELD": ("/mag/phone", "magnetic_field", "uT"),
+}
+WAYPOINT = "TYPE_WAYPOINT"
+_VALUES = {**dict.fromkeys(SENSORS, 3), WAYPOINT: 2}
+_START = b"#\tstartTime:"
+
+Row = tuple[int, tuple[float, ...]]
+
+
+class IndoorLocationImporter:
+    """Reads one trace."""
+
+    name = "indoor-location"
+    description = "traces of the Indoor Location Competition 2.0: phone sensors and waypoints"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for a file that begins as a trace does."""
+        with path.open("rb") as file:
+            return 1.0 if file.read(len(_START)) == _START else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read one trace; it needs no map.
+
+        Raises
+        ------
+        SchemaError
+            For a map, or more than one file.
+        FormatError
+            Where the file is no trace, or has no accelerometer.
+        """
+        path = paths[0]
+        if map_ is not None or len(paths) != 1:
+            raise SchemaError(f"{path.name}: expected one trace and no map, found others")
+        rows: dict[str, list[Row]] = {kind: [] for kind in _VALUES}
+        for kind, row in _rows(path):
+            rows[kind].append(row)
+        if len(rows["TYPE_ACCELEROMETER"]) < 2:
+            raise FormatError(f"{path.name}: expected TYPE_ACCELEROMETER lines, found none")
+        found = {kind: sorted(rows[kind]) for kind in SENSORS if len(rows[kind]) > 1}
+        labels = tuple(
+            Label(time_ns, "waypoint", x_m=x, y_m=y) for time_ns, (x, y) in sorted(rows[WAYPOINT])
+        )
+        first = [(label.x_m, label.y_m) for label in labels[:1]]
+        start = next(((x, y) for x, y in first if x is not None and y is not None), None)
+        return Imported(
+            sources=tuple(_source(path.name, kind, each) for kind, each in found.items()),
+            start_ns=min(each[0][0] for each in found.values()),
+            geometry=None if start is None else Geometry(start=start),
+            labels=labels,
+        )
+
+
+def _rows(path: Path) -> Iterator[tuple[str, Row]]:
+    """Yield type, time [ns] and values of the lines that count.
+
+    Traces exist in which a line break between two events is missing: what follows the values of
+    an event is left alone.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            cells = line.rstrip("\r\n").split("\t")
+            count = _VALUES.get(cells[1] if len(cells) > 1 else "", 0)
+            if not count:
+                continue
+            try:
+                values = tuple(float(cell) for cell in cells[2 : 2 + count])
+                time_ns = int(cells[0]) * TIME_UNITS_NS["ms"]
+            except ValueError as error:
+                raise FormatError(
+                    f"{path.name}: line {number}: expected numbers, found: {error}"
+                ) from error
+            if not 0 <= time_ns < 1 << 63:
+                raise FormatError(
+                    f"{path.name}: line {number}: expected a unix time in ms, found {cells[0]}"
+                )
+            if len(values) != count:
+                raise FormatError(
+                    f"{path.name}: line {number}: expected {count} values, found {len(values)}"
+                )
+            yield cells[1], (time_ns, values)
+
+
+def _source(name: str, kind: str, rows: Sequence[Row]) -> Source:
+    """Return the stream of one sensor."""
+    topic, quantity, unit = SENSORS[kind]
+    times = np.array([time_ns for time_ns, _ in rows], np.int64)
+    if times[-1] <= times[0]:
+        raise FormatError(f"{name}: {kind}: expected times that go on, found one")
+    timing = base.fit(times)
+    si, factor = to_quantity(quantity, unit)
+    channels = tuple(Channel(f"{quantity}_{axis}", quantity, si, axis) for axis in "xyz")
+    stream = Stream(topic, channels, timing.rate_hz, "phone", timing.index is None)
+    values = np.array([values for _, values in rows]) * factor
+    form, samples = sample_format(values)
+    return stream, form, timing.blocks(stream, samples)

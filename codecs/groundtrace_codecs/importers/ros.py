@@ -1,7 +1,7 @@
 """Importer for ROS bags: ROS 1 ``.bag``, and ROS 2 folders of ``.db3`` or ``.mcap``.
 
 What a message holds is told by the same code that reads ROS 2 messages of an MCAP file
-(:mod:`groundtrace_codecs.channels`); messages of ROS 1 are brought to CDR first.
+(:mod:`.recording`); messages of ROS 1 are brought to CDR first.
 """
 
 from __future__ import annotations
@@ -14,24 +14,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..channels import nominal_reader
 from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
-from ..mcap import Message, MessageTable
-from ..recording import Recording
-from ..schemas.ros import in_range
-from ..schemas.ros2msg import parse_ros2msg
-from .sampled import Sampled, together
+from ..mcap.chunks import Message, MessageTable
+from ..recording import Recording, nominal_reader
+from ..schemas.ros2 import in_range, parse_ros2msg
+from .map import Sampled, together
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from ..channels import ChannelReader
+    from ..events import Label
     from ..geometry import Geometry
-    from ..labels import Label
+    from ..recording import ChannelReader
     from ..signals import SignalBlock, Stream
-    from .api import Imported, ImportMap
+    from .base import Imported, ImportMap
 
 _ROS1 = b"#ROSBAG V"
 _SQLITE = b"SQLite format 3\0"

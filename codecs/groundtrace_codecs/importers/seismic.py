@@ -2,33 +2,51 @@
 
 StationXML among the files, or alone beside them, says what counts are worth and where sensors
 stand.
+
+Station metadata in StationXML: what one count of a channel is worth, and where it stands.
+
+A channel has epochs, each with its own sensitivity and place: the one that holds at a sample's
+time counts. The sensitivity is that at one frequency; the instrument's response beside it stays
+in the samples. Azimuth and dip say which way is positive (FDSN StationXML 1.2, Channel).
+
+Hammer shots of one line as one recording.
+
+Shots lie in the order they were fired (acquisition time, then file name), each a contiguous run at
+its own time, or laid end to end where their headers tell no different times, see
+:mod:`.map`. Receivers are
+named ``G01``, ``G02``, ... by place along the whole line: where the spread is moved between shots
+each spread is a stream of its own, and a receiver place keeps its name.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import re
 import struct
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import FormatError, MissingReaderError, SchemaError
-from ..signals import NS_PER_S, Channel, SignalBlock, Stream
-from .api import Imported
-from .mapped import sample_format
-from .shots import Shot, lay
-from .station_channels import Described, describe, split
-from .station_xml import beside, is_station_xml, load_stations
+from ..events import Label
+from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
+from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
+from .base import Imported
+from .map import Part, lay_out, sample_format
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from .api import ImportMap, Source
-    from .station_xml import Stations
+    from numpy.typing import NDArray
+
+    from .base import ImportMap, Source
+
+    Position = tuple[float, float, float]
 
 _SUFFIXES = frozenset(
     {".sg2", ".seg2", ".mseed", ".miniseed", ".ms", ".sac", ".sgy", ".segy", ".su", ".gse2"}
@@ -331,3 +349,532 @@ def _stream(topic: str, channels: dict[str, list[Any]], known: Described) -> Sou
 
 def _channel(name: str, trace: Any) -> Channel:
     return Channel(name, "seismic", "count", _AXES.get(trace.stats.channel[-1:], ""))
+
+
+_MARK = b"FDSNStationXML"
+_HEAD_BYTES = 4096
+SUFFIXES = frozenset({".xml", ".stationxml"})
+#: Units of the ground or air that a sensitivity counts from, as :mod:`..units` spells them.
+_INPUTS = {
+    text.lower(): text
+    for text in (
+        *("m/s", "mm/s", "um/s", "nm/s", "m/s2", "mm/s2", "m", "cm", "mm", "um"),
+        *("Pa", "hPa", "kPa", "V", "mV", "uV", "T", "nT", "rad/s", "deg/s"),
+    )
+}
+_QUANTITIES = {
+    "m/s": "ground_velocity",
+    "m/s2": "ground_acceleration",
+    "m": "ground_displacement",
+    "Pa": "pressure",
+    "V": "voltage",
+    "T": "magnetic_field",
+    "rad/s": "angular_velocity",
+}
+#: Quantities that have no direction, whatever the azimuth and dip of their channel say.
+_SCALARS = frozenset({"pressure", "voltage"})
+#: A channel points along an axis where it is no further from it than this [deg].
+_ALONG_DEG = 5.0
+_LETTERS = {"Z": "z", "N": "y", "E": "x"}
+_OPEN_NS = 2**63 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """What held for a channel in one span of time.
+
+    Attributes
+    ----------
+    start_ns, end_ns
+        Of the span, half-open [ns].
+    quantity, unit, scale
+        What a count is worth; ``seismic``, ``count`` and 1 where ``fault`` says why it is not
+        known.
+    axis
+        Along which positive values point; empty where along none.
+    latitude_deg, longitude_deg, height_m
+        Where the sensor stands: WGS 84 and above the sea.
+    fault
+        Why the sensitivity cannot be used, or nothing.
+    """
+
+    start_ns: int
+    end_ns: int
+    quantity: str
+    unit: str
+    scale: float
+    axis: str
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float
+    fault: str = ""
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """Latitude, longitude [deg] and height [m]."""
+        return self.latitude_deg, self.longitude_deg, self.height_m
+
+
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """Epochs of channels by ``NET.STA.LOC.CHA``.
+
+    Attributes
+    ----------
+    name
+        Of the file, for messages.
+    epochs
+        By the channel's id, in order of time.
+    files
+        Name, media type and content of each file, to keep with the recording: the whole response.
+    """
+
+    name: str
+    epochs: dict[str, tuple[Epoch, ...]]
+    files: tuple[tuple[str, str, bytes], ...] = ()
+
+    def at(self, channel: str, time_ns: int) -> Epoch | None:
+        """Return the epoch of a channel that holds at a time, the latest where several do."""
+        holding = [e for e in self.epochs.get(channel, ()) if e.start_ns <= time_ns < e.end_ns]
+        return holding[-1] if holding else None
+
+    def changes(self, channel: str, start_ns: int, stop_ns: int) -> list[int]:
+        """Return when, within a span, what a count is worth changes [ns]."""
+        edges = {t for e in self.epochs.get(channel, ()) for t in (e.start_ns, e.end_ns)}
+        inside = sorted(t for t in edges if start_ns < t < stop_ns)
+        return [t for t in inside if _worth(self.at(channel, t - 1)) != _worth(self.at(channel, t))]
+
+
+def _worth(epoch: Epoch | None) -> object:
+    return None if epoch is None else (epoch.quantity, epoch.unit, epoch.scale, epoch.axis)
+
+
+def is_station_xml(path: Path) -> bool:
+    """Tell whether a file begins as StationXML does."""
+    with path.open("rb") as file:
+        return _MARK in file.read(_HEAD_BYTES)
+
+
+def beside(paths: Sequence[Path], stations: Iterable[str]) -> list[Path]:
+    """Return the StationXML files in the folders of some files that name one of some stations."""
+    codes = [f'code="{station}"'.encode() for station in stations]
+    folders = dict.fromkeys(p.resolve().parent for p in paths)
+    inside = (p for folder in folders for p in sorted(folder.iterdir()))
+    found = (p for p in inside if p.suffix.lower() in SUFFIXES and p.is_file())
+    return [p for p in found if is_station_xml(p) and any(code in p.read_bytes() for code in codes)]
+
+
+def load_stations(paths: Sequence[Path]) -> Stations:
+    """Read StationXML files.
+
+    Raises
+    ------
+    MissingReaderError
+        Without ObsPy.
+    FormatError
+        Where a file is no StationXML.
+    """
+    epochs: dict[str, list[Epoch]] = {}
+    files = [(path.name, "application/xml", path.read_bytes()) for path in paths]
+    for name, _, content in files:
+        for network in _inventory(name, content):
+            for station in network:
+                for channel in station:
+                    codes = (network.code, station.code, channel.location_code, channel.code)
+                    epochs.setdefault(".".join(codes), []).append(_epoch(channel))
+    return Stations(
+        ", ".join(p.name for p in paths),
+        {name: tuple(sorted(es, key=lambda e: e.start_ns)) for name, es in epochs.items()},
+        tuple(files),
+    )
+
+
+def _inventory(name: str, content: bytes) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # ObsPy's, on its own imports and on versions of the schema
+        try:
+            from obspy import read_inventory
+        except ImportError as error:
+            raise MissingReaderError(name, "obspy", "seismic") from error
+        try:
+            return read_inventory(io.BytesIO(content), format="STATIONXML")
+        except Exception as error:  # ObsPy and lxml raise whatever they meet
+            text = " ".join(str(error).split())[:200]
+            raise FormatError(f"{name}: expected StationXML, found: {text}") from error
+
+
+def _epoch(channel: Any) -> Epoch:
+    """Return one epoch of a channel, as ObsPy has it."""
+    found = _sensitivity(channel)
+    fault = found if isinstance(found, str) else ""
+    unit, scale = ("count", 1.0) if isinstance(found, str) else found
+    quantity = _QUANTITIES.get(unit, "seismic")
+    axis, sign = ("", 1.0) if quantity in _SCALARS else _direction(channel)
+    return Epoch(
+        0 if channel.start_date is None else int(channel.start_date.ns),
+        _OPEN_NS if channel.end_date is None else int(channel.end_date.ns),
+        quantity,
+        unit,
+        sign * scale,
+        axis,
+        float(channel.latitude),
+        float(channel.longitude),
+        float(channel.elevation),
+        fault,
+    )
+
+
+def _sensitivity(channel: Any) -> tuple[str, float] | str:
+    """Return the SI unit and what one count is in it, or why that is not known."""
+    told = channel.response.instrument_sensitivity if channel.response is not None else None
+    if told is None or not told.value:
+        return "has no sensitivity"
+    to, given = str(told.output_units or ""), str(told.input_units or "")
+    if "count" not in to.lower():
+        return f"has a sensitivity to {to or 'no unit'}, not to counts"
+    plain = given.lower().replace("**", "").replace("^", "").replace("/s/s", "/s2")
+    if plain not in _INPUTS:
+        return f"has a sensitivity from {given or 'no unit'}, which is not known here"
+    unit, factor = to_si(_INPUTS[plain])
+    return unit, factor / float(told.value)
+
+
+def _direction(channel: Any) -> tuple[str, float]:
+    """Return the axis of a channel and whether it counts along it or against it.
+
+    Dip is downwards from the horizon, azimuth clockwise from north [deg]; a channel without them
+    goes by the last letter of its code.
+    """
+    if channel.dip is None or (channel.azimuth is None and abs(channel.dip) < 90 - _ALONG_DEG):
+        return _LETTERS.get(channel.code[-1:], ""), 1.0
+    if abs(channel.dip) >= 90 - _ALONG_DEG:
+        return "z", 1.0 if channel.dip < 0 else -1.0
+    if abs(channel.dip) > _ALONG_DEG:
+        return "", 1.0
+    for degrees, axis, sign in ((0, "y", 1.0), (90, "x", 1.0), (180, "y", -1.0), (270, "x", -1.0)):
+        if abs((channel.azimuth - degrees + 180) % 360 - 180) <= _ALONG_DEG:
+            return axis, sign
+    return "", 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """What the channels of some files are.
+
+    Attributes
+    ----------
+    channels
+        By name.
+    factors
+        By name, for each segment: what its samples have to be multiplied with to be worth what
+        the first segment's are.
+    geometry
+        Where the sensors stand, where that is known.
+    origin
+        Latitude, longitude [deg], height [m] of the site's zero.
+    warnings, remarks
+        One line each.
+    """
+
+    channels: dict[str, Channel]
+    factors: dict[str, tuple[float, ...]]
+    geometry: Geometry | None = None
+    origin: tuple[float, float, float] | None = None
+    warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The record of the origin, where there is one."""
+        if self.origin is None:
+            return {}
+        names = ("latitude_deg", "longitude_deg", "height_m")
+        return {ORIGIN: dict(zip(names, map(repr, self.origin), strict=True))}
+
+
+def split(traces: Sequence[Any], stations: Stations) -> list[Any]:
+    """Return ObsPy's traces, cut where what a count is worth changes."""
+    parts = []
+    for trace in traces:
+        start_ns, rate_hz = int(trace.stats.starttime.ns), trace.stats.sampling_rate
+        stop_ns = start_ns + round(trace.stats.npts * NS_PER_S / rate_hz)
+        changes = stations.changes(trace.id, start_ns, stop_ns)
+        rows = [math.ceil((t - start_ns) * rate_hz / NS_PER_S) for t in changes]
+        edges = [0, *(r for r in rows if 0 < r < trace.stats.npts), trace.stats.npts]
+        if len(edges) == 2:
+            parts.append(trace)
+            continue
+        for first, stop in pairwise(edges):
+            header = trace.stats.copy()
+            begin_ns = start_ns + round(first * NS_PER_S / rate_hz)
+            header.starttime = type(header.starttime)(ns=begin_ns)
+            parts.append(type(trace)(trace.data[first:stop], header))
+    return parts
+
+
+def describe(
+    channels: Mapping[str, Sequence[Any]], plain: Mapping[str, Channel], stations: Stations
+) -> Described:
+    """Return channels in the units and at the places of their epochs.
+
+    Parameters
+    ----------
+    channels
+        ObsPy's traces of each channel, in order of time.
+    plain
+        The channels without metadata: what stays where there is none.
+    stations
+        The metadata.
+    """
+    made, factors, places, warnings = dict(plain), {}, {}, []
+    for name, traces in channels.items():
+        epochs = [stations.at(trace.id, int(trace.stats.starttime.ns)) for trace in traces]
+        known = [epoch for epoch in epochs if epoch is not None]
+        if fault := _fault(traces, epochs, stations):
+            warnings.append(f"{fault}: its samples stay counts")
+        else:
+            made[name] = replace(
+                plain[name],
+                quantity=known[0].quantity,
+                unit=known[0].unit,
+                axis=known[0].axis,
+                scale=known[0].scale,
+            )
+            factors[name] = tuple(epoch.scale / known[0].scale for epoch in known)
+        if known:
+            places[name] = known[0].place
+            if any(epoch.place != known[0].place for epoch in known):
+                warnings.append(f"{stations.name}: {name}: was moved: its first place is kept")
+    site = Described(made, factors, warnings=tuple(warnings))
+    return _placed(site, places, stations.name) if places else site
+
+
+def _fault(traces: Sequence[Any], epochs: Sequence[Epoch | None], stations: Stations) -> str | None:
+    """Return why the channel of some traces cannot be brought to units."""
+    name = traces[0].id
+    if name not in stations.epochs:
+        near = [other for other in stations.epochs if other.split(".")[:2] == name.split(".")[:2]]
+        found = ", ".join(near) or "no channel of this station"
+        return f"{stations.name}: {name}: expected this channel, found {found}"
+    for trace, epoch in zip(traces, epochs, strict=True):
+        if epoch is None:
+            return (
+                f"{stations.name}: {name}: expected an epoch at {trace.stats.starttime}, found none"
+            )
+        if epoch.fault:
+            return f"{stations.name}: {name}: {epoch.fault}"
+    if len({(e.quantity, e.unit, e.axis) for e in epochs if e is not None}) > 1:
+        return f"{stations.name}: {name}: expected one quantity and axis, found several epochs'"
+    return None
+
+
+def _placed(
+    site: Described, places: Mapping[str, tuple[float, float, float]], file: str
+) -> Described:
+    """Return the site with its sensors in metres east, north and up of the first one."""
+    first, origin = next(iter(places.items()))
+    across, along = metres_per_radian(math.radians(origin[0]))
+    channels = dict(site.channels)
+    sensors = []
+    for name, place in places.items():
+        turned = (place[1] - origin[1] + 180.0) % 360.0 - 180.0
+        east, north = across * math.radians(turned), along * math.radians(place[0] - origin[0])
+        position = (round(east, 3), round(north, 3), round(place[2] - origin[2], 3))
+        channels[name] = replace(channels[name], position_m=position)
+        sensors.append(Sensor(name, name, *position, channels[name].axis or "z"))
+    said = (
+        f"places are metres east, north and up of {origin[0]:.6f}, {origin[1]:.6f} at "
+        f"{origin[2]:g} m, where {first} stands ({file})"
+    )
+    return replace(
+        site,
+        channels=channels,
+        geometry=Geometry(sensors=tuple(sensors)),
+        origin=origin,
+        remarks=(said, *_scaled(site, file)),
+    )
+
+
+def _scaled(site: Described, file: str) -> list[str]:
+    """Say what was done to the samples."""
+    kinds = dict.fromkeys(
+        f"{site.channels[name].quantity} in {site.channels[name].unit}" for name in site.factors
+    )
+    if not kinds:
+        return []
+    return [f"{', '.join(kinds)} by the sensitivity of {file}; the response was not taken out"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """One shot record.
+
+    Attributes
+    ----------
+    name
+        Of the file, without suffix.
+    start_ns
+        Acquisition time as the header has it (whole seconds in most files) [ns].
+    rate_hz
+        Sampling rate.
+    delay_s
+        From the shot to the first sample [s]; negative where the record starts before the shot.
+    source
+        Place of the shot [m], or None.
+    receivers
+        Places of the channels [m]; None where the header has none.
+    scales_v
+        Volts at the instrument's input for a sample of one; None where unknown.
+    samples
+        Shape (n_samples, n_channels), as recorded.
+    """
+
+    name: str
+    start_ns: int
+    rate_hz: float
+    delay_s: float
+    source: Position | None
+    receivers: tuple[Position, ...] | None
+    scales_v: tuple[float, ...] | None
+    samples: NDArray[Any]
+
+
+def lay(shots: Sequence[Shot]) -> Imported:
+    """Return shots as one recording with geometry and an ``impact`` label at each time zero.
+
+    Raises
+    ------
+    SchemaError
+        Where the shots do not share a sampling rate, or only some have positions or scales.
+    """
+    shots = sorted(shots, key=lambda s: s.start_ns)  # stable: files come in natural order
+    _check_one_line(shots)
+    shots, starts, note = _in_time(shots)
+    start_ns, rate_hz = starts[0], shots[0].rate_hz
+    firsts = [round((t - start_ns) * rate_hz / NS_PER_S) for t in starts]
+    names = _names(shots)
+    spreads: dict[tuple[str, ...], list[int]] = {}
+    for i, shot_names in enumerate(names):
+        spreads.setdefault(shot_names, []).append(i)
+    sources = []
+    for number, (spread, members) in enumerate(spreads.items(), start=1):
+        topic = "/seismic" if len(spreads) == 1 else f"/seismic/{number}"
+        offsets = [firsts[i] - firsts[members[0]] for i in members]
+        own = [shots[i] for i in members]
+        sources.append(_spread(topic, spread, own, offsets, [starts[i] for i in members]))
+    moved = f"the spread was moved: {len(spreads)} streams, receivers named by place"
+    return Imported(
+        sources=tuple(sources),
+        start_ns=start_ns,
+        geometry=_geometry(shots, names),
+        labels=tuple(_impact(s, t) for s, t in zip(shots, starts, strict=True)),
+        warnings=(moved,) if len(spreads) > 1 else (),
+        remarks=note,
+        files=tuple((s.name, t) for s, t in zip(shots, starts, strict=True)),
+    )
+
+
+def _check_one_line(shots: Sequence[Shot]) -> None:
+    first = shots[0]
+    for shot in shots[1:]:
+        if shot.rate_hz != first.rate_hz:
+            raise SchemaError(
+                f"{shot.name}: sampling rate: expected {first.rate_hz:g} Hz as in {first.name}, "
+                f"found {shot.rate_hz:g} Hz"
+            )
+        for what in ("receivers", "scales_v"):
+            if (getattr(shot, what) is None) != (getattr(first, what) is None):
+                raise SchemaError(
+                    f"{shot.name}: {what}: expected in every shot or in none, as {first.name}"
+                )
+        if shot.receivers is None and shot.samples.shape[1] != first.samples.shape[1]:
+            raise SchemaError(
+                f"{shot.name}: expected {first.samples.shape[1]} channels as in {first.name}, "
+                f"which have no positions to tell them by, found {shot.samples.shape[1]}"
+            )
+
+
+def _in_time(shots: Sequence[Shot]) -> tuple[list[Shot], list[int], tuple[str, ...]]:
+    """Return the shots in order, when the first sample of each is [ns], and of several why then.
+
+    A shot takes its time from the hammer's blow, where that comes before the first sample.
+    """
+    leads = [max(0, round(s.delay_s * NS_PER_S)) for s in shots]
+    period_ns = NS_PER_S / shots[0].rate_hz
+    parts = []
+    for shot, lead_ns in zip(shots, leads, strict=True):
+        # a file without a date starts at the clock's zero, its shot no earlier
+        first_ns = max(shot.start_ns, lead_ns)
+        end_ns = first_ns + round(len(shot.samples) * period_ns)
+        parts.append(Part(shot.name, first_ns - lead_ns, end_ns))
+    laid = lay_out(parts, "shots")
+    starts = [t + leads[i] for i, t in zip(laid.order, laid.starts_ns, strict=True)]
+    return [shots[i] for i in laid.order], starts, (laid.note,) if len(shots) > 1 else ()
+
+
+def _names(shots: Sequence[Shot]) -> list[tuple[str, ...]]:
+    """Return the channel names of each shot: receivers numbered by place as they first appear."""
+    keys = [_keys(shot) for shot in shots]
+    numbers: dict[tuple[Any, int], int] = {}
+    for key in (k for shot in keys for k in shot):
+        numbers.setdefault(key, len(numbers) + 1)
+    width = max(2, len(str(len(numbers))))
+    return [tuple(f"G{numbers[k]:0{width}d}" for k in shot) for shot in keys]
+
+
+def _keys(shot: Shot) -> list[tuple[Any, int]]:
+    """Return what tells receivers apart: place, and count where a place has several."""
+    if shot.receivers is None:
+        return [(None, i) for i in range(shot.samples.shape[1])]
+    return [(p, shot.receivers[:i].count(p)) for i, p in enumerate(shot.receivers)]
+
+
+def _spread(
+    topic: str,
+    names: tuple[str, ...],
+    shots: Sequence[Shot],
+    offsets: Sequence[int],
+    starts: Sequence[int],
+) -> Any:
+    """Return the shots of one spread as a stream; gains are brought to the first shot's."""
+    first = shots[0]
+    scales = first.scales_v
+    rows = [s.samples * (np.array(s.scales_v) / scales) if scales else s.samples for s in shots]
+    name, samples = sample_format(np.concatenate(rows).astype(np.float64))
+    positions = first.receivers or (None,) * len(names)
+    channels = tuple(
+        Channel(g, "voltage", "V", "z", scale, position)
+        if scales
+        else Channel(g, "seismic", "count", "z", 1.0, position)
+        for g, scale, position in zip(names, scales or (1.0,) * len(names), positions, strict=True)
+    )
+    stream = Stream(topic, channels, first.rate_hz)
+    ends = np.cumsum([len(s.samples) for s in shots]).tolist()
+    blocks = [
+        SignalBlock(
+            stream,
+            start_ns - round(offset * stream.period_ns),
+            offset,
+            samples[end - len(s.samples) : end],
+        )
+        for s, offset, start_ns, end in zip(shots, offsets, starts, ends, strict=True)
+    ]
+    return stream, name, blocks
+
+
+def _geometry(shots: Sequence[Shot], names: Sequence[tuple[str, ...]]) -> Geometry | None:
+    places: dict[str, Position] = {}
+    for shot, shot_names in zip(shots, names, strict=True):
+        places.update(zip(shot_names, shot.receivers or (), strict=False))
+    points = tuple((s.name, s.source[0], s.source[1]) for s in shots if s.source is not None)
+    if not places and not points:
+        return None
+    sensors = tuple(Sensor(name, name, *place) for name, place in places.items())
+    return Geometry(sensors=sensors, sources=points)
+
+
+def _impact(shot: Shot, first_sample_ns: int) -> Label:
+    """Return the label of the shot's time zero."""
+    time_ns = first_sample_ns - round(shot.delay_s * NS_PER_S)
+    x, y, _ = shot.source or (None, None, None)
+    return Label(time_ns, "impact", x_m=x, y_m=y, label=shot.name)

@@ -3,41 +3,458 @@
 A chunk is delivered whole or not at all. Its CRC covers the uncompressed records only, so nothing
 else of the record is believed: times and channels come from a checked summary or from the records
 themselves.
+
+Where the messages of a chunk begin: a walk from record to record, in strides where it can be.
+
+Each record tells where the next one begins, so that records are found one by one. What a recorder
+writes repeats, however: where the lengths of many records are those of as many before, it is looked
+up whether they go on like that, all at once. Every record that is taken lies where the one before
+it ends, whether it was guessed or not.
+
+Records of the MCAP format: the values they carry and how their bytes are read.
+
+A record is ``u8 opcode, u64 length, content``, little-endian (MCAP specification, "Records"). A
+known record may carry bytes after the fields known here; they are left unread.
 """
 
 from __future__ import annotations
 
 import struct
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, overload
 
 import lz4.frame
+import numpy as np
 import zstandard
 from zlib_ng import zlib_ng
 
-from groundtrace_codecs.mcap.records import (
-    CHANNEL,
-    CHUNK,
-    MAX_RECORD_BYTES,
-    RECORD_HEAD,
-    SCHEMA,
-    U64,
-    ChannelRecord,
-    Fields,
-    MalformedError,
-    Schema,
-    parse_channel,
-    parse_schema,
-    read_record,
-)
-from groundtrace_codecs.mcap.table import MessageTable
-from groundtrace_codecs.mcap.walk import message_places
-
 if TYPE_CHECKING:
-    from collections.abc import Container
+    from collections.abc import Callable, Container, Iterable, Iterator
 
-    from groundtrace_codecs.mcap.bytesource import ByteSource
+    from numpy.typing import NDArray
+
+    from .byte_source import ByteSource
+
+#: Records walked through one by one before their lengths are looked at, at first.
+_LOOK: Final = 256
+_HEAD: Final = np.dtype([("opcode", "u1"), ("length", "<u8")])
+
+
+def copied(data: memoryview, places: NDArray[np.int64], size: int) -> NDArray[np.void]:
+    """Copy ``size`` bytes at every place, shape (n,); all lie inside."""
+    if not len(places):
+        return np.empty(0, f"V{size}")
+    everywhere = np.ndarray((len(data) - size + 1,), f"V{size}", data, strides=(1,))
+    return everywhere[places]
+
+
+def message_places(records: memoryview, define: Callable[[int], int]) -> NDArray[np.int64]:
+    """Return where each Message record begins, shape (n,).
+
+    Parameters
+    ----------
+    records
+        The content of a chunk.
+    define
+        Takes the record of another kind at a place, and returns where it ends.
+
+    Raises
+    ------
+    MalformedError
+        If a message is too short, or the records do not fill the chunk exactly.
+    struct.error
+        If the last one is cut by the chunk's end.
+    """
+    found: list[NDArray[np.int64]] = [np.empty(0, np.int64)]
+    position, end, look = 0, len(records), _LOOK
+    while position < end:
+        single, position = _one_by_one(records, position, look, define)
+        found.append(single)
+        if len(single) == look:
+            strides, position = _repeated(records, single, position)
+            found.append(strides)
+            look = _LOOK if len(strides) else 2 * look
+    if position != end:
+        raise MalformedError(f"expected records of {end} bytes, found {position}")
+    return np.concatenate(found)
+
+
+def _one_by_one(
+    records: memoryview, position: int, most: int, define: Callable[[int], int]
+) -> tuple[NDArray[np.int64], int]:
+    """Walk until the end, or until ``most`` messages are found; return them and where it ends."""
+    # The hot loop: no call a message but unpack and append.
+    unpack, head, end = RECORD_HEAD.unpack_from, RECORD_HEAD.size, len(records)
+    found: list[int] = []
+    keep = found.append
+    while position < end and len(found) < most:
+        opcode, length = unpack(records, position)
+        if opcode != MESSAGE:
+            position = define(position)
+            continue
+        if length < MESSAGE_FIELDS:
+            raise MalformedError(f"expected 22 bytes of message fields, found {length}")
+        keep(position)
+        position += head + length
+    # a length may be of any size, and then ends the walk
+    return np.array(found, np.int64), position
+
+
+def _repeated(
+    records: memoryview, before: NDArray[np.int64], position: int
+) -> tuple[NDArray[np.int64], int]:
+    """Return the messages from ``position`` on that repeat the lengths before; where they end."""
+    nothing = np.empty(0, np.int64)
+    if position > len(records):
+        return nothing, position
+    sizes = np.diff(before, append=position)
+    raw = sizes.astype("<u4").tobytes()
+    half = len(raw) // 8 * 4
+    at = raw.rfind(raw[half:], 0, len(raw) - 4)
+    period = (half - at) // 4
+    if at < 0 or at % 4:
+        return nothing, position
+    pattern = sizes[-period:]
+    times = (len(records) - position) // int(pattern.sum()) + 1
+    guessed = np.tile(pattern, times)
+    ends = position + np.cumsum(guessed)
+    starts = ends - guessed
+    inside = int(np.searchsorted(ends, len(records), side="right"))
+    heads = copied(records, starts[:inside], _HEAD.itemsize).view(_HEAD)
+    right = (heads["opcode"] == MESSAGE) & (
+        heads["length"] == guessed[:inside].astype(np.uint64) - _HEAD.itemsize
+    )
+    count = inside if right.all() else int(right.argmin())
+    return starts[:count], int(ends[count - 1]) if count else position
+
+
+class IndexedMessages(NamedTuple):
+    """What the MessageIndex records after a chunk say of it; None where there are none.
+
+    Attributes
+    ----------
+    messages
+        Their number.
+    start_ns, end_ns
+        First and last log time.
+    """
+
+    messages: int | None
+    start_ns: int | None
+    end_ns: int | None
+
+
+def indexed_times(source: ByteSource, offset: int) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield the MessageIndex records that follow a chunk at ``offset``.
+
+    Each is a channel's id, and of its messages the log time [ns] and the place of the record among
+    the chunk's [bytes], in the order of these, shape (n, 2).
+    """
+    while True:
+        try:
+            content = read_record(source, offset, MESSAGE_INDEX)
+            fields = Fields(content)
+            (channel_id,) = fields.unpack(U16)
+            entries = fields.blob(fields.unpack(U32)[0])
+        except MalformedError:
+            return
+        offset += RECORD_HEAD.size + len(content)
+        whole = entries[: len(entries) // U64_U64.size * U64_U64.size]
+        found = np.frombuffer(whole, "<u8").astype(np.int64).reshape(-1, 2)
+        yield channel_id, found[np.argsort(found[:, 1], kind="stable")]
+
+
+def indexed_messages(source: ByteSource, offset: int) -> IndexedMessages:
+    """Count the messages of a chunk by the MessageIndex records that follow it at ``offset``."""
+    total, times, seen = 0, set[int](), False
+    for _, entries in indexed_times(source, offset):
+        seen = True
+        total += len(entries)
+        if len(entries):
+            times.update((int(entries[:, 0].min()), int(entries[:, 0].max())))
+    if not seen:
+        return IndexedMessages(None, None, None)
+    return IndexedMessages(total, min(times, default=None), max(times, default=None))
+
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+
+HEADER: Final = 0x01
+FOOTER: Final = 0x02
+SCHEMA: Final = 0x03
+CHANNEL: Final = 0x04
+MESSAGE: Final = 0x05
+CHUNK: Final = 0x06
+MESSAGE_INDEX: Final = 0x07
+CHUNK_INDEX: Final = 0x08
+ATTACHMENT: Final = 0x09
+ATTACHMENT_INDEX: Final = 0x0A
+STATISTICS: Final = 0x0B
+METADATA: Final = 0x0C
+METADATA_INDEX: Final = 0x0D
+DATA_END: Final = 0x0F
+
+#: Opcode and content length that open every record.
+RECORD_HEAD: Final = struct.Struct("<BQ")
+#: Shortest content of a Message record: its fields, without data.
+MESSAGE_FIELDS: Final = 22
+#: Larger records are never read whole: their length is taken for damage.
+MAX_RECORD_BYTES: Final = 1 << 30
+
+U16: Final = struct.Struct("<H")
+U32: Final = struct.Struct("<I")
+U64: Final = struct.Struct("<Q")
+_U16_U16: Final = struct.Struct("<HH")
+U64_U64: Final = struct.Struct("<QQ")
+
+
+class MalformedError(Exception):
+    """Bytes that are not the record they should be: "expected X, found Y".
+
+    Inside this package only; callers see a `Damage` or a `FormatError`.
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """How the messages of a channel are described.
+
+    Attributes
+    ----------
+    id
+        1 to 65535.
+    name
+        Name of the message type.
+    encoding
+        Of ``data``: ``protobuf``, ``ros2msg``, ``jsonschema``, ...
+    data
+        The description itself.
+    """
+
+    id: int
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelRecord:
+    """A topic and the encoding of its messages.
+
+    Attributes
+    ----------
+    id
+        0 to 65535.
+    topic
+        Name of the stream.
+    schema_id
+        Of its `Schema`; 0 = none.
+    message_encoding
+        ``protobuf``, ``cdr``, ``json``, ...
+    metadata
+        Free text by key.
+    """
+
+    id: int
+    topic: str
+    schema_id: int
+    message_encoding: str
+    metadata: dict[str, str]
+
+
+class Message(NamedTuple):
+    """One message as recorded.
+
+    Attributes
+    ----------
+    channel_id
+        Of its `ChannelRecord`.
+    sequence
+        Counter of the writer, 0 where it keeps none.
+    log_time
+        When it was recorded, ns.
+    publish_time
+        When it was made, ns.
+    data
+        Payload; a view keeps the whole chunk it came from in memory.
+    """
+
+    channel_id: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class AttachmentRef:
+    """Where an attachment is and what it is called.
+
+    Attributes
+    ----------
+    offset, length
+        Of its record in the file, bytes, opcode and length field included.
+    log_time, create_time
+        When it was recorded and made, ns.
+    size
+        Of its content, bytes.
+    name, media_type
+        File name and MIME type.
+    """
+
+    offset: int
+    length: int
+    log_time: int
+    create_time: int
+    size: int
+    name: str
+    media_type: str
+
+
+@dataclass(frozen=True, slots=True)
+class MetadataRecord:
+    """Named free text by key."""
+
+    name: str
+    values: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """A part of a file that was not read, or not as the file says it should be.
+
+    Attributes
+    ----------
+    offset, length
+        The bytes concerned.
+    start_ns, end_ns
+        First and last log time of the messages lost, where the file still tells; else None.
+    messages
+        Number of messages lost, where the file still tells; else None.
+    reason
+        "PLACE: expected X, found Y".
+    """
+
+    offset: int
+    length: int
+    start_ns: int | None
+    end_ns: int | None
+    messages: int | None
+    reason: str
+
+
+class Fields:
+    """Reads the fields of one record's content in order, never past its end.
+
+    Parameters
+    ----------
+    content
+        The record without opcode and length.
+
+    Raises
+    ------
+    MalformedError
+        By every method, if the content is too short or its text is not UTF-8.
+    """
+
+    __slots__ = ("_content", "position")
+
+    def __init__(self, content: memoryview) -> None:
+        self._content = content
+        self.position = 0
+
+    def blob(self, length: int) -> memoryview:
+        """Give the next ``length`` bytes."""
+        start, self.position = self.position, self.position + length
+        if self.position > len(self._content):
+            raise MalformedError(
+                f"expected {self.position} bytes of fields, found {len(self._content)}"
+            )
+        return self._content[start : self.position]
+
+    def unpack(self, layout: struct.Struct) -> tuple[Any, ...]:
+        """Give the numbers of ``layout``."""
+        return layout.unpack(self.blob(layout.size))
+
+    def text(self) -> str:
+        """Give a string prefixed with its u32 length."""
+        raw = self.blob(self.unpack(U32)[0])
+        try:
+            return str(raw, "utf-8")
+        except UnicodeDecodeError as error:
+            raise MalformedError(
+                f"expected UTF-8 text, found byte 0x{raw[error.start]:02x}"
+            ) from error
+
+    def mapping(self) -> dict[str, str]:
+        """Give a map of strings prefixed with its u32 length in bytes."""
+        inner = Fields(self.blob(self.unpack(U32)[0]))
+        values: dict[str, str] = {}
+        while inner.position < len(inner._content):
+            key = inner.text()
+            values[key] = inner.text()
+        return values
+
+
+def parse_schema(content: memoryview) -> Schema:
+    """Read a Schema record's content."""
+    fields = Fields(content)
+    (schema_id,) = fields.unpack(U16)
+    name, encoding = fields.text(), fields.text()
+    if schema_id == 0:
+        raise MalformedError("expected a schema id from 1 to 65535, found 0")
+    return Schema(schema_id, name, encoding, bytes(fields.blob(fields.unpack(U32)[0])))
+
+
+def parse_channel(content: memoryview) -> ChannelRecord:
+    """Read a Channel record's content."""
+    fields = Fields(content)
+    channel_id, schema_id = fields.unpack(_U16_U16)
+    topic, encoding = fields.text(), fields.text()
+    return ChannelRecord(channel_id, topic, schema_id, encoding, fields.mapping())
+
+
+def parse_metadata(content: memoryview) -> MetadataRecord:
+    """Read a Metadata record's content."""
+    fields = Fields(content)
+    return MetadataRecord(fields.text(), fields.mapping())
+
+
+def parse_attachment(offset: int, length: int, fields: Fields) -> AttachmentRef:
+    """Read the fields before an Attachment's data; leaves ``fields`` at the data."""
+    log_time, create_time = fields.unpack(U64_U64)
+    name, media_type = fields.text(), fields.text()
+    (size,) = fields.unpack(U64)
+    return AttachmentRef(offset, length, log_time, create_time, size, name, media_type)
+
+
+def read_record(source: ByteSource, offset: int, opcode: int) -> memoryview:
+    """Read the content of the record at ``offset``, which must be of kind ``opcode``.
+
+    Raises
+    ------
+    MalformedError
+        If there is another kind of record, or one that reaches past the end of the source.
+    """
+    head = source.read_at(offset, RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
+        raise MalformedError(f"expected a record, found the end of the file at {source.size}")
+    found, length = RECORD_HEAD.unpack(head)
+    if found != opcode:
+        raise MalformedError(f"expected opcode 0x{opcode:02x}, found 0x{found:02x}")
+    start = offset + RECORD_HEAD.size
+    room = min(source.size - start, MAX_RECORD_BYTES)
+    if length > room:
+        raise MalformedError(f"expected a record of at most {room} bytes, found length {length}")
+    content = source.read_at(start, length)
+    if len(content) < length:
+        raise MalformedError(f"expected a record of {length} bytes, found {len(content)}")
+    return memoryview(content)
+
 
 _CHUNK_HEAD: Final = struct.Struct("<QQQI")
 
@@ -253,3 +670,195 @@ class ChunkReader:
             return memoryview(self._zstd.decompress(packed, max_output_size=size))
         except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
             raise MalformedError(f"expected {compression} data, found: {error}") from error
+
+
+#: A Message record up to its data (MCAP specification, "Message").
+_TABLE_HEAD: Final = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("size", "<u8"),
+        ("channel_id", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+_ROW: Final = np.dtype(
+    [
+        ("channel_id", "<i8"),
+        ("sequence", "<i8"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+        ("piece", "<i8"),
+        ("start", "<i8"),
+        ("length", "<i8"),
+    ]
+)
+_BYTES: Final = np.dtype(("V", _ROW.itemsize))
+_COPIED: Final = ("channel_id", "sequence", "log_time", "publish_time")
+#: What messages are ordered by, the first key last.
+_ORDER: Final = ("sequence", "channel_id", "log_time")
+_LATEST_NS: Final = (1 << 64) - 1
+
+
+class MessageTable(Sequence[Message]):
+    """Messages in the order of a replay, wherever their payloads lie.
+
+    Parameters
+    ----------
+    pieces
+        Memory that their payloads lie in: of a chunk one, of a part of a recording a few.
+    rows
+        One per message: its fields, and in which piece its payload starts, where, and its length.
+    """
+
+    __slots__ = ("pieces", "rows")
+
+    def __init__(self, pieces: tuple[memoryview, ...], rows: NDArray[np.void]) -> None:
+        self.pieces = pieces
+        self.rows = rows
+
+    @classmethod
+    def at(cls, records: memoryview, places: NDArray[np.int64]) -> Self:
+        """Take the messages whose records begin at ``places``, each of them whole."""
+        heads = copied(records, places, _TABLE_HEAD.itemsize).view(_TABLE_HEAD)
+        rows = np.empty(len(places), _ROW)
+        for name in _COPIED:
+            rows[name] = heads[name]
+        rows["piece"] = 0
+        rows["start"] = places + _TABLE_HEAD.itemsize
+        rows["length"] = heads["size"].astype(np.int64) - MESSAGE_FIELDS
+        return cls((records,), rows)
+
+    @classmethod
+    def of(cls, messages: Iterable[Message]) -> Self:
+        """Take messages from anywhere, in their order."""
+        listed = list(messages)
+        sizes = np.array([len(m.data) for m in listed], np.int64)
+        rows = np.empty(len(listed), _ROW)
+        for column, name in enumerate(_COPIED):
+            rows[name] = [m[column] for m in listed]
+        rows["piece"], rows["start"], rows["length"] = 0, np.cumsum(sizes) - sizes, sizes
+        return cls((memoryview(b"".join(m.data for m in listed)),), rows)
+
+    @classmethod
+    def joined(cls, tables: Sequence[MessageTable]) -> MessageTable:
+        """Return the messages of several tables, one table after the other."""
+        if len(tables) == 1:
+            return tables[0]
+        # as bytes: numpy compares the fields of structured arrays one by one before it joins them
+        rows = np.concatenate([table.rows.view(_BYTES) for table in tables]).view(_ROW)
+        first, done = 0, 0
+        for table in tables:
+            rows["piece"][done : done + len(table)] += first
+            first, done = first + len(table.pieces), done + len(table)
+        return cls(tuple(piece for table in tables for piece in table.pieces), rows)
+
+    @classmethod
+    def none(cls) -> Self:
+        """Return no messages."""
+        return cls((), np.empty(0, _ROW))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @overload
+    def __getitem__(self, index: int) -> Message: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> MessageTable: ...
+
+    def __getitem__(self, index: int | slice) -> Message | MessageTable:
+        if isinstance(index, slice):
+            return MessageTable(self.pieces, self.rows[index])
+        (message,) = MessageTable(self.pieces, self.rows.take([index]))
+        return message
+
+    def __iter__(self) -> Iterator[Message]:
+        make, pieces = tuple.__new__, self.pieces
+        for channel_id, sequence, log_ns, publish_ns, piece, start, length in self.rows.tolist():
+            payload = pieces[piece][start : start + length]
+            yield make(Message, (channel_id, sequence, log_ns, publish_ns, payload))
+
+    def where(self, which: NDArray[np.bool_]) -> MessageTable:
+        """Return the messages that a mask chooses."""
+        if which.all():
+            return self
+        # a structured array is indexed field by field, but taken row by row
+        return MessageTable(self.pieces, self.rows.take(np.flatnonzero(which)))
+
+    def counts(self) -> Counter[int]:
+        """Return how many messages each channel has here, of those that have any, in order."""
+        numbers = np.bincount(self.rows["channel_id"])
+        own = np.flatnonzero(numbers)
+        return Counter(dict(zip(own.tolist(), numbers[own].tolist(), strict=True)))
+
+    def of_channels(self, ids: Sequence[int]) -> MessageTable:
+        """Return the messages of some channels."""
+        if not len(ids):
+            return self[:0]
+        own = self.rows["channel_id"] == ids[0]
+        for channel_id in ids[1:]:
+            own |= self.rows["channel_id"] == channel_id
+        return self.where(own)
+
+    def as_logged(self) -> MessageTable:
+        """Return the messages of a file with the log times of their records, in the order here."""
+        rows = self.rows.copy()
+        starts, pieces = rows["start"], rows["piece"]
+        ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)] if len(rows) else []
+        for begin, end in pairwise([0, *ends]):
+            places = starts[begin:end] - _TABLE_HEAD.itemsize
+            heads = copied(self.pieces[pieces[begin]], places, _TABLE_HEAD.itemsize).view(
+                _TABLE_HEAD
+            )
+            rows["log_time"][begin:end] = heads["log_time"]
+        return MessageTable(self.pieces, rows)
+
+    def before(self, time_ns: int) -> int:
+        """Return how many messages were logged before a time [ns], of a table in order."""
+        if time_ns > _LATEST_NS:
+            return len(self)
+        return int(np.searchsorted(self.rows["log_time"], np.uint64(max(time_ns, 0))))
+
+    def between(self, start_ns: int, stop_ns: int) -> MessageTable:
+        """Return the messages logged in ``[start_ns, stop_ns)``, of a table in any order."""
+        times = self.rows["log_time"]
+        inside = np.ones(len(times), np.bool_)
+        if start_ns > 0:
+            inside &= times >= np.uint64(min(start_ns, _LATEST_NS))
+        if stop_ns <= _LATEST_NS:
+            inside &= times < np.uint64(max(stop_ns, 0))
+        return self.where(inside)
+
+    def in_order(self) -> MessageTable:
+        """Return the messages by log time, channel and sequence, else as they lie."""
+        right = np.ones(max(len(self) - 1, 0), np.bool_)
+        for name in _ORDER:
+            column = np.ascontiguousarray(self.rows[name])
+            right = (column[1:] > column[:-1]) | ((column[1:] == column[:-1]) & right)
+        if right.all():
+            return self
+        keys = [self.rows[name] for name in _ORDER]
+        return MessageTable(self.pieces, self.rows.take(np.lexsort(keys)))
+
+    def by_size(self) -> Iterator[tuple[NDArray[np.intp], NDArray[np.void]]]:
+        """Yield the payloads of one size together: their places in the table, and their bytes."""
+        lengths = self.rows["length"]
+        if len(self) and (lengths == lengths[0]).all():
+            yield np.arange(len(self)), self._payloads(self.rows, int(lengths[0]))
+            return
+        for size in np.unique(lengths).tolist():
+            same = np.flatnonzero(lengths == size)
+            yield same, self._payloads(self.rows.take(same), size)
+
+    def _payloads(self, rows: NDArray[np.void], size: int) -> NDArray[np.void]:
+        """Copy the payloads of some rows, all of one size."""
+        starts, pieces = rows["start"], rows["piece"]
+        ends = [*np.flatnonzero(np.diff(pieces)) + 1, len(rows)]
+        if len(ends) == 1:
+            return copied(self.pieces[pieces[0]], starts, size)
+        found = np.empty(len(rows), f"V{size}")
+        for begin, end in pairwise([0, *ends]):
+            found[begin:end] = copied(self.pieces[pieces[begin]], starts[begin:end], size)
+        return found

@@ -1,46 +1,94 @@
-"""Reading MCAP recordings: ordered, checked, in constant memory, whatever state the file is in."""
+"""Reading MCAP recordings: ordered, checked, in constant memory, whatever state the file is in.
+
+What a file holds and where: from its summary, or from a front scan where that will not do.
+
+A summary is used only if its CRC matches and its Statistics record proves that it lists everything;
+a summary may lawfully leave out channels, schemas or indexes.
+
+Several files written one after the other into one, read as one recording.
+
+A logger that appends to an existing file, or two files put together, leave a second beginning after
+the first end. Ids mean something else in each, so they are made distinct; a second copy of the same
+bytes is left out.
+
+Clocks that were set back while a file was written: in what order its messages were recorded.
+
+Log times tell the order of messages, but for a clock that is set back: it shows some times twice,
+and by log time what was recorded first and last would be mixed. There the order of the file tells:
+each message is read at the time that its clock would show, had it never been set back. Messages
+that only lie in another order in the file, as some writers leave them, go by their log times.
+"""
 
 from __future__ import annotations
 
+import struct
+from collections import Counter, defaultdict
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from heapq import heappop, heappush
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 from zlib_ng import zlib_ng
 
-from groundtrace_codecs.errors import FormatError
-from groundtrace_codecs.mcap.chunks import ChunkEntry, ChunkReader
-from groundtrace_codecs.mcap.index import FileIndex, load_index
-from groundtrace_codecs.mcap.loading import ChunkLoader
-from groundtrace_codecs.mcap.merge import merge
-from groundtrace_codecs.mcap.message_index import indexed_messages
-from groundtrace_codecs.mcap.records import (
+from ..errors import FormatError
+from .byte_source import RemoteBytes, Window, crc32_of, open_bytes
+from .chunks import (
     ATTACHMENT,
+    ATTACHMENT_INDEX,
+    CHANNEL,
+    CHUNK_INDEX,
+    FOOTER,
+    HEADER,
+    MAGIC,
+    METADATA,
+    METADATA_INDEX,
+    RECORD_HEAD,
+    SCHEMA,
+    STATISTICS,
     U32,
+    U64_U64,
     AttachmentRef,
     ChannelRecord,
+    ChunkEntry,
+    ChunkReader,
     Damage,
+    Definitions,
     Fields,
     MalformedError,
     Message,
+    MessageTable,
     MetadataRecord,
+    MisplacedError,
     Schema,
+    indexed_messages,
+    indexed_times,
     parse_attachment,
+    parse_metadata,
     read_record,
 )
-from groundtrace_codecs.mcap.remote import RemoteBytes, open_bytes
-from groundtrace_codecs.mcap.scan import ANY_TIME
-from groundtrace_codecs.mcap.scanned import stray_reason
-from groundtrace_codecs.mcap.set_backs import reading_clock
-from groundtrace_codecs.mcap.table import MessageTable
+from .recover import ANY_TIME, front_scan, stray_reason
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Container, Iterator
+    from collections.abc import (
+        Callable,
+        Collection,
+        Container,
+        Iterable,
+        Iterator,
+        Mapping,
+        Sequence,
+    )
     from types import TracebackType
 
-    from groundtrace_codecs.mcap.bytesource import ByteSource
-    from groundtrace_codecs.mcap.segments import Segment
-    from groundtrace_codecs.mcap.set_backs import ReadingClock
+    from numpy.typing import NDArray
+
+    from .byte_source import ByteSource
+    from .recover import Scan
+
+    Times = NDArray[np.int64]
 
 
 class _Part:
@@ -186,7 +234,7 @@ class McapFile:
         """Read messages in the order in which they were recorded, for a copy.
 
         As :meth:`messages`, but where a clock was set back: there the messages of each channel
-        come in the order of the file (:mod:`.set_backs`), which a copy has to keep.
+        come in the order of the file (:mod:`.reader`), which a copy has to keep.
         """
         wanted = self.channels.keys() if channel_ids is None else channel_ids
         clock = self.reading_clock(wanted)
@@ -308,3 +356,811 @@ class McapFile:
         if self._strict:
             raise FormatError(f"{self.name}: byte {damage.offset}: {damage.reason}")
         self._damage.setdefault((damage.offset, damage.reason), damage)
+
+
+@dataclass(frozen=True, slots=True)
+class FileIndex:
+    """All that is known of a file before its messages are read.
+
+    Attributes
+    ----------
+    profile, library
+        Of the Header record.
+    definitions
+        Schemas and channels.
+    segments
+        The files it consists of: one, unless some were put together.
+    chunks
+        Where the messages are, in the order (start time, offset).
+    attachments, metadata
+        In the order of the file.
+    message_counts
+        Messages by channel id.
+    start_ns, end_ns
+        First and last log time; 0 without messages.
+    indexed
+        True if the summary was used.
+    damage
+        What was found wrong so far.
+    """
+
+    profile: str
+    library: str
+    definitions: Definitions
+    segments: tuple[Segment, ...]
+    chunks: tuple[ChunkEntry, ...]
+    attachments: tuple[AttachmentRef, ...]
+    metadata: tuple[MetadataRecord, ...]
+    message_counts: dict[int, int]
+    start_ns: int
+    end_ns: int
+    indexed: bool
+    damage: tuple[Damage, ...]
+
+
+def load_index(source: ByteSource) -> FileIndex:
+    """Find out what ``source`` holds.
+
+    Raises
+    ------
+    FormatError
+        If the source neither begins as an MCAP file nor has a sound summary. Every other fault is
+        a `Damage`.
+    """
+    start = source.read_at(0, len(MAGIC))
+    damage: list[Damage] = []
+    index = _from_summary(source, damage)
+    if start != MAGIC:
+        fault = (
+            f"start of file: expected the MCAP magic {MAGIC.hex(' ')}, "
+            f"found {start.hex(' ') or 'an empty file'}"
+        )
+        # a summary that passes its checks proves that this was an MCAP file
+        if index is None:
+            raise FormatError(f"{source.name}: {fault}")
+        damage.insert(0, Damage(0, len(MAGIC), None, None, 0, fault))
+    index = index or _from_scan(source)
+    return replace(index, damage=(*damage, *index.damage))
+
+
+def _from_summary(source: ByteSource, damage: list[Damage]) -> FileIndex | None:
+    try:
+        summary = read_summary(source)
+    except MalformedError as error:
+        reason = f"summary: {error}; recovered by a front scan"
+        damage.append(Damage(source.size, 0, None, None, 0, reason))
+        return None
+    if summary is None or summary.statistics is None:
+        return None
+    profile, library = _header(source, damage)
+    stated = summary.statistics
+    # Messages outside chunks stay unread here: with chunk indexes present they are invisible to
+    # every indexed reader (MCAP specification, "Chunk Index").
+    return FileIndex(
+        profile,
+        library,
+        summary.definitions,
+        (Segment(summary.definitions),),
+        _in_order(summary.chunks),
+        tuple(summary.attachments),
+        tuple(_metadata(source, summary.metadata, damage)),
+        stated.message_counts,
+        stated.start_ns,
+        stated.end_ns,
+        indexed=True,
+        damage=(),
+    )
+
+
+def _from_scan(source: ByteSource) -> FileIndex:
+    damage: list[Damage] = []
+    profile, library = _header(source, damage)
+    scans, several = distinct(source, front_scan(source))
+    whole = join(scans)
+    return FileIndex(
+        profile,
+        library,
+        whole.definitions,
+        whole.segments,
+        _in_order(whole.chunks),
+        tuple(ref for scan in scans for ref in scan.attachments),
+        tuple(record for scan in scans for record in scan.metadata),
+        whole.counts,
+        min((chunk.start_ns for chunk in whole.chunks), default=0),
+        max((chunk.end_ns for chunk in whole.chunks), default=0),
+        indexed=False,
+        damage=(*damage, *(d for scan in scans for d in scan.damage), *several),
+    )
+
+
+def _header(source: ByteSource, damage: list[Damage]) -> tuple[str, str]:
+    try:
+        fields = Fields(read_record(source, len(MAGIC), HEADER))
+        return fields.text(), fields.text()
+    except MalformedError as error:
+        damage.append(Damage(len(MAGIC), 0, None, None, 0, f"header: {error}"))
+        return "", ""
+
+
+def _metadata(
+    source: ByteSource, spans: list[tuple[int, int]], damage: list[Damage]
+) -> list[MetadataRecord]:
+    found = []
+    for offset, length in spans:
+        try:
+            found.append(parse_metadata(read_record(source, offset, METADATA)))
+        except MalformedError as error:
+            damage.append(Damage(offset, length, None, None, 0, f"metadata: {error}"))
+    return found
+
+
+def _in_order(chunks: list[ChunkEntry]) -> tuple[ChunkEntry, ...]:
+    return tuple(sorted(chunks, key=lambda chunk: (chunk.start_ns, chunk.offset)))
+
+
+_FOOTER: Final = struct.Struct("<BQQQI")
+_CHUNK_INDEX: Final = struct.Struct("<QQQQ")
+_ATTACHMENT_INDEX: Final = struct.Struct("<QQQQQ")
+_STATISTICS: Final = struct.Struct("<QHIIIIQQ")
+_COUNT: Final = struct.Struct("<HQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """How many records of each kind the file holds, and the span of its log times."""
+
+    messages: int
+    schemas: int
+    channels: int
+    attachments: int
+    metadata: int
+    chunks: int
+    start_ns: int
+    end_ns: int
+    message_counts: dict[int, int]
+
+
+class Summary:
+    """The records of a summary section.
+
+    Attributes
+    ----------
+    definitions
+        Schemas, and after `complete` channels.
+    channels
+        Contents of the Channel records.
+    chunks, attachments
+        As indexed.
+    metadata
+        Offset and length of each Metadata record.
+    statistics
+        None where the summary has none.
+    """
+
+    def __init__(self) -> None:
+        self.definitions = Definitions()
+        self.channels: list[memoryview] = []
+        self.chunks: list[ChunkEntry] = []
+        self.attachments: list[AttachmentRef] = []
+        self.metadata: list[tuple[int, int]] = []
+        self.statistics: Statistics | None = None
+
+    def take(self, opcode: int, content: memoryview) -> None:
+        """Take one record; kinds that say nothing about where things are change nothing."""
+        if opcode == SCHEMA:
+            self.definitions.add(opcode, content)
+        elif opcode == CHANNEL:
+            # The groups of a summary have no order, and a channel needs its schema.
+            self.channels.append(content)
+        elif opcode == CHUNK_INDEX:
+            self._chunk(Fields(content))
+        elif opcode == ATTACHMENT_INDEX:
+            self._attachment(Fields(content))
+        elif opcode == METADATA_INDEX:
+            offset, length = Fields(content).unpack(U64_U64)
+            self.metadata.append((offset, length))
+        elif opcode == STATISTICS:
+            self._statistics(Fields(content))
+
+    def complete(self) -> bool:
+        """Tell whether the summary lists everything that the data section holds."""
+        stated = self.statistics
+        if stated is None or (stated.messages and not self.chunks):
+            return False
+        if stated.schemas != len(self.definitions.schemas) or stated.channels != len(self.channels):
+            return False
+        for content in self.channels:
+            self.definitions.add(CHANNEL, content)
+        return (
+            stated.channels == len(self.definitions.channels)
+            and stated.chunks == len({chunk.offset for chunk in self.chunks}) == len(self.chunks)
+            and stated.attachments == len(self.attachments)
+            and stated.metadata == len(self.metadata)
+        )
+
+    def _chunk(self, fields: Fields) -> None:
+        start_ns, end_ns, offset, length = fields.unpack(_CHUNK_INDEX)
+        offsets = fields.blob(fields.unpack(U32)[0])
+        # An empty map means that the writer kept no message index, not that the chunk is empty.
+        ids = frozenset(channel for channel, _ in _pairs(offsets)) or None
+        self.chunks.append(ChunkEntry(offset, length, start_ns, end_ns, ids))
+
+    def _attachment(self, fields: Fields) -> None:
+        offset, length, log_time, create_time, size = fields.unpack(_ATTACHMENT_INDEX)
+        name, media_type = fields.text(), fields.text()
+        self.attachments.append(
+            AttachmentRef(offset, length, log_time, create_time, size, name, media_type)
+        )
+
+    def _statistics(self, fields: Fields) -> None:
+        messages, schemas, channels, attachments, metadata, chunks, start_ns, end_ns = (
+            fields.unpack(_STATISTICS)
+        )
+        counts = dict(_pairs(fields.blob(fields.unpack(U32)[0])))
+        self.statistics = Statistics(
+            messages, schemas, channels, attachments, metadata, chunks, start_ns, end_ns, counts
+        )
+
+
+def read_summary(source: ByteSource) -> Summary | None:
+    """Read and check the summary section.
+
+    Returns
+    -------
+    Summary or None
+        None where there is none, or where it does not list everything.
+
+    Raises
+    ------
+    MalformedError
+        If the end of the file or the summary is damaged.
+    """
+    span = _summary_span(source)
+    return _read_records(source, *span) if span else None
+
+
+def _summary_span(source: ByteSource) -> tuple[int, int] | None:
+    """Give the checked bytes of the summary section; None where the file has none."""
+    tail_size = _FOOTER.size + len(MAGIC)
+    tail = source.read_at(max(0, source.size - tail_size), tail_size)
+    if not tail.endswith(MAGIC) or len(tail) < tail_size:
+        raise MalformedError(
+            f"expected the closing magic {MAGIC.hex(' ')}, found {tail[-len(MAGIC) :].hex(' ')}"
+        )
+    opcode, length, start, _, crc = _FOOTER.unpack_from(tail)
+    if (opcode, length) != (FOOTER, _FOOTER.size - RECORD_HEAD.size):
+        raise MalformedError(
+            f"expected a footer of 20 bytes, found opcode 0x{opcode:02x} of {length}"
+        )
+    stop = source.size - tail_size
+    if start == 0:
+        return None
+    if not len(MAGIC) <= start <= stop:
+        raise MalformedError(f"expected its start from {len(MAGIC)} to {stop}, found {start}")
+    if crc and (found := crc32_of(source, start, source.size - len(MAGIC) - U32.size)) != crc:
+        raise MalformedError(f"expected CRC 0x{crc:08x}, found 0x{found:08x}")
+    return start, stop
+
+
+def _read_records(source: ByteSource, start: int, stop: int) -> Summary | None:
+    """Read the summary; None where it does not list everything."""
+    summary, window, offset = Summary(), Window(source), start
+    while offset < stop:
+        head = window.view(offset, RECORD_HEAD.size)
+        opcode, length = Fields(head).unpack(RECORD_HEAD)
+        offset += RECORD_HEAD.size
+        if length > stop - offset:
+            raise MalformedError(
+                f"expected a record of at most {stop - offset} bytes, found {length}"
+            )
+        summary.take(opcode, window.view(offset, length))
+        offset += length
+    return summary if summary.complete() else None
+
+
+def _pairs(raw: memoryview) -> list[tuple[Any, ...]]:
+    if len(raw) % _COUNT.size:
+        raise MalformedError(f"expected a map of 10-byte entries, found {len(raw)} bytes")
+    return list(_COUNT.iter_unpack(raw))
+
+
+class ChunkLoader:
+    """Gives the records of a file's chunks, and those of the last one again without reading it.
+
+    Whoever opens a recording asks for the first messages of one channel after the other.
+
+    Parameters
+    ----------
+    source
+        The file.
+    chunks
+        Its chunks as the index has them.
+    """
+
+    def __init__(self, source: ByteSource, chunks: Sequence[ChunkEntry]) -> None:
+        self._source = source
+        self._chunks = chunks
+        self._scanned: tuple[ChunkEntry, ...] | None = None
+        self._last: tuple[int, memoryview] | None = None
+
+    def records(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
+        """Give the records of a chunk.
+
+        By its own fields if only its opcode or length is wrong, of which ``note`` is told; if it is
+        not where the index says, a front scan looks for it.
+
+        Raises
+        ------
+        MalformedError
+            Where that does not help.
+        """
+        if self._last is not None and self._last[0] == entry.offset:
+            return self._last[1]
+        self._last = None  # its memory is wanted for the next one
+        records = self._found(reader, entry, note)
+        self._last = (entry.offset, records)
+        return records
+
+    def forget(self) -> None:
+        """Let go of the last chunk."""
+        self._last = None
+
+    def _found(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
+        try:
+            return reader.records(entry)
+        except MisplacedError:
+            with suppress(MalformedError):
+                return self._mended(reader, entry, note)
+            for other in self._unindexed_chunks():
+                if (other.start_ns, other.end_ns) == (entry.start_ns, entry.end_ns):
+                    return reader.records(other)
+            raise
+
+    def _mended(
+        self, reader: ChunkReader, entry: ChunkEntry, note: Callable[[Damage], None]
+    ) -> memoryview:
+        records = reader.mended(entry)
+        reason = reader.head_fault(entry)
+        note(Damage(entry.offset, RECORD_HEAD.size, None, None, 0, reason))
+        return records
+
+    def _unindexed_chunks(self) -> tuple[ChunkEntry, ...]:
+        if self._scanned is None:
+            known = {chunk.offset for chunk in self._chunks}
+            found = front_scan(self._source)[0].chunks
+            self._scanned = tuple(c for c in found if not c.bare and c.offset not in known)
+        return self._scanned
+
+
+# Later than any message: log times are u64.
+_NEVER_NS = 1 << 64
+_NONE = MessageTable.none()
+
+#: Of a chunk the first log time that is left, its offset, and what is left.
+_Left = tuple[int, int, MessageTable]
+
+
+def merge(
+    chunks: Sequence[ChunkEntry], load: Callable[[ChunkEntry, int], MessageTable]
+) -> Iterator[MessageTable]:
+    """Merge the messages of ``chunks`` in the order (log time, channel id, sequence, offset).
+
+    A chunk is loaded when all that comes before its start has gone out, so that as many are in
+    memory as overlap. What comes before the start of the next goes out in one piece.
+
+    Parameters
+    ----------
+    chunks
+        In the order (start time, offset).
+    load
+        Gives the messages of a chunk in order, none earlier than the log time it is told.
+    """
+    left: list[_Left] = []
+    floor_ns = 0
+    for place, chunk in enumerate(chunks):
+        _keep(left, chunk.offset, load(chunk, floor_ns))
+        following = chunks[place + 1 : place + 2]
+        found = _due(left, following[0].start_ns if following else _NEVER_NS)
+        if found:
+            floor_ns = int(found.rows["log_time"][-1])
+            yield found
+        del found  # its memory is wanted for the next chunk
+
+
+def _keep(left: list[_Left], offset: int, run: MessageTable) -> None:
+    if run:
+        heappush(left, (int(run.rows["log_time"][0]), offset, run))
+
+
+def _due(left: list[_Left], stop_ns: int) -> MessageTable:
+    """Take out the messages before a time [ns], in order."""
+    due: dict[int, MessageTable] = {}
+    while left and left[0][0] < stop_ns:
+        _, offset, run = heappop(left)
+        stop = run.before(stop_ns)
+        due[offset] = run[:stop]
+        _keep(left, offset, run[stop:])
+    parts = [due[offset] for offset in sorted(due)]
+    return MessageTable.joined(parts).in_order() if len(parts) > 1 else (parts or [_NONE])[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One of the files in a source.
+
+    Attributes
+    ----------
+    definitions
+        Its own schemas and channels.
+    ids
+        Id of each of its channels in the whole; None where they are the same.
+    """
+
+    definitions: Definitions
+    ids: Mapping[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Several scans as one.
+
+    Attributes
+    ----------
+    segments
+        The files.
+    definitions
+        Of the whole.
+    chunks
+        With the ids of the whole.
+    counts
+        Messages by channel id of the whole.
+    """
+
+    segments: tuple[Segment, ...]
+    definitions: Definitions
+    chunks: list[ChunkEntry]
+    counts: dict[int, int]
+
+
+def distinct(source: ByteSource, scans: Sequence[Scan]) -> tuple[list[Scan], list[Damage]]:
+    """Leave out scans of the same bytes as an earlier one; say where each file begins."""
+    seen: dict[tuple[int, int], int] = {}
+    kept, damage = [], []
+    for scan in scans:
+        length = scan.stop - scan.start
+        # one file alone has nothing to be compared with
+        key = (length, crc32_of(source, scan.start, scan.stop) if len(scans) > 1 else 0)
+        first = seen.setdefault(key, scan.start)
+        if first == scan.start:
+            kept.append(scan)
+        if scan.start:
+            found = "another begins; both are read" if first == scan.start else "a copy of it"
+            reason = f"files: expected the end of the file, found {found}"
+            damage.append(Damage(scan.start, length, None, None, 0, reason))
+    return kept, damage
+
+
+def join(scans: Sequence[Scan]) -> Joined:
+    """Put scans together; the first keeps its ids."""
+    whole = Definitions()
+    segments, chunks, counts = [], [], Counter[int]()
+    for number, scan in enumerate(scans):
+        ids = _added(whole, scan.definitions)
+        same = all(old == new for old, new in ids.items())
+        segments.append(Segment(scan.definitions, None if same else ids))
+        for chunk in scan.chunks:
+            channels = frozenset(ids[i] for i in chunk.channel_ids or ())
+            chunks.append(replace(chunk, channel_ids=channels, segment=number))
+        for channel, messages in scan.message_counts().items():
+            counts[ids[channel]] += messages
+    return Joined(tuple(segments), whole, chunks, dict(counts))
+
+
+def _added(whole: Definitions, part: Definitions) -> dict[int, int]:
+    """Add the definitions of one file; give the new id of each of its channels."""
+    schemas, earlier = {0: 0}, dict(whole.schemas)
+    for schema in part.schemas.values():
+        alike = (s.id for s in earlier.values() if replace(s, id=schema.id) == schema)
+        schemas[schema.id] = new = _new_id(whole.schemas, schema.id, alike)
+        whole.schemas[new] = replace(schema, id=new)
+    ids, before = dict[int, int](), dict(whole.channels)
+    for channel in part.channels.values():
+        moved = replace(channel, schema_id=schemas[channel.schema_id])
+        # two channels of one file stay two, even where they say the same
+        alike = (c.id for c in before.values() if replace(c, id=channel.id) == moved)
+        ids[channel.id] = new = _new_id(
+            whole.channels, channel.id, (i for i in alike if i not in ids.values())
+        )
+        whole.channels[new] = replace(moved, id=new)
+    return ids
+
+
+def _new_id(known: Mapping[int, object], wanted: int, alike: Iterable[int]) -> int:
+    """Give the id of the same thing, the wanted one if it is free, or the next free one."""
+    found = next(iter(alike), None)
+    if found is not None:
+        return found
+    return wanted if wanted not in known else next(i for i in count(1) if i not in known)
+
+
+#: Times that go back by no more than this are those of messages that came late [ns].
+BACK_NS = 1_000_000_000
+#: Fewest messages, before a step and after it, in the time that is shown twice, and what part of
+#: them has one of the others within the mean interval: late messages fill a hole, those of a clock
+#: that was set back do not.
+_FEWEST, _DENSE = 3, 0.5
+#: Times beyond are of no clock [ns].
+_LATEST_NS = 2**62
+
+
+def set_backs(times_ns: Times) -> list[tuple[int, int]]:
+    """Return where a clock was set back, and by how much.
+
+    Parameters
+    ----------
+    times_ns
+        Shape (n,): in the order in which they were recorded [ns].
+
+    Returns
+    -------
+    Of each step the index of the first time after it, and the sum of it and all before [ns]: with
+    that added, the times go on by the usual interval.
+    """
+    steps = np.diff(times_ns)
+    places = np.flatnonzero(steps < -BACK_NS) + 1
+    if not len(places):
+        return []
+    usual_ns = round(float(np.median(steps[steps >= 0]))) if (steps >= 0).any() else 0
+    found: list[tuple[int, int]] = []
+    begin, total = 0, 0
+    for place, after in zip(places.tolist(), [*places[1:].tolist(), len(times_ns)], strict=True):
+        earlier, later = times_ns[begin:place], times_ns[place:after]
+        if _show_the_same(earlier, later):
+            total += int(earlier.max()) - int(later[0]) + usual_ns
+            if total + int(later.max()) >= _LATEST_NS:
+                return []
+            found.append((place, total))
+            begin = place
+    return found
+
+
+def _show_the_same(earlier: Times, later: Times) -> bool:
+    """Return whether the times from a step on, up to where it came from, were shown before it."""
+    low, high = int(later[0]), min(int(earlier.max()), int(later.max()))
+    known = np.sort(earlier[(earlier >= low) & (earlier <= high)])
+    again = np.sort(later[(later >= low) & (later <= high)])
+    if min(len(known), len(again)) < _FEWEST:
+        return False
+    apart_ns = (int(earlier.max()) - int(earlier.min())) / (len(earlier) - 1)
+    return all(
+        np.mean(_nearest_ns(one, other) <= apart_ns) >= _DENSE
+        for one, other in ((known, again), (again, known))
+    )
+
+
+def _nearest_ns(times: Times, others: Times) -> Times:
+    """Return how far each time is from the nearest of other sorted ones, shape (n,) [ns]."""
+    after = np.clip(np.searchsorted(others, times), 1, len(others) - 1)
+    apart_ns: Times = np.minimum(np.abs(times - others[after - 1]), np.abs(times - others[after]))
+    return apart_ns
+
+
+class _Steps(NamedTuple):
+    """Of one channel: the places in the file from which on its messages are read later.
+
+    ``places`` are offsets of the chunk and of the record in it [bytes], ``later_ns`` by how much.
+    """
+
+    places: list[tuple[int, int]]
+    later_ns: list[int]
+
+    def at(self, chunk: int, records: Times) -> Times:
+        """Return by how much the messages of a chunk are read later, shape (n,) [ns]."""
+        later_ns = np.zeros(len(records), np.int64)
+        for (offset, record), total in zip(self.places, self.later_ns, strict=True):
+            if offset < chunk:
+                later_ns[:] = total
+            elif offset == chunk:
+                later_ns[records >= record] = total
+        return later_ns
+
+
+class _Series(NamedTuple):
+    """The messages of one channel in the order of the file: log times, and where they lie."""
+
+    times_ns: Times
+    chunks: Times
+    records: Times
+
+    @property
+    def usual_ns(self) -> int:
+        """The usual interval [ns]."""
+        steps = np.diff(self.times_ns)
+        return round(float(np.median(steps[steps >= 0]))) if (steps >= 0).any() else 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReadingClock:
+    """At what times the messages of a file are read whose clock was set back.
+
+    Attributes
+    ----------
+    chunks
+        Where the messages are, with times of reading, in the order (start time, offset).
+    edges_ns
+        Times of reading of the first message after each step, in order.
+    latest_ns
+        By how much a message is read later than it was logged at most.
+    """
+
+    chunks: tuple[ChunkEntry, ...]
+    edges_ns: tuple[int, ...]
+    latest_ns: int
+    _steps: dict[int, _Steps]
+
+    def read(self, entry: ChunkEntry, found: MessageTable) -> MessageTable:
+        """Return a chunk's messages with their times of reading as log times."""
+        own = [i for i in found.counts() if i in self._steps]
+        if not own:
+            return found
+        rows = found.rows.copy()
+        for i in own:
+            mine = rows["channel_id"] == i
+            # a row tells where the payload begins, behind the head of its record
+            later_ns = self._steps[i].at(entry.offset, rows["start"][mine])
+            rows["log_time"][mine] += later_ns.astype(np.uint64)
+        return type(found)(found.pieces, rows)
+
+
+def reading_clock(
+    source: ByteSource,
+    chunks: Sequence[ChunkEntry],
+    segments: Sequence[Segment],
+    wanted: Collection[int],
+    *,
+    near: bool,
+) -> ReadingClock | None:
+    """Return when messages are to be read, or None where no clock was set back.
+
+    Parameters
+    ----------
+    source
+        The file.
+    chunks, segments
+        Of its index.
+    wanted
+        Channels that are asked about; others are read when they were logged.
+    near
+        Whether the file is of this machine. The indexes behind the chunks tell: they are looked at
+        where a chunk is longer than a second, else where chunks overlap by more than that.
+    """
+    ordered = sorted((c for c in chunks if not c.bare), key=lambda chunk: chunk.offset)
+    long = near and any(c.end_ns - c.start_ns > BACK_NS for c in ordered)
+    if not wanted or not (long or _overlap(ordered)):
+        return None
+    back = _gone_back(source, ordered, segments, wanted)
+    series = _series(source, ordered, segments, back)
+    found = {i: known for i, one in series.items() if (known := set_backs(one.times_ns))}
+    if not found:
+        return None
+    found = _together(found, series)
+    steps: dict[int, _Steps] = {}
+    edges: set[int] = set()
+    for i, own in found.items():
+        one = series[i]
+        places = [(int(one.chunks[at]), int(one.records[at])) for at, _ in own]
+        steps[i] = _Steps(places, [later_ns for _, later_ns in own])
+        edges.update(int(one.times_ns[at]) + later_ns for at, later_ns in own)
+    latest_ns = max(own.later_ns[-1] for own in steps.values())
+    return ReadingClock(_as_read(chunks, steps, wanted), tuple(sorted(edges)), latest_ns, steps)
+
+
+def _overlap(ordered: Sequence[ChunkEntry]) -> bool:
+    """Return whether a chunk goes back to a time that those before it had left."""
+    reached: dict[int, int] = {}
+    for chunk in ordered:
+        for i in chunk.channel_ids or ():
+            if chunk.start_ns < reached.get(i, 0) - BACK_NS:
+                return True
+            reached[i] = max(reached.get(i, 0), chunk.end_ns)
+    return False
+
+
+def _indexed(
+    source: ByteSource, chunk: ChunkEntry, segments: Sequence[Segment], wanted: Collection[int]
+) -> Iterator[tuple[int, Times]]:
+    """Yield of each wanted channel of a chunk its log times and the places of its records."""
+    ids = segments[chunk.segment].ids
+    for own, entries in indexed_times(source, chunk.offset + chunk.length):
+        i = own if ids is None else ids.get(own, -1)
+        if i in wanted:
+            sound = (entries[:, 0] >= 0) & (entries[:, 0] < _LATEST_NS)
+            yield i, entries[sound]
+
+
+def _gone_back(
+    source: ByteSource,
+    ordered: Sequence[ChunkEntry],
+    segments: Sequence[Segment],
+    wanted: Collection[int],
+) -> set[int]:
+    """Return the channels of which a time goes back by more than a late message's."""
+    back: set[int] = set()
+    reached: dict[int, int] = {}
+    for chunk in ordered:
+        for i, entries in _indexed(source, chunk, segments, wanted):
+            times_ns = entries[:, 0]
+            before = np.maximum.accumulate(np.append(reached.get(i, 0), times_ns))
+            if (times_ns < before[:-1] - BACK_NS).any():
+                back.add(i)
+            reached[i] = int(before[-1])
+    return back
+
+
+def _series(
+    source: ByteSource,
+    ordered: Sequence[ChunkEntry],
+    segments: Sequence[Segment],
+    wanted: Collection[int],
+) -> dict[int, _Series]:
+    parts: defaultdict[int, list[tuple[Times, int]]] = defaultdict(list)
+    for chunk in ordered if wanted else ():
+        for i, entries in _indexed(source, chunk, segments, wanted):
+            parts[i].append((entries, chunk.offset))
+    return {
+        i: _Series(
+            np.concatenate([entries[:, 0] for entries, _ in own]),
+            np.concatenate([np.full(len(entries), offset) for entries, offset in own]),
+            np.concatenate([entries[:, 1] for entries, _ in own]),
+        )
+        for i, own in parts.items()
+    }
+
+
+def _together(
+    found: Mapping[int, list[tuple[int, int]]], series: Mapping[int, _Series]
+) -> dict[int, list[tuple[int, int]]]:
+    """Let channels whose clock was set back together go on together: the fastest tells by what.
+
+    A channel knows its own step to one interval only.
+    """
+    told: list[tuple[int, int]] = []  # of a step the last time before it, and its length [ns]
+    out = {}
+    for i in sorted(found, key=lambda i: series[i].usual_ns):
+        one, total, before = series[i], 0, 0
+        out[i] = list[tuple[int, int]]()
+        for at, sum_ns in found[i]:
+            last_ns, length_ns = int(one.times_ns[:at].max()), sum_ns - before
+            reach_ns = 2 * one.usual_ns + BACK_NS // 2
+            alike = [
+                known
+                for known in told
+                if abs(known[0] - last_ns) <= reach_ns and abs(known[1] - length_ns) <= reach_ns
+            ]
+            if not alike:
+                told.append((last_ns, length_ns))
+            total, before = total + (alike[0][1] if alike else length_ns), sum_ns
+            out[i].append((at, total))
+    return out
+
+
+def _as_read(
+    chunks: Sequence[ChunkEntry], steps: Mapping[int, _Steps], wanted: Collection[int]
+) -> tuple[ChunkEntry, ...]:
+    """Return chunks with times of reading, which their messages do not leave."""
+    moved = []
+    ends = np.array([0, 2**62])
+    for chunk in chunks:
+        own = set(wanted) if chunk.channel_ids is None else chunk.channel_ids & set(wanted)
+        shifts = [0]
+        if own and not chunk.bare:
+            none = np.zeros(2, np.int64)
+            per = [steps[i].at(chunk.offset, ends) if i in steps else none for i in own]
+            shifts = np.concatenate(per).tolist()
+        start_ns, end_ns = chunk.start_ns + min(shifts), chunk.end_ns + max(shifts)
+        moved.append(replace(chunk, start_ns=start_ns, end_ns=end_ns))
+    return tuple(sorted(moved, key=lambda chunk: (chunk.start_ns, chunk.offset)))

@@ -1,9 +1,17 @@
-"""``groundtrace.WaveformBlock``: samples of one stream, channel by channel."""
+"""``groundtrace.WaveformBlock``: samples of one stream, channel by channel.
+
+Integers as planes of bytes: what compresses best of samples, and fastest.
+
+A sample is ``sum(digit[k] * 256**k)``, modulo its range, with signed digits of one byte. The lowest
+digits of all samples come first, then the next ones, as far as there are any: a quiet signal takes
+one byte a sample, where two's complement has 0x00 and 0xff in turn between bytes of noise.
+"""
 
 from __future__ import annotations
 
 import math
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,8 +19,7 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from ..errors import CodecError, SchemaError
-from ..signals import SignalBlock, Stream
-from .planes import from_planes, to_planes
+from ..signals import NS_PER_S, SignalBlock, Stream
 from .protobuf import get_time, message_class, parse, set_time
 
 if TYPE_CHECKING:
@@ -259,3 +266,97 @@ def to_format(samples: NDArray[Any], sample_format: str, place: str) -> NDArray[
         value = samples[~kept].flat[0]
         raise CodecError(f"{place}: expected samples that fit {sample_format}, found {value}")
     return stored
+
+
+class WaveformRun:
+    """Messages of a stream that continue each other, to become one block.
+
+    Parameters
+    ----------
+    stream
+        Theirs.
+    data
+        The first message.
+    place
+        Named in errors.
+    count
+        As :func:`decode_waveform` takes it.
+
+    Attributes
+    ----------
+    count
+        How many samples the first message has, all channels together.
+
+    Raises
+    ------
+    SchemaError
+        As :func:`decode_waveform` and :func:`to_block`.
+    """
+
+    def __init__(
+        self, stream: Stream, data: bytes | memoryview, place: str, count: int = 0
+    ) -> None:
+        wave = decode_waveform(data, place, count)
+        self._first = to_block(stream, wave, place)
+        self._others: list[bytes | memoryview] = []
+        self._next = self._first.first + len(self._first)
+        self._stored = wave.stored
+        self._same = (*wave.samples.T.shape, stream.rate_hz, b"")
+        self.count = wave.samples.size
+
+    def take(self, data: bytes | memoryview) -> bool:
+        """Take a message that continues the run as plainly as most do; else return False."""
+        fields, packed = apart(data, self.count)
+        if packed is None or self._first.times_ns is not None:
+            return False
+        try:
+            message = message_class("WaveformBlock").FromString(fields)
+        except DecodeError:
+            return False
+        first = self._first
+        same = (message.channels, message.samples, message.sample_rate, message.sample_times_ns)
+        if message.format != self._stored or same != self._same:
+            return False
+        if not fits(len(packed), self._stored, self.count):
+            return False
+        if message.first_sample != self._next:
+            return False
+        stamp = message.timestamp
+        lag_ns = stamp.seconds * NS_PER_S + stamp.nanos - first.anchor_ns
+        if lag_ns != round(self._next * first.stream.period_ns):
+            return False
+        self._others.append(packed)
+        self._next += len(first)
+        return True
+
+    def block(self) -> SignalBlock:
+        """Return the messages' samples."""
+        if not self._others:
+            return self._first
+        part = self._first.samples.T
+        channels, n = part.shape
+        whole = np.empty((channels, n * (1 + len(self._others))), part.dtype)
+        whole[:, :n] = part
+        for number, data in enumerate(self._others, start=1):
+            put_samples(data, self._stored, whole[:, number * n : (number + 1) * n])
+        return replace(self._first, samples=whole.T)
+
+
+def to_planes(values: NDArray[np.signedinteger[Any]]) -> bytes:
+    """Return integers as planes, at least one, their first axis first."""
+    left, planes = values, []
+    for _ in range(values.dtype.itemsize):
+        digits = left.astype(np.int8)
+        planes.append(digits.tobytes())
+        left = (left - digits) >> 8
+        if not left.any():
+            break
+    return b"".join(planes)
+
+
+def from_planes(data: bytes | bytearray | memoryview, out: NDArray[np.signedinteger[Any]]) -> None:
+    """Put integers into ``out``, of at most as many planes as one of them has bytes."""
+    planes = np.frombuffer(data, np.int8).reshape(-1, *out.shape)
+    out[...] = planes[0]
+    for k in range(1, len(planes)):
+        out += planes[k].astype(out.dtype) * out.dtype.type(1 << 8 * k)

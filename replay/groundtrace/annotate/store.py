@@ -2,32 +2,632 @@
 
 from __future__ import annotations
 
+import fcntl
+import math
+import os
 import secrets
 import threading
 import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Self
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, Self
 
-from groundtrace_codecs.annotations import Annotation, Sidecar, in_order, sidecar_path
+import msgspec
+
+from groundtrace_codecs.annotations import (
+    Annotation,
+    RecordingKey,
+    Sidecar,
+    in_order,
+    read_sidecar,
+    replace_durably,
+    sidecar_path,
+)
 from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.events import ANNOTATION_KINDS, SPAN_KINDS
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
 
-from ..errors import AnnotationError
-from .checks import AUTHOR, checked, named
-from .journal import Action, Change, JournalWriter, apply
-from .lock import WriterLock
-from .merging import Merge, incoming, merged
-from .reading import journal_of, stored
+from ..errors import AnnotationError, RecordingError
+from ..pipeline.results import RUN, file_sha256
+from .agreement import Conflict, conflicts, from_json
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
     from types import TracebackType
-    from typing import Literal
 
-    from groundtrace_codecs.annotations import RecordingKey
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
 
-    from .checks import Extent
-    from .reading import Stored
+FORMAT = "groundtrace-annotation-journal"
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What an action did to one annotation; None where it was not, or is no more.
+
+    Attributes
+    ----------
+    before, after
+        The annotation.
+    """
+
+    before: Annotation | None
+    after: Annotation | None
+
+    @property
+    def id(self) -> str:
+        """Id of the annotation."""
+        kept = self.after or self.before
+        return kept.id if kept is not None else ""
+
+    @property
+    def reversed(self) -> Change:
+        """The change that takes this one back."""
+        return Change(self.after, self.before)
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """One action of one person.
+
+    Attributes
+    ----------
+    action
+        What was done.
+    author
+        Who did it.
+    at_ns
+        Wall clock [ns since 1970].
+    changes
+        What it did.
+    undoes
+        Of ``undo``: the number of the action taken back; the first has the number 1.
+    """
+
+    action: Literal["add", "edit", "delete", "merge", "undo"]
+    author: str
+    at_ns: int
+    changes: tuple[Change, ...]
+    undoes: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The first line of a journal.
+
+    Attributes
+    ----------
+    format, version
+        Of the journal.
+    id
+        Random; the sidecar written from a journal names it.
+    recording
+        What is annotated.
+    base
+        Annotations that were there before the first action.
+    """
+
+    format: str
+    version: int
+    id: str
+    recording: RecordingKey
+    base: tuple[Annotation, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """A journal, read.
+
+    Attributes
+    ----------
+    header
+        Its first line.
+    actions
+        In the order they were done.
+    length
+        Bytes of the file up to the end of the last whole line.
+    torn
+        Whether more bytes follow, of an action that was never acknowledged.
+    """
+
+    header: Header
+    actions: tuple[Action, ...]
+    length: int
+    torn: bool
+
+    def items(self) -> dict[str, Annotation]:
+        """Return the annotations after the last action, by id."""
+        items = {a.id: a for a in self.header.base}
+        for action in self.actions:
+            apply(action.changes, items)
+        return items
+
+    def ids(self) -> set[str]:
+        """Return every id that was ever given."""
+        used = {a.id for a in self.header.base}
+        return used | {change.id for action in self.actions for change in action.changes}
+
+    def last_of(self, author: str) -> int | None:
+        """Return the number of an author's last action that still stands, or None."""
+        undone = {action.undoes for action in self.actions}
+        for number in range(len(self.actions), 0, -1):
+            action = self.actions[number - 1]
+            if action.author == author and action.action != "undo" and number not in undone:
+                return number
+        return None
+
+
+def apply(changes: Iterable[Change], items: dict[str, Annotation]) -> None:
+    """Do changes to annotations."""
+    for change in changes:
+        if change.after is None:
+            items.pop(change.id, None)
+        else:
+            items[change.id] = change.after
+
+
+def read_journal(path: Path) -> Journal:
+    """Read a journal; a torn last line, which nobody was told is safe, is left out.
+
+    Raises
+    ------
+    AnnotationError
+        Where it is not a journal, or a line before the last cannot be read.
+    """
+    content = path.read_bytes()
+    whole = content[: content.rfind(b"\n") + 1]
+    lines = whole.splitlines(keepends=True)
+    header = _header(lines[0] if lines else b"", path.name)
+    actions: list[Action] = []
+    length = len(lines[0])
+    for number, line in enumerate(lines[1:], 2):
+        try:
+            actions.append(msgspec.json.decode(line, type=Action))
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            if number == len(lines) and len(whole) == len(content):
+                break
+            place = f"{path.name}: line {number}"
+            raise AnnotationError(f"{place}: expected an action, found: {error}") from error
+        length += len(line)
+    return Journal(header, tuple(actions), length, length < len(content))
+
+
+def _header(line: bytes, name: str) -> Header:
+    try:
+        header = msgspec.json.decode(line, type=Header)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise AnnotationError(f"{name}: line 1: expected {FORMAT}, found: {error}") from error
+    if (header.format, header.version) != (FORMAT, VERSION):
+        raise AnnotationError(
+            f"{name}: line 1: expected {FORMAT} {VERSION}, "
+            f"found {header.format[:40]} {header.version}"
+        )
+    return header
+
+
+class JournalWriter:
+    """Appends actions to a journal.
+
+    Parameters
+    ----------
+    path
+        The file; made if it is not there.
+    journal
+        As it was read, or an empty one to begin with.
+    """
+
+    def __init__(self, path: Path, journal: Journal) -> None:
+        if journal.length == 0:
+            journal = _begun(path, journal)
+        self.journal = journal
+        self._file = os.open(path, os.O_WRONLY)
+        if journal.torn:
+            os.ftruncate(self._file, journal.length)
+            self.journal = replace(journal, torn=False)
+
+    def append(self, action: Action) -> None:
+        """Write an action; when this returns, it is on the disk.
+
+        Raises
+        ------
+        OSError
+            Where it cannot be; the journal is then as it was before.
+        """
+        line = msgspec.json.encode(action) + b"\n"
+        length = self.journal.length
+        try:
+            written = 0
+            while written < len(line):  # a disk that is nearly full takes a part
+                written += os.pwrite(self._file, line[written:], length + written)
+            os.fsync(self._file)
+        except OSError:
+            os.ftruncate(self._file, length)
+            raise
+        actions = (*self.journal.actions, action)
+        self.journal = replace(self.journal, actions=actions, length=length + len(line))
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._file)
+
+
+def _begun(path: Path, journal: Journal) -> Journal:
+    """Write the first line; the file is there whole or not at all."""
+    line = msgspec.json.encode(journal.header) + b"\n"
+    fresh = path.with_name(f"{path.name}.new")
+    fresh.write_bytes(line)
+    replace_durably(fresh, path)
+    return replace(journal, length=len(line))
+
+
+class WriterLock:
+    """Holds a lock file until it is released or the process ends, however it ends.
+
+    The system's own lock on the file decides, not that the file is there: that of a process that
+    died is free.
+
+    Parameters
+    ----------
+    path
+        The lock file.
+
+    Raises
+    ------
+    AnnotationError
+        Where another holds it.
+    OSError
+        Where it cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = self._taken()
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
+
+    def _taken(self) -> int:
+        while True:
+            file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                # who held it may have removed it between our two calls: then it is not the lock
+                if os.fstat(file).st_ino == self._path.stat().st_ino:
+                    return file
+            except BlockingIOError as error:
+                holder = os.pread(file, 20, 0).decode("ascii", "replace").strip() or "?"
+                os.close(file)
+                raise AnnotationError(
+                    f"{self._path.name}: expected nobody else annotating this recording, "
+                    f"found process {holder}"
+                ) from error
+            except FileNotFoundError:
+                pass
+            os.close(file)
+
+    def release(self) -> None:
+        """Let others write."""
+        with suppress(FileNotFoundError):
+            self._path.unlink()
+        os.close(self._file)
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What lies beside a recording.
+
+    Attributes
+    ----------
+    annotations
+        By time.
+    journal
+        What was done so far; without a length where there is no journal yet.
+    current
+        Whether the sidecar holds all of it.
+    remarks
+        What was found amiss and left out, one line each.
+    """
+
+    annotations: tuple[Annotation, ...]
+    journal: Journal
+    current: bool
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """A recording and its annotations.
+
+    Attributes
+    ----------
+    key
+        The recording.
+    extent
+        Its first and last sample.
+    kept
+        Its annotations, and how they are kept.
+    """
+
+    key: RecordingKey
+    extent: Extent
+    kept: Kept
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """What the annotations say, by time."""
+        return tuple(a.label for a in self.kept.annotations)
+
+
+def journal_of(sidecar: Path) -> Path:
+    """Return where the journal of a sidecar is."""
+    return sidecar.with_suffix(".journal")
+
+
+def annotated(recording: Path) -> bool:
+    """Whether anything lies beside a recording that holds annotations of it."""
+    sidecar = sidecar_path(recording)
+    return sidecar.is_file() or journal_of(sidecar).is_file()
+
+
+def stored(recording: Path) -> Stored:
+    """Return the annotations of a recording; nothing is written.
+
+    Those beside it: the sidecar, and what its journal has more, as after a process was killed.
+    Where neither is there, those inside the recording, as ``--commit`` leaves them.
+
+    Parameters
+    ----------
+    recording
+        The recording's file.
+
+    Raises
+    ------
+    AnnotationError
+        Where what lies beside belongs to another recording or cannot be read.
+    RecordingError, CodecError
+        Where the recording has no signals or cannot be read.
+    """
+    key, extent, inside = _described(recording)
+    if annotated(recording):
+        return Stored(key, extent, kept_in(sidecar_path(recording), key))
+    return Stored(key, extent, Kept(inside, _new_journal(key, inside), current=False))
+
+
+def _described(recording: Path) -> tuple[RecordingKey, Extent, tuple[Annotation, ...]]:
+    with Recording.open(recording) as opened:
+        if not opened.streams or RUN in opened.metadata:
+            found = "a result" if RUN in opened.metadata else "none"
+            raise RecordingError(f"{opened.name}: expected signals to annotate, found {found}")
+        names = frozenset(c.name for stream in opened.streams for c in stream.channels)
+        extent = Extent(opened.start_ns, opened.end_ns, names)
+        inside = opened.annotations
+    key = RecordingKey(recording.name, file_sha256(recording), extent.start_ns)
+    return key, extent, inside
+
+
+def _new_journal(key: RecordingKey, base: tuple[Annotation, ...]) -> Journal:
+    header = Header(FORMAT, VERSION, secrets.token_hex(8), key, base)
+    return Journal(header, (), 0, torn=False)
+
+
+def kept_in(path: Path, key: RecordingKey) -> Kept:
+    """Return what a sidecar and its journal hold together.
+
+    The sidecar is read first: whoever writes meanwhile journals first, so the journal has no less.
+
+    Parameters
+    ----------
+    path
+        The sidecar; it or its journal is there.
+    key
+        The recording they must belong to.
+
+    Raises
+    ------
+    AnnotationError
+        Where one of them belongs to another recording, or they do not belong together.
+    CodecError
+        Where the sidecar cannot be read and there is no journal.
+    """
+    sidecar = _sidecar_of(path, key)
+    journal = _journal_of(path, key)
+    remarks: list[str] = []
+    if isinstance(sidecar, CodecError):
+        if journal is None:
+            raise sidecar
+        remarks.append(f"{sidecar}; its journal has all of it")
+        sidecar = None
+    if journal is None and sidecar is not None:
+        begun = _new_journal(key, sidecar.annotations)
+        return Kept(sidecar.annotations, begun, current=False)
+    if journal is None:
+        raise AnnotationError(f"{path}: expected annotations, found no such file")
+    _check_pair(sidecar, journal, path)
+    if journal.torn:
+        name = journal_of(path).name
+        remarks.append(f"{name}: the last line is torn and left out: it was never acknowledged")
+    current = sidecar is not None and sidecar.actions == len(journal.actions)
+    annotations = in_order(journal.items().values())
+    return Kept(annotations, journal, current=current, remarks=tuple(remarks))
+
+
+def _sidecar_of(path: Path, key: RecordingKey) -> Sidecar | CodecError | None:
+    """Return the sidecar, or why it cannot be read: its journal may do without it."""
+    if not path.is_file():
+        return None
+    try:
+        sidecar = read_sidecar(path)
+    except CodecError as error:
+        return error
+    check_key(sidecar.key, key, path.name)
+    return sidecar
+
+
+def _journal_of(sidecar: Path, key: RecordingKey) -> Journal | None:
+    path = journal_of(sidecar)
+    if not path.is_file():
+        return None
+    journal = read_journal(path)
+    check_key(journal.header.recording, key, path.name)
+    return journal
+
+
+def _check_pair(sidecar: Sidecar | None, journal: Journal, path: Path) -> None:
+    """Refuse a sidecar and a journal of which neither holds all of the other."""
+    if sidecar is None:
+        return
+    place = journal_of(path).name
+    if journal.header.id != sidecar.journal:
+        raise AnnotationError(
+            f"{place}: expected the journal of {path.name}, found that of another; move one of "
+            "the two away, and take it in with --merge"
+        )
+    if sidecar.actions > len(journal.actions):
+        raise AnnotationError(
+            f"{place}: expected the {sidecar.actions} actions of {path.name}, "
+            f"found {len(journal.actions)}; move it away to go on with the sidecar"
+        )
+
+
+def check_key(found: RecordingKey, expected: RecordingKey, name: str) -> None:
+    """Refuse annotations of another recording.
+
+    Raises
+    ------
+    AnnotationError
+        Where the hashes differ; names ``name``.
+    """
+    if found.sha256 != expected.sha256:
+        raise AnnotationError(
+            f"{name}: recording: expected {expected.name[:80]} (sha256 {expected.sha256[:12]}), "
+            f"found annotations of {found.name[:80]} (sha256 {found.sha256[:12]})"
+        )
+
+
+#: Who annotates where nobody says so; the name of the system's user is nobody's business.
+AUTHOR = "annotator"
+#: Times may be rounded this far beyond the recording, as printed ones are [ns].
+_ROUNDING_NS = 1_000_000
+_LONGEST_NAME, _LONGEST_NOTE = 100, 10_000
+_INT64_LIMIT = 1 << 63
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What there is of a recording to be annotated.
+
+    Attributes
+    ----------
+    start_ns, end_ns
+        First and last sample [ns].
+    channels
+        Names of all channels.
+    """
+
+    start_ns: int
+    end_ns: int
+    channels: frozenset[str]
+
+    def seconds(self, time_ns: int) -> float:
+        """Return a time as seconds since the first sample."""
+        return (time_ns - self.start_ns) / NS_PER_S
+
+
+def named(author: str, place: str = "author") -> str:
+    """Return the name of an annotator.
+
+    Raises
+    ------
+    AnnotationError
+        Where it is empty, long, or more than a line.
+    """
+    if not author.strip():
+        raise AnnotationError(f"{place}: expected a name, found nothing")
+    return _text(author.strip(), place, _LONGEST_NAME, one_line=True)
+
+
+def checked(label: Label, extent: Extent, place: str = "annotation") -> Label:
+    """Return a label that may be kept as an annotation.
+
+    Raises
+    ------
+    AnnotationError
+        Where the kind is not one of those a person may mark, a time lies outside the recording, or
+        a kind lacks what it needs; names ``place`` and the field.
+    """
+    if label.kind not in ANNOTATION_KINDS:
+        kinds = ", ".join(sorted(ANNOTATION_KINDS))
+        raise AnnotationError(f"{place}: kind: expected one of {kinds}, found {label.kind[:40]!r}")
+    _check_times(label, extent, place)
+    if label.channel not in extent.channels and (label.channel or label.kind == "pick"):
+        names = ", ".join(sorted(extent.channels))
+        found = repr(label.channel[:40]) if label.channel else "none"
+        raise AnnotationError(f"{place}: channel: expected one of {names}, found {found}")
+    for name in ("x_m", "y_m", "value"):
+        number = getattr(label, name)
+        if number is not None and not math.isfinite(number):
+            raise AnnotationError(f"{place}: {name}: expected a finite number, found {number}")
+    for name in ("channel", "label", "target"):
+        _text(getattr(label, name), f"{place}: {name}", _LONGEST_NAME, one_line=True)
+    _text(label.note, f"{place}: note", _LONGEST_NOTE)
+    return replace(label, author=named(label.author, f"{place}: author"))
+
+
+def checked_annotation(annotation: Annotation, extent: Extent, place: str) -> Annotation:
+    """Return an annotation made elsewhere that may be kept here.
+
+    Raises
+    ------
+    AnnotationError
+        As :func:`checked`, or where its id or wall clock cannot be kept.
+    """
+    at = f"{place}: {annotation.id[:40]!r}"
+    if not annotation.id:
+        raise AnnotationError(f"{place}: id: expected one, found nothing")
+    _text(annotation.id, f"{at}: id", _LONGEST_NAME, one_line=True)
+    for name in ("created_ns", "edited_ns"):
+        if not 0 <= getattr(annotation, name) < _INT64_LIMIT:
+            found = getattr(annotation, name)
+            raise AnnotationError(f"{at}: {name}: expected an int64 from 0 on, found {found}")
+    return replace(annotation, label=checked(annotation.label, extent, at))
+
+
+def _check_times(label: Label, extent: Extent, place: str) -> None:
+    times = [("time", label.time_ns)]
+    if label.end_ns is not None:
+        times.append(("end", label.end_ns))
+    for name, time_ns in times:
+        early = time_ns < extent.start_ns - _ROUNDING_NS
+        if early or time_ns < 0 or time_ns > extent.end_ns + _ROUNDING_NS:
+            last = extent.seconds(extent.end_ns)
+            raise AnnotationError(
+                f"{place}: {name}: expected 0 to {last:.3f} s, as long as the recording is, "
+                f"found {extent.seconds(time_ns):.3f} s"
+            )
+    if label.kind in SPAN_KINDS:
+        if label.end_ns is None or label.end_ns <= label.time_ns:
+            found = "none" if label.end_ns is None else "one before it"
+            raise AnnotationError(
+                f"{place}: end: expected one after the start, as {label.kind} is a span, "
+                f"found {found}"
+            )
+    elif label.end_ns is not None:
+        raise AnnotationError(
+            f"{place}: end: expected none, as {label.kind} is a moment, found one"
+        )
+
+
+def _text(text: str, place: str, longest: int, *, one_line: bool = False) -> str:
+    if len(text) > longest:
+        raise AnnotationError(f"{place}: expected at most {longest} characters, found {len(text)}")
+    if one_line and not text.isprintable():
+        raise AnnotationError(f"{place}: expected printable text in one line, found {text!r}")
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise AnnotationError(f"{place}: expected Unicode text, found {error.reason}") from error
+    return text
 
 
 class Annotations:
@@ -145,7 +745,7 @@ class Annotations:
         Raises
         ------
         AnnotationError
-            Where it is not as :func:`~groundtrace.annotate.checks.checked` expects, or cannot be
+            Where it is not as :func:`checked` expects, or cannot be
             kept.
         """
         kept = self._checked(label, self.author)
@@ -276,3 +876,95 @@ def _unwritable(beside: Path, error: OSError) -> AnnotationError:
     return AnnotationError(
         f"{beside.parent}: expected a folder to keep the annotations in, found: {error.strerror}"
     )
+
+
+_MCAP_MAGIC = b"\x89MCAP"
+
+
+@dataclass(frozen=True, slots=True)
+class Merge:
+    """What came of taking in annotations.
+
+    Attributes
+    ----------
+    added
+        What is new here.
+    same
+        How many were here already.
+    conflicts
+        Where what came contradicts what is here; in doubt nothing here was changed.
+    """
+
+    added: tuple[Annotation, ...]
+    same: int
+    conflicts: tuple[Conflict, ...]
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """What is to be done."""
+        return tuple(Change(None, a) for a in self.added)
+
+
+def incoming(path: Path, key: RecordingKey, extent: Extent) -> tuple[Annotation, ...]:
+    """Read annotations of a recording out of a sidecar or a JSON file, told by its bytes.
+
+    Raises
+    ------
+    AnnotationError
+        Where the file is neither, or its annotations are of another recording or not as they must
+        be.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise AnnotationError(f"{path}: expected annotations, found: {error.strerror}") from error
+    if content.startswith(_MCAP_MAGIC):
+        try:
+            sidecar = read_sidecar(path)
+        except CodecError as error:
+            raise AnnotationError(str(error)) from error
+        found, annotations = sidecar.key, sidecar.annotations
+    else:
+        found, annotations = from_json(content, key.start_ns, path.name)
+    check_key(found, key, path.name)
+    return tuple(checked_annotation(a, extent, path.name) for a in annotations)
+
+
+def merged(
+    items: Mapping[str, Annotation], known: Collection[str], others: Sequence[Annotation]
+) -> Merge:
+    """Compare annotations that came with those that are here.
+
+    Parameters
+    ----------
+    items
+        What is here, by id.
+    known
+        Every id that was ever here.
+    others
+        What came.
+
+    Returns
+    -------
+    Merge
+        What is new is to be added. Of an annotation that was changed or deleted here, or has come
+        in two forms, what is here stays and a conflict says so.
+    """
+    added: dict[str, Annotation] = {}
+    said = {a.label for a in items.values()}
+    clashes: list[Conflict] = []
+    same = 0
+    for other in others:
+        here = items.get(other.id) or added.get(other.id)
+        if here is None and other.id in known:
+            clashes.append(Conflict("deleted here", (other,)))
+        elif here is not None and here.label != other.label:
+            clashes.append(Conflict("edited", (here, other)))
+        elif here is not None or other.label in said:
+            same += 1
+        else:
+            added[other.id] = other
+            said.add(other.label)
+    everything = [*items.values(), *added.values()]
+    clashes += [c for c in conflicts(everything) if any(a.id in added for a in c.annotations)]
+    return Merge(tuple(added.values()), same, tuple(clashes))

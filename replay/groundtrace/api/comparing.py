@@ -6,12 +6,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
-from ..explain.comparison import compare as compared
-from ..explain.counted import TOLERANCE_S, counted_kind, noun_of
-from ..explain.grid import make_grid, parse_axis
-from ..explain.ranking import rank
-from ..explain.refused import without_refused
-from ..explain.sweep import Subject, count, located, measurements
+from ..explain.compare import compare as compared
+from ..explain.reasons import TOLERANCE_S, counted_kind, noun_of
+from ..explain.redecide import make_grid, parse_axis
+from ..explain.sweep import Subject, count, located, measurements, rank, without_refused
 from .analysis import Comparison, Sweep
 from .known_truth import kinds_of
 from .pipelines import setting_text
@@ -21,10 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from ..explain.grid import Grid
-    from ..explain.ranking import Ranking
-    from ..explain.sweep import Counted
-    from ..pipeline import PipelineConfig
+    from ..explain.redecide import Grid
+    from ..explain.sweep import Counted, Ranking
+    from ..pipeline.config import PipelineConfig
 
 
 def compare(

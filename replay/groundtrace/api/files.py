@@ -5,17 +5,22 @@ from __future__ import annotations
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.mcap.remote import is_url
+from groundtrace_codecs.mcap.byte_source import is_url
 
 from ..errors import RecordingError
-from ..results import file_sha256, read_results
-from .reports import unheard
+from ..pipeline.results import file_sha256, read_results
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
-    from ..results import Provenance
-    from .reports import Report
+    from ..pipeline.results import Provenance
+
+    #: Takes a line that a person should read.
+    Report = Callable[[str], None]
+
+
+def unheard(_line: str) -> None:
+    """Take a line that nobody reads."""
 
 
 def existing(path: Path, what: str = "a recording") -> Path:

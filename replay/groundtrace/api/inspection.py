@@ -9,26 +9,26 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.importers.mapped import CLOCKS
-from groundtrace_codecs.importers.plausible import UnitWatch
-from groundtrace_codecs.label_codec import TRUTH_TOPIC
-from groundtrace_codecs.merge_record import merged_clocks
+from groundtrace_codecs.importers.guess import UnitWatch
+from groundtrace_codecs.importers.map import CLOCKS
+from groundtrace_codecs.merge import merged_clocks
+from groundtrace_codecs.schemas.event_messages import TRUTH_TOPIC
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
-from ..source import Source
+from ..pipeline.source import Source
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from groundtrace_codecs.events import Label
     from groundtrace_codecs.geometry import Geometry
-    from groundtrace_codecs.labels import Label
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
-    from ..health import Finding, HealthWatch
-    from ..health.imu import AxisCheck
-    from ..placement import Measures
-    from ..placement_watch import PlacementWatch
+    from ..detectors.fault_scan import HealthWatch
+    from ..detectors.signal_faults import Finding
+    from ..inertial.placement import Measures, PlacementWatch
+    from ..inertial.worn_sensor_faults import AxisCheck
 
 #: How long a step is heard [ns]: a gap that begins in this time after it cuts it.
 STEP_NS = 150_000_000
@@ -40,7 +40,7 @@ SHOTS = 0.8
 
 @dataclass(frozen=True, slots=True)
 class GuessInfo:
-    """Where a sensor may be worn, and what that was decided by (:mod:`~groundtrace.placement`)."""
+    """Where a sensor may be worn, and what that was decided by (:mod:`~.inertial.placement`)."""
 
     placement: str
     confidence: float
@@ -169,8 +169,8 @@ def _truth(recording: Recording, *, read: bool) -> dict[str, int]:
 def examine(recording: Recording, size: int, show: Callable[[float], None]) -> RecordingInfo:
     """Read a recording from end to end and say what it holds."""
     # what computes is not imported before there is something to compute
-    from ..health import HealthWatch, Listened
-    from ..health.imu import ImuWatch
+    from ..detectors.fault_scan import HealthWatch, Listened
+    from ..inertial.worn_sensor_faults import ImuWatch
 
     start_ns = recording.start_ns
     samples: Counter[str] = Counter()
@@ -245,7 +245,7 @@ def _date(time_ns: int) -> str | None:
 
 def _watches(recording: Recording) -> dict[str, PlacementWatch]:
     # what filters is not imported before there is something to filter
-    from ..placement_watch import PlacementWatch
+    from ..inertial.placement import PlacementWatch
 
     fitting = (s for s in recording.streams if PlacementWatch.fits(s))
     return {s.topic: PlacementWatch(s) for s in fitting}

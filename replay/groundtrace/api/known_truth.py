@@ -12,21 +12,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import AnnotationError, RecordingError
-from ..results import file_sha256, replayed_labels
-from ..score.truth import scored_truth
-from .reports import unheard
+from ..evaluation.truth import scored_truth
+from ..pipeline.results import file_sha256, replayed_labels
+from .files import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from groundtrace_codecs.annotations import Annotation, RecordingKey
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
     from groundtrace_codecs.recording import Recording
 
-    from ..results import Results
-    from ..score.truth import ScoredTruth
-    from .reports import Report
+    from ..evaluation.truth import ScoredTruth
+    from ..pipeline.results import Results
+    from .files import Report
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def scored_truth_of(
     """Return the truth of a result, of the span that was replayed, and say what is left out of it.
 
     What the pipeline was given is left out, and of a sensor on one foot the other foot's steps, see
-    :mod:`groundtrace.score.truth`.
+    :mod:`.evaluation.truth`.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _source(
     """Return where truth comes from; ``key`` is asked only where annotations lie beside."""
     from groundtrace_codecs.annotations import sidecar_path
 
-    from ..annotate import annotated, kept_in
+    from ..annotate.store import annotated, kept_in
 
     if truth is not None:
         return _given(subject, start_ns, key, truth)
@@ -164,7 +164,7 @@ def _given(
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.truth import read_truth
 
-    from ..annotate import kept_in
+    from ..annotate.store import kept_in
 
     if not truth.is_file():
         raise RecordingError(f"{truth}: expected a truth file, found no such file")
@@ -179,7 +179,7 @@ def _given(
 
 def _chosen(source: _Source, author: str | None, report: Report) -> tuple[Label, ...]:
     """Return the labels of a source; of annotations, say what was made of them."""
-    from ..annotate import truth_of_annotations
+    from ..annotate.agreement import truth_of_annotations
 
     if source.labels or not source.annotations:
         if author is not None:
@@ -209,7 +209,7 @@ def annotations_to_show(
     """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
     from groundtrace_codecs.errors import CodecError
 
-    from ..annotate import annotated, stored
+    from ..annotate.store import annotated, stored
 
     if not annotated(path):
         return recording.annotations

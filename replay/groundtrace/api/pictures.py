@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..explain.measuring import recording_in
-from ..plugins import load
-from ..results import ResultsSink
-from ..sinks import Session
+from ..explain.sweep import recording_in
+from ..pipeline.engine import Session
+from ..pipeline.plugins import load
+from ..pipeline.results import ResultsSink
 from .plots import FAILED, PASSED, draw_signal, recording_at
 from .tables import needed
 

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.mcap.remote import is_url
+from groundtrace_codecs.mcap.byte_source import is_url
 
 from ..errors import RecordingError
-from ..explain.measuring import recording_in
+from ..explain.sweep import recording_in
 from .recording import Recording, open_recording
 from .tables import needed
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from ..explain.candidates import Chain
+    from ..explain.reasons import Chain
 
 #: Signal that is drawn on each side of a moment [s].
 AROUND_S = 2.0

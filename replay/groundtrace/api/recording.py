@@ -10,23 +10,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from groundtrace_codecs.geometry import Geometry
-from groundtrace_codecs.mcap.remote import is_url
+from groundtrace_codecs.mcap.byte_source import is_url
 from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..results import RUN
+from ..pipeline.results import RUN
 from .files import existing
 from .inspection import examine
-from .markup import html_table
-from .tables import EventTable, rows_table, table_of
+from .tables import EventTable, html_table, rows_table, table_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.labels import Label
+    from groundtrace_codecs.events import Label
     from groundtrace_codecs.signals import Stream as StreamDescription
 
     from .inspection import RecordingInfo
@@ -149,7 +148,7 @@ class Stream:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording:
-    """A recording: its streams and its truth; made by :func:`groundtrace.open`.
+    """A recording: its streams and its truth; made by :func:`open_recording`.
 
     Samples are read when they are asked for. ``recording["/imu/waist"]`` is a stream.
 
@@ -215,8 +214,7 @@ class Recording:
     @cached_property
     def truth(self) -> EventTable:
         """The recording's own truth, by time, in the columns of a truth table."""
-        from ..exports.api import Material
-        from ..exports.tables import tables_of
+        from ..export.base import Material, tables_of
 
         material = Material(self.name, self.start_ns, labels=self.labels)
         return table_of(next(tables_of(material, "truth")))

@@ -12,43 +12,41 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
+from ..evaluation.matching import match_steps
+from ..evaluation.report import answers_of
 from ..explain.unfiltered import beside
-from ..exports.api import Material
-from ..exports.kinds import tables_of_events
-from ..exports.tables import tables_of
-from ..pipeline import parse_pipeline
-from ..results import read_results
-from ..score import match_steps
-from ..score.report import answers_of
+from ..export.base import Material, tables_of, tables_of_events
+from ..pipeline.config import parse_pipeline
+from ..pipeline.results import read_results
 from .analysis import (
     Explanation,
     Kind,
     Miss,
     Question,
+    Score,
     evidence_with,
     explained,
     misses_of,
+    scored,
 )
 from .files import existing
 from .known_truth import scored_truth_of
-from .markup import html_table
 from .pipelines import Pipeline
 from .recording import recordings
-from .scores import Score, scored
-from .tables import EventTable, table_of
+from .tables import EventTable, html_table, table_of
 
 if TYPE_CHECKING:
-    from ..explain import Evidence
-    from ..results import Results as Decided
-    from ..score import StepMatch
-    from ..score.truth import ScoredTruth
+    from ..evaluation.matching import StepMatch
+    from ..evaluation.truth import ScoredTruth
+    from ..pipeline.results import Evidence
+    from ..pipeline.results import Results as Decided
 
 TOLERANCE_S = 0.12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Results:
-    """What a replay decided; made by :func:`groundtrace.replay` and :func:`groundtrace.load`.
+    """What a replay decided; made by :func:`.replay.replay` and :func:`load_results`.
 
     Events of a kind are a table: ``steps``, ``picks``, ``fixes``, ``tracks``, ``bearings``,
     ``headings``, ``disturbances``, ``disagreements``, ``presence``, ``passes``, ``crossings``,
@@ -320,7 +318,7 @@ class Results:
 
 
 def load_results(path: str | Path) -> Results:
-    """Read results that ``groundtrace replay`` wrote, or :func:`groundtrace.replay` with ``out=``.
+    """Read results that ``groundtrace replay`` wrote, or :func:`.replay.replay` with ``out=``.
 
     Their recording is looked for beside them.
 

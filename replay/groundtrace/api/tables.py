@@ -2,23 +2,102 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from html import escape
 from importlib import import_module
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import MissingPackageError
-from .markup import ROWS, html_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from ..exports.tables import ColumnType, Table
+    from ..export.base import ColumnType, Table
+    from ..pipeline.warned import Warned
+
+
+def plain_document(document: Any, warnings: Sequence[Warned] | None = None) -> Any:
+    """Return an object as dicts, lists, texts and numbers; a number that is not finite is None.
+
+    Parameters
+    ----------
+    document
+        An object, or a dict of such.
+    warnings
+        What a replay warned of: becomes its property ``warnings``, unless None.
+    """
+    plain = _finite(msgspec.to_builtins(document, enc_hook=str))
+    if warnings is not None:
+        plain["warnings"] = [warned.document for warned in warnings]
+    return plain
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value
+
+
+#: A table in a notebook has at most so many rows.
+ROWS = 12
+
+
+def html_table(
+    title: str, header: Sequence[str], rows: Iterable[Sequence[Any]], count: int | None = None
+) -> str:
+    """Return a table of at most :data:`ROWS` rows, all text escaped.
+
+    Parameters
+    ----------
+    title
+        What stands above it.
+    header
+        Names of the columns.
+    rows
+        Cells; of more than :data:`ROWS` rows the last one shown says how many there are.
+    count
+        How many rows there are, where ``rows`` may be only the first of them.
+    """
+    shown = list(rows if count is None else islice(rows, ROWS))
+    there = len(shown) if count is None else count
+    if there > ROWS:
+        shown = shown[: ROWS - 1]
+    head = "".join(f"<th>{escape(name)}</th>" for name in header)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(cell_text(cell))}</td>" for cell in row) + "</tr>"
+        for row in shown
+    )
+    if there > ROWS:
+        body += f'<tr><td colspan="{max(len(header), 1)}">… {there - len(shown)} more</td></tr>'
+    return (
+        f"<table><caption>{escape(title)}</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )
+
+
+def cell_text(value: Any) -> str:
+    """Return a cell as people read it: six digits of a number, nothing of what is not there."""
+    if value is None:
+        return ""
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else str(value)
+    return str(value)
+
 
 #: Types of the columns of numpy, by those of exported tables; text has the width it needs.
 _TYPES: dict[ColumnType, Any] = {

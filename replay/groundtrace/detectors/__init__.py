@@ -1,1 +1,1 @@
-"""Detectors, each split into ``process`` (signal to candidates) and gates (see gates.decide)."""
+"""Detectors: picks, steps and faults of signals."""

@@ -1,8 +1,9 @@
 """Adaptive: steps as the dominant peaks of a rhythm, at any place on the body and any rate.
 
-1. The specific force is brought to an even grid and taken along gravity (:mod:`.upward`).
-2. Its rhythm is followed: how strongly it repeats itself, and after which time (:mod:`.rhythm`).
-3. It is filtered by the step time that this gives (:mod:`.adaptive_band`).
+1. The specific force is brought to an even grid and taken along gravity (:mod:`.body_signals`).
+2. Its rhythm is followed: how strongly it repeats itself, and after which time
+   (:mod:`.dsp.periodicity`).
+3. It is filtered by the step time that this gives (:mod:`.adaptive`).
 4. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
    step time, and stands in a rhythm.
 
@@ -15,29 +16,33 @@ the peak.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Literal
+from functools import cache
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
 
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
-from ..detector import Curve, Measured, joined
-from ..gates import Candidates, Level
-from ..parameters import gate, measured
-from ..stage import Context, Input, Stage
-from .adaptive_band import Followed, StepBand
-from .adaptive_peaks import Peaks
-from .even_grid import GRID_HZ, Kept
-from .filters import HIGHEST_CORNER
-from .frames import FrameTrace, trace_of
-from .rhythm import Scale
-from .upward import FORCE, MAGNITUDE, Upward, UpwardPart
+from ..dsp.filters import HIGHEST_CORNER
+from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
+from ..dsp.resample import GRID_HZ, CentredFilter, Kept, gaussian, lowpass
+from ..later import Later
+from ..pipeline.gates import Candidates, Level
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
+from .body_signals import FORCE, MAGNITUDE, Upward, UpwardPart
+from .trace import FrameTrace, trace_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from ..detector import Frames
+    from ..kernels import steps as steps_kernels
+    from ..pipeline.stage import Frames
+else:
+    steps_kernels = Later("groundtrace.kernels.steps")
 
 #: Placements at which the sensor moves with the body's mass, and hardly ever without steps.
 TRUNK = frozenset({"waist", "trunk"})
@@ -88,7 +93,7 @@ class AdaptiveDetector(Stage):
 
     Parameters = AdaptiveParameters
     takes = (Input(SignalBlock, FORCE | MAGNITUDE),)
-    #: Of a signal in unknown units, see :class:`.upward.Upward`.
+    #: Of a signal in unknown units, see :class:`.body_signals.Upward`.
     mean_is_gravity = True
     gives = (StepEvent,)
     columns = (
@@ -199,3 +204,195 @@ class _UnfilteredDetector(AdaptiveDetector):
     """Finds peaks in all that is quicker than a step."""
 
     in_band = False
+
+
+#: Step times that have a filter of their own; between them, the filtered signals are mixed.
+_NODES_S = np.geomspace(*PERIODS_S, 8)
+#: Standard deviations of the band's two Gaussians as parts of the step time: the first takes out
+#: the second peak of a step, the second what is slower than a step.
+_FINE, _COARSE = 0.16, 0.4
+#: Standard deviation of the Gaussian whose average is taken away before the rhythm is told [s].
+_TREND_S = 0.4
+#: Low-pass in which a rise is timed: corner [Hz] and half length [s].
+_TIMED_HZ, _TIMED_S = 3.0, 0.5
+
+
+class Followed(NamedTuple):
+    """Consecutive points whose step time is known, shape (n,) each.
+
+    Attributes
+    ----------
+    band
+        Acceleration upward in the band of the steps [m/s2].
+    rise
+        Acceleration upward as rises are timed in [m/s2].
+    rhythm
+        Strength of the rhythm.
+    step_s
+        Step time [s].
+    usual
+        Swing that is usual in that rhythm [m/s2].
+    """
+
+    band: NDArray[np.float64]
+    rise: NDArray[np.float64]
+    rhythm: NDArray[np.float64]
+    step_s: NDArray[np.float64]
+    usual: NDArray[np.float64]
+
+
+@cache
+def _kernels(*, fine: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the weights of each node's band, and last of the signal rises are timed in.
+
+    Without ``fine`` the band has no upper end: a point itself in place of its first Gaussian.
+
+    Shape (nodes + 1, taps), from the oldest neighbour on; and the first and last that counts. Both
+    are to read only.
+    """
+    reach = len(gaussian(_COARSE * _NODES_S[-1])) // 2
+    timed = lowpass(_TIMED_HZ, _TIMED_S, np.arange(-reach, reach + 1) / GRID_HZ)
+    point = np.zeros(2 * reach + 1)
+    point[reach] = 1.0
+    tops = [_padded(_FINE * t, reach) if fine else point for t in _NODES_S]
+    bands = [top - _padded(_COARSE * t, reach) for top, t in zip(tops, _NODES_S, strict=True)]
+    kernels = np.array([*bands, timed / timed.sum()])
+    spans = [(k[0], k[-1] + 1) for k in (np.flatnonzero(kernel) for kernel in kernels)]
+    return np.ascontiguousarray(kernels[:, ::-1]), np.array(spans, np.int64)
+
+
+def _padded(sigma_s: float, reach: int, centre: float = 0.0) -> NDArray[np.float64]:
+    """Return a Gaussian of a given half length, ``centre`` added to its middle."""
+    kernel = gaussian(sigma_s)
+    padded = np.pad(kernel, reach - len(kernel) // 2)
+    padded[reach] += centre
+    return padded
+
+
+class StepBand:
+    """Follows the rhythm of the acceleration upward, and filters it by the step time.
+
+    Parameters
+    ----------
+    scales, ahead_s
+        Of the :class:`~.dsp.periodicity.Rhythm`.
+    fine
+        Whether what is quicker than a step is taken out; False leaves it in.
+    """
+
+    def __init__(self, scales: Sequence[Scale], ahead_s: float, *, fine: bool = True) -> None:
+        self._kernels, self._spans = _kernels(fine=fine)
+        trend = _padded(_TREND_S, len(gaussian(_TREND_S)) // 2, centre=-1.0)
+        self._trend = CentredFilter(-trend)
+        self._rhythm = Rhythm(scales, ahead_s)
+        self._reach = len(self._kernels[0]) // 2
+        self._up = Kept()  # held before and after its ends; its places are those of the first tap
+        self._hops = Kept(3)  # strength of the rhythm, step time, swing
+
+    def __call__(self, up: NDArray[np.float64]) -> Followed:
+        """Take the acceleration upward, shape (1, n); return the points known by now."""
+        if up.shape[1] and not self._up.end:
+            self._up.add(np.repeat(up[:, :1], self._reach, axis=1))
+        self._up.add(up)
+        self._hops.add(self._rhythm(self._trend(up)))
+        return self._until(min(self._filtered, (self._hops.end - 1) * HOP))
+
+    def finish(self) -> Followed:
+        """Return the points up to the end of the signal."""
+        self._up.add(np.repeat(self._up.values[:, -1:], self._reach, axis=1))
+        self._hops.add(self._rhythm(self._trend.finish()))
+        self._hops.add(self._rhythm.finish())
+        return self._until(self._filtered)
+
+    @property
+    def _filtered(self) -> int:
+        """Place after the last point whose neighbours are there."""
+        return self._up.end - 2 * self._reach
+
+    def _until(self, end: int) -> Followed:
+        start = self._up.first
+        end = max(start, end)
+        found = np.empty((len(Followed._fields), end - start))
+        if end > start:
+            hop = start // HOP
+            steps_kernels.step_bands(
+                self._up.between(start, end + 2 * self._reach)[0],
+                self._kernels,
+                self._spans,
+                _NODES_S,
+                np.ascontiguousarray(self._hops.between(hop, -(-end // HOP) + 1)),
+                start,
+                HOP,
+                found,
+            )
+        self._up.forget_before(end)
+        self._hops.forget_before(end // HOP)
+        return Followed(*found)
+
+
+#: A valley belongs to the peak that follows it within this many step times.
+_VALLEY_STEPS = 1.2
+#: How far a higher peak is looked for, in step times.
+REACH_STEPS = 1.0
+#: Longest look ahead, a reach at the longest step time [points of the grid].
+_AHEAD = round(REACH_STEPS * PERIODS_S[1] * GRID_HZ)
+#: Longest look back [points of the grid].
+_BACK = round(_VALLEY_STEPS * PERIODS_S[1] * GRID_HZ) + 1
+#: A rise is looked for this long before and after the peak of the band [s], its valley within
+#: this part of a step.
+_RISE_NEAR_S, _RISE_STEPS = 0.1, 0.6
+
+
+#: Columns of what is measured of a peak: where its step is timed [points of the grid since the
+#: start of the run]; the band's value and its rise from the valley before [m/s2]; the same as a
+#: part of the swing that is usual in the rhythm around it, 0 without a rhythm; time to the nearest
+#: higher value, in step times, at most 1; strength of the rhythm and step time [s] around it.
+COLUMNS = ("place", "height", "swing", "share", "dominance", "rhythm", "step_s")
+
+
+class Peaks:
+    """Finds the local maxima of the band of a :class:`StepBand`.
+
+    Parameters
+    ----------
+    floor
+        Lowest peak [m/s2].
+    rise
+        Part of the rise from valley to peak at which a step is timed; 0 times it at the peak.
+    """
+
+    def __init__(self, floor: float, rise: float) -> None:
+        self.floor = floor
+        self.rise = rise
+        self._kept = Kept(5)
+        self._next = 1  # a maximum has a neighbour on either side
+        self._last = 0.0  # place of the peak before
+
+    def __call__(self, followed: Followed) -> NDArray[np.float64]:
+        """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
+        self._kept.add(np.stack(followed))
+        found = self._until(self._kept.end - _AHEAD)
+        self._kept.forget_before(self._next - _BACK)
+        return found
+
+    def finish(self) -> NDArray[np.float64]:
+        """Return the peaks that waited; a maximum at the very end is not one."""
+        return self._until(self._kept.end - 1)
+
+    def _until(self, end: int) -> NDArray[np.float64]:
+        if end <= self._next:
+            return np.empty((0, len(COLUMNS)))
+        span, self._next = (self._next, end), end
+        found = steps_kernels.peaks(
+            self._kept.contiguous(),
+            self._kept.first,
+            span,
+            self._last,
+            self.floor,
+            self.rise,
+            GRID_HZ,
+            round(_RISE_NEAR_S * GRID_HZ),
+            (_VALLEY_STEPS, _RISE_STEPS, REACH_STEPS),
+        )
+        self._last = float(found[-1, 0]) if len(found) else self._last
+        return found

@@ -22,17 +22,16 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, Level, Reach
-from ..parameters import gate, measured
-from ..stage import Context, Input, Stage
+from ..pipeline.gates import Candidates, Level, Reach
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Context, Input, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from ..gates import Carry
-
+    from ..pipeline.gates import Carry
 
 NOTHING = Candidates.empty(3)
 #: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.

@@ -17,9 +17,9 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, Level, Refractory
-from ..parameters import gate, measured
-from ..stage import Context, Input, Stage
+from ..pipeline.gates import Candidates, Level, Refractory
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Context, Input, Stage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING, Annotated
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..detector import Curve, Measured, joined
-from ..gates import Level, Refractory
-from ..parameters import gate, measured
-from ..stage import Context, Input, Stage
+from ..dsp.filters import SmoothedSlope, UnbiasedMean, planar
+from ..dsp.noise import CellReducer
+from ..pipeline.gates import Level, Refractory
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
 from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
-from .cells import CellReducer
-from .filters import SmoothedSlope, UnbiasedMean, planar
-from .frames import trace_of
+from .trace import trace_of
 
 if TYPE_CHECKING:
     import numpy as np

@@ -3,35 +3,513 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
+from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..parameters import build
-from ..plugins import stage_named
-from ..score.step_timing import (
+from ..detectors.trace import FRAME_S
+from ..errors import RecordingError
+from ..evaluation.matching import (
+    TrueSteps,
     answers_text,
     found_text,
     later_text,
+    match,
+    match_steps,
     off_text,
     step_reach_s,
     timing_pairs,
 )
-from .counted import matched
-from .evidence import step_times
-from .readings import GateReading, below, closeness, readings, told_apart
-from .silence import MAXIMUM, silence
+from ..evaluation.positions import ignored
+from ..evaluation.vehicles import PASS_TOLERANCE_S
+from ..localizers.base import LocalizerParameters
+from ..pipeline.parameters import build
+from ..pipeline.plugins import stage_named
+from ..pipeline.results import step_times
+from ..pipeline.stage import emitted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Gap
+    from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
 
-    from ..pipeline import StageConfig
-    from ..score import StepMatch, TimingPair
-    from .evidence import Evidence, StageEvidence, Unmuted
+    from ..evaluation.matching import StepMatch, TimingPair
+    from ..pipeline.config import PipelineConfig
+    from ..pipeline.gates import Candidates
+    from ..pipeline.results import Evidence, StageEvidence, Unmuted
+    from ..pipeline.stage import StageConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """One candidate and everything the gates said of it."""
+
+    stage: str
+    topic: str
+    channel: str
+    time_s: float
+    accepted: bool
+    readings: tuple[GateReading, ...]
+
+
+def links(evidence: Evidence, part: StageEvidence, start_ns: int, end_ns: int) -> tuple[Chain, ...]:
+    """Return the candidates of a stage with start <= time <= end and what the gates said."""
+    return tuple(
+        Chain(
+            part.spec.stage,
+            part.spec.topic,
+            part.spec.channels[int(part.candidates.channel[row])],
+            (int(part.candidates.time_ns[row]) - evidence.start_ns) / NS_PER_S,
+            bool(part.accepted[row]),
+            readings(part, int(row)),
+        )
+        for row in part.between(start_ns, end_ns)
+    )
+
+
+def locating(evidence: Evidence, stage: str = "") -> StageEvidence:
+    """Return the evidence of the stage that locates by arrivals: the named one, else the last.
+
+    Raises
+    ------
+    RecordingError
+        Where there is none.
+    """
+    uses = {config.key: config.use for config in evidence.config.stage}
+    parts = [
+        p for p in evidence.stages if p.spec.emits == "fix" and by_arrivals(uses[p.spec.stage])
+    ]
+    names = list(dict.fromkeys(p.spec.stage for p in parts))
+    wanted = stage or (names[-1] if names else "")
+    found = [p for p in parts if p.spec.stage == wanted]
+    if not found:
+        expected = f"one of {', '.join(names)}" if names else "a stage that located steps"
+        lacking = "none (without the sensors' places nothing is located)"
+        raise RecordingError(f"{evidence.name}: expected {expected}, found {stage or lacking}")
+    return max(found, key=lambda part: len(part.candidates))
+
+
+def by_arrivals(plugin: str) -> bool:
+    """Whether a plugin locates by arrivals: others give places by directions."""
+    kind: Any = stage_named(plugin)
+    return issubclass(kind.Parameters, LocalizerParameters)
+
+
+def before(evidence: Evidence, part: StageEvidence, emits: tuple[str, ...]) -> StageEvidence:
+    """Return the evidence of the last stage before one, on its topic, that emits a kind of event.
+
+    Raises
+    ------
+    RecordingError
+        Where there is none.
+    """
+    order = [stage.key for stage in evidence.config.stage]
+    earlier = order[: order.index(part.spec.stage)]
+    found = [
+        p
+        for p in evidence.stages
+        if p.spec.stage in earlier and p.spec.emits in emits and p.spec.topic == part.spec.topic
+    ]
+    if not found:
+        raise RecordingError(
+            f"{evidence.name}: {part.spec.stage}: expected a stage that gives "
+            f"{' or '.join(emits)} before it, found none"
+        )
+    return max(found, key=lambda p: earlier.index(p.spec.stage))
+
+
+def accepted_picks(part: StageEvidence) -> list[Pick]:
+    """Return the picks of a stage on one topic, as decided."""
+    c, spec = part.candidates, part.spec
+    return [
+        Pick(
+            int(c.time_ns[row]),
+            spec.channels[int(c.channel[row])],
+            spec.topic,
+            spec.stage,
+            float("nan"),
+            float(c.value[row, 0]),
+        )
+        for row in np.flatnonzero(part.accepted)
+    ]
+
+
+def onsets_of(evidence: Evidence, picking: StageEvidence) -> StageEvidence:
+    """Return the stage whose onsets a picking stage has: itself, or of an array method its source.
+
+    An array method mends the arrivals of a step by each other, which hides in part what is wrong
+    with one channel; onsets are picked channel by channel.
+    """
+    uses = {config.key: config.use for config in evidence.config.stage}
+    while any(n.buffered for n in stage_named(uses[picking.spec.stage]).takes):
+        picking = before(evidence, picking, ("pick",))
+    return picking
+
+
+#: What is counted, by what the deciding stage emits; a later one here goes before an earlier.
+CountedKind = Literal["presence", "pass", "step"]
+KINDS: tuple[CountedKind, ...] = ("presence", "pass", "step")
+#: Default tolerance of a match [s].
+TOLERANCE_S: dict[CountedKind, float] = {"step": 0.12, "pass": PASS_TOLERANCE_S, "presence": 1.0}
+#: Cycles in which a station hears a vehicle, no further apart, are of one stay [s]; a stay that is
+#: this far from any pass is of no vehicle that came by [s].
+_BRIDGE_S, _AWAY_S = 1.0, 15.0
+
+
+class Truth(Protocol):
+    """The truth of a recording, made ready once for many settings."""
+
+    def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
+        """Return how the candidates that passed all gates, topic by topic, answer it."""
+
+
+def counted_kind(config: PipelineConfig) -> CountedKind:
+    """Return what a sweep of a pipeline counts; steps where it has nothing else."""
+    given = {emitted(stage_named(s.use)) for s in config.stage}
+    return next((kind for kind in reversed(KINDS) if kind in given), "step")
+
+
+def noun_of(kind: CountedKind) -> str:
+    """Return how what is counted is called."""
+    return "steps" if kind == "step" else "passes"
+
+
+def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
+    """Match the steps of a result, as decided, to its truth."""
+    e = evidence
+    return match_steps(e.labels, step_times(e), e.start_ns, e.end_ns, tolerance_s)
+
+
+def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -> Truth:
+    """Return the truth of what a pipeline's sweep counts."""
+    kind = counted_kind(evidence.config)
+    if kind == "step":
+        steps = TrueSteps.of(labels, evidence.start_ns, evidence.end_ns, tolerance_s)
+        return StepTruth(steps)
+    stations = {}
+    if evidence.geometry is not None:
+        site = evidence.geometry.stations()
+        stations = {channel: site.names[index] for channel, index in site.of_channel.items()}
+    times: dict[str, list[int]] = {}
+    true = [x for x in labels if x.kind == "pass"]
+    left_out = ignored(labels, np.array([x.time_ns for x in true], np.int64))
+    for label, no in zip(true, left_out, strict=True):
+        if not no:
+            times.setdefault(label.channel, []).append(label.time_ns)
+    truth = {name: np.array(sorted(those), np.int64) for name, those in sorted(times.items())}
+    return PassTruth(truth, stations, tuple(labels), tolerance_s, heard=kind == "presence")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepTruth:
+    """True steps.
+
+    Attributes
+    ----------
+    steps
+        Those that are scored.
+    """
+
+    steps: TrueSteps
+
+    def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
+        """Match the times of all topics."""
+        found = self.steps.match(times_of(passed))
+        hit = np.zeros(len(found.truth_ns), np.bool_)
+        hit[found.pairs[:, 0]] = True
+        return Verdicts(hit, found.found_ns[found.false])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassTruth:
+    """True passes at stations.
+
+    Attributes
+    ----------
+    times_ns
+        Of each station, sorted [ns].
+    stations
+        The station of each channel; one that is not there is a station itself.
+    labels
+        All truth: what is to be ignored.
+    tolerance_s
+        Of the match [s].
+    heard
+        Whether it is enough that the station hears a vehicle at the moment; what it hears a
+        quarter of a minute from any pass, without a break, then counts as one false.
+    """
+
+    times_ns: dict[str, NDArray[np.int64]]
+    stations: dict[str, str]
+    labels: tuple[Label, ...]
+    tolerance_s: float
+    heard: bool
+
+    def verdicts(self, passed: Sequence[tuple[StageSpec, Candidates]]) -> Verdicts:
+        """Match station by station."""
+        found = self._found(passed)
+        none = np.empty(0, np.int64)
+        hits, false = [np.empty(0, np.bool_)], [none]
+        judge = self._overheard if self.heard else self._told
+        for station in sorted({*self.times_ns, *found}):
+            truth = self.times_ns.get(station, none)
+            hit, wrong = judge(truth, found.get(station, none))
+            hits.append(hit)
+            false.append(wrong)
+        wrong = np.concatenate(false)
+        return Verdicts(np.concatenate(hits), wrong[~ignored(self.labels, wrong)])
+
+    def _found(
+        self, passed: Sequence[tuple[StageSpec, Candidates]]
+    ) -> dict[str, NDArray[np.int64]]:
+        parts: dict[str, list[NDArray[np.int64]]] = {}
+        for spec, candidates in passed:
+            for number, channel in enumerate(spec.channels):
+                station = self.stations.get(channel, channel)
+                rows = candidates.channel == number
+                parts.setdefault(station, []).append(candidates.time_ns[rows])
+        return {name: np.sort(np.concatenate(times)) for name, times in parts.items()}
+
+    def _told(
+        self, truth: NDArray[np.int64], found: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        origin = truth[0] if len(truth) else 0
+        pairs = match((truth - origin) / NS_PER_S, (found - origin) / NS_PER_S, self.tolerance_s)
+        hit, right = np.zeros(len(truth), np.bool_), np.zeros(len(found), np.bool_)
+        hit[pairs[:, 0]], right[pairs[:, 1]] = True, True
+        return hit, found[~right]
+
+    def _overheard(
+        self, truth: NDArray[np.int64], found: NDArray[np.int64]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+        hit = _away(truth, found) <= self.tolerance_s
+        new = np.diff(found, prepend=-(2**62)) > _BRIDGE_S * NS_PER_S
+        stays = found[new]
+        far = _away(found, truth) > _AWAY_S
+        # a stay is false where all of it is far from any pass
+        number = np.cumsum(new) - 1
+        near = np.bincount(number[~far], minlength=len(stays)) > 0
+        return hit, stays[~near]
+
+
+def _away(times: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return how far each time is from the nearest other, shape (n,) [s]."""
+    if not len(others):
+        return np.full(len(times), np.inf)
+    after = np.clip(np.searchsorted(others, times), 1, max(len(others) - 1, 1))
+    after = np.minimum(after, len(others) - 1)
+    apart = np.minimum(np.abs(times - others[after]), np.abs(times - others[after - 1]))
+    return np.asarray(apart / NS_PER_S, np.float64)
+
+
+def times_of(passed: Sequence[tuple[StageSpec, Candidates]]) -> NDArray[np.int64]:
+    """Return the times of candidates of all topics [ns]."""
+    if len(passed) == 1:
+        return passed[0][1].time_ns
+    return np.concatenate([np.empty(0, np.int64), *(found.time_ns for _, found in passed)])
+
+
+@dataclass(frozen=True, slots=True)
+class GateReading:
+    """What one gate said of one candidate."""
+
+    gate: str
+    unit: str
+    parameter: str
+    value: float
+    threshold: float
+    margin: float
+    passed: bool
+
+
+def readings(part: StageEvidence | CandidateBlock, row: int) -> tuple[GateReading, ...]:
+    """Return what every gate said of a candidate."""
+    return tuple(
+        GateReading(
+            gate.name,
+            gate.unit,
+            gate.parameter,
+            float(part.gate_value[row, i]),
+            gate.threshold,
+            float(part.margin[row, i]),
+            bool(part.margin[row, i] >= 0),
+        )
+        for i, gate in enumerate(part.spec.gates)
+    )
+
+
+def closeness(part: StageEvidence, row: int, time_ns: int) -> tuple[int, float, int]:
+    """Return what orders candidates: gates failed, then shortfall, then distance in time."""
+    margin = part.margin[row]
+    scale = [max(abs(g.threshold), 1e-9) for g in part.spec.gates]
+    short = np.where(margin < 0, -margin / scale, 0.0)
+    failed = int((~(margin >= 0)).sum())
+    return failed, float(np.nansum(short)), abs(int(part.candidates.time_ns[row]) - time_ns)
+
+
+def told_apart(value: float, other: float, digits: int = 4) -> tuple[str, str]:
+    """Return two numbers with as many digits as show which is the larger, at least ``digits``."""
+    for precision in range(digits, 18):
+        texts = f"{value:.{precision}g}", f"{other:.{precision}g}"
+        shown = float(texts[0]), float(texts[1])
+        if (shown[0] < shown[1], shown[0] > shown[1]) == (value < other, value > other):
+            return texts
+    return f"{value!r}", f"{other!r}"
+
+
+def below(reading: GateReading) -> str:
+    """Return value, threshold and margin of a failed gate as a phrase that its numbers bear out."""
+    unit = "" if reading.unit == "1" else f" {reading.unit}"
+    if np.isnan(reading.value):
+        return f"{reading.gate} is no number, the threshold is {reading.threshold:.4g}{unit}"
+    # a time is stored rounded: one that just fails may read as the threshold itself
+    at_threshold = reading.value == reading.threshold
+    found = reading.threshold - abs(reading.margin) if at_threshold else reading.value
+    value, threshold = told_apart(found, reading.threshold)
+    sign = "<" if found < reading.threshold else ">"
+    return f"{reading.gate} {value}{unit} {sign} {threshold}{unit} (margin {reading.margin:.3g})"
+
+
+def timed(off_s: float) -> str:
+    """Return how late (> 0) or early something is as a phrase."""
+    return f"{abs(off_s) * 1e3:.1f} ms {'late' if off_s > 0 else 'early'}"
+
+
+DRAWS = 200
+#: Recordings are drawn more often, since that costs little; so many draws at once.
+RECORDING_DRAWS, AT_ONCE = 2000, 50
+SEED = 20_170_319
+#: Ends of the interval that holds nine of ten draws [%].
+ENDS = (5.0, 95.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdicts:
+    """How one setting did on one recording, step by step.
+
+    Attributes
+    ----------
+    hit
+        Shape (n_truth,), bool: which true steps are found.
+    false_ns
+        Times of the detections that answer no true step [ns].
+    """
+
+    hit: NDArray[np.bool_]
+    false_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """An interval that holds nine of ten draws."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Confidence:
+    """How sure the F1 of settings is.
+
+    Attributes
+    ----------
+    f1
+        Of each setting.
+    behind
+        How far each setting is behind the first one.
+    """
+
+    f1: tuple[Interval, ...]
+    behind: tuple[Interval, ...]
+
+    def worse(self, row: int) -> bool:
+        """Whether a setting is told apart from the first one, as the worse."""
+        return self.behind[row].low > 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """A figure of many recordings as the ratio of two sums: a pooled F1, or a mean.
+
+    Attributes
+    ----------
+    top, bottom
+        What each recording adds to either, shape (n,).
+    """
+
+    top: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+
+    def value(self) -> float:
+        """Return the figure; NaN where nothing is summed."""
+        bottom = float(self.bottom.sum())
+        return float(self.top.sum()) / bottom if bottom else float("nan")
+
+
+def bootstrap_recordings(
+    before: Sums, after: Sums, draws: int = RECORDING_DRAWS
+) -> Interval | None:
+    """Return the interval of a figure's change over recordings, those of both in the same order.
+
+    Recordings are drawn with replacement, each with all its steps: steps of one recording are
+    alike, and so are the two figures of one, which are always drawn together. The seed is fixed.
+
+    Returns
+    -------
+    The interval of after minus before, or None where a draw may have no figure.
+    """
+    rng = np.random.default_rng(SEED)
+    n = len(before.top)
+    if not n:
+        return None
+    changes = []
+    for size in [AT_ONCE] * (draws // AT_ONCE):
+        times = rng.multinomial(n, np.full(n, 1 / n), size=size).astype(np.float64)
+        bottoms = times @ before.bottom, times @ after.bottom
+        if not (bottoms[0].all() and bottoms[1].all()):
+            return None
+        changes.append(times @ after.top / bottoms[1] - times @ before.top / bottoms[0])
+    return _intervals(np.concatenate(changes)[:, None])[0]
+
+
+def bootstrap(settings: Sequence[Sequence[Verdicts]], draws: int = DRAWS) -> Confidence:
+    """Return the confidence of settings, each a sequence of verdicts, one for each recording.
+
+    True steps are drawn with replacement; every false detection counts as often as a Poisson
+    number of mean 1 says. All settings see the same draws, so that two which err at the same steps
+    are compared at the same steps. The seed is fixed: the same verdicts give the same intervals.
+    """
+    rng = np.random.default_rng(SEED)
+    hit = np.array([np.concatenate([v.hit for v in s]) for s in settings], np.float64)
+    false = _occurrence(settings)
+    n = hit.shape[1]
+    steps = rng.multinomial(n, np.full(n, 1 / n), size=draws).astype(np.float64)
+    found = steps @ hit.T
+    wrong = rng.poisson(1.0, (draws, false.shape[1])).astype(np.float64) @ false.T
+    f1 = 2 * found / (n + found + wrong)
+    return Confidence(_intervals(f1), _intervals(f1[:, :1] - f1))
+
+
+def _occurrence(settings: Sequence[Sequence[Verdicts]]) -> NDArray[np.float64]:
+    """Return which false detections each setting has, of all that any has."""
+    keys = [[(r, t) for r, v in enumerate(s) for t in v.false_ns.tolist()] for s in settings]
+    column = {key: i for i, key in enumerate(sorted({key for found in keys for key in found}))}
+    out = np.zeros((len(settings), len(column)))
+    for row, found in enumerate(keys):
+        for key in found:
+            out[row, column[key]] += 1
+    return out
+
+
+def _intervals(values: NDArray[np.float64]) -> tuple[Interval, ...]:
+    low, high = np.percentile(values, ENDS, axis=0)
+    return tuple(Interval(float(a), float(b)) for a, b in zip(low, high, strict=True))
+
 
 #: The cause of a miss, in one word; ``score`` and fleets count them.
 CAUSES = (
@@ -540,3 +1018,197 @@ def channel_verdict(
         later_ms = (int(source.candidates.time_ns[row]) - time_ns) / 1e6
         return "taken", f"was picked {later_ms:+.0f} ms from it, in another group"
     return ("refractory" if first.gate == "refractory" else "threshold"), below(first)
+
+
+#: From here on a recorded signal stands out of its noise [dB].
+CLEAR_DB = 12.0
+FRAME_NS = round(FRAME_S * NS_PER_S)
+#: From here on the signal-to-noise ratios as recorded and after the filter differ [dB].
+TAKEN_DB = 6.0
+#: A signal that stands still for this part of a span, counted in the frames that overlap it, is
+#: dead, for less it is clipped.
+DEAD_PART = 0.5
+#: What a detector looks for that says nothing else.
+MAXIMUM = "a local maximum"
+#: So many candidates at most, this near, tell how long after them the decision function reaches
+#: their value, which it does at most so long before or after [s].
+LAG_FROM, LAG_FROM_S, LAG_BEFORE_S, LAG_AFTER_S = 20, 30.0, 0.2, 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """Why a channel gave no candidate.
+
+    Attributes
+    ----------
+    cause
+        ``dead``, ``clipped``, ``gap``, ``quiet``, or ``shape``: the decision function rose above
+        the floor without what a candidate is.
+    text
+        The same for people.
+    recorded_db, filtered_db
+        What the signal rose above its noise, as recorded and after the filter [dB]; None where
+        that is not known.
+    """
+
+    cause: str
+    text: str
+    recorded_db: float | None = None
+    filtered_db: float | None = None
+
+    @property
+    def levels(self) -> str:
+        """What the filter left of the signal, where that is much less than was recorded."""
+        recorded, filtered = self.recorded_db, self.filtered_db
+        if recorded is None or filtered is None or recorded < max(CLEAR_DB, filtered + TAKEN_DB):
+            return ""
+        return f"{recorded:.0f} dB over its noise as recorded, {filtered:.0f} dB after the filter"
+
+
+def _db(level: float, noise: float) -> float | None:
+    """Return a level over noise [dB], or None where either is not known."""
+    return 20 * float(np.log10(level / noise)) if level > 0 and noise > 0 else None
+
+
+def silence(
+    part: StageEvidence,
+    channel: int,
+    start_ns: int,
+    end_ns: int,
+    floor: float | None = None,
+    sought: str = MAXIMUM,
+) -> Silence:
+    """Say what a channel's trace shows between two times.
+
+    A frame counts where it overlaps the span; one of the decision function and of the filtered
+    signal where it overlaps what candidates in the span would be made of, which may come later by
+    a filter's delay. Dead means that nothing moved for most of the time; clipped, that a signal
+    that stands out stood still at its extreme; quiet, that the decision function stayed below the
+    floor, or where there is none that nothing stood out; shape, that it did not.
+
+    Parameters
+    ----------
+    part
+        The stage and topic.
+    channel
+        Index of the channel.
+    start_ns, end_ns
+        First and last moment.
+    floor
+        Least value of the decision function that makes a candidate; None where there is none.
+    sought
+        What makes a candidate of it, above the floor.
+    """
+    names = [q.name for q in part.spec.trace]
+    rows = _frames(part, channel, start_ns, end_ns)
+    if not len(rows):
+        return Silence("gap", "no signal was recorded")
+    swing, quiet, flat = (rows[:, names.index(name)] for name in ("swing", "quiet", "flat"))
+    length_s = _frame_ns(part) / NS_PER_S
+    # of a signal that is driven from rail to rail most samples stand still, but no frame does
+    span_s, still_s = length_s * len(rows), float(flat[swing == 0].sum())
+    if still_s >= DEAD_PART * min(span_s, (end_ns - start_ns) / NS_PER_S):
+        text = f"is dead: the signal stands still for {still_s * 1e3:.0f} of {span_s * 1e3:.0f} ms"
+        return Silence("dead", text)
+    top = float(swing.max())
+    recorded = _db(top, float(quiet.min()))
+    flat_s = float(flat[swing >= top / 2].max())
+    if flat_s > 0 and recorded is not None and recorded >= CLEAR_DB:
+        return Silence("clipped", f"is clipped for {flat_s * 1e3:.0f} ms of a frame", recorded)
+    lag_ns = _lag_ns(part, channel, (start_ns + end_ns) // 2)
+    later = _frames(part, channel, start_ns + lag_ns, end_ns + lag_ns)
+    later = later if len(later) else rows
+    peak, noise = (later[:, names.index(name)] for name in ("peak", "noise"))
+    filtered = _db(float(peak.max()), float(noise.min()) * np.sqrt(2))
+    reached, other_ns = float(later[:, 0].max()), None
+    if floor is not None and reached > floor:
+        reached, other_ns = _own_value(part, channel, later[:, 0], (start_ns, end_ns))
+    but = ""
+    if other_ns is not None:
+        but = f" but for the candidate {later_text(other_ns - (start_ns + end_ns) // 2)}"
+    cause, text = _reached(part, reached, floor, sought, recorded, but)
+    return Silence(cause, text, recorded, filtered)
+
+
+def _own_value(
+    part: StageEvidence, channel: int, values: NDArray[np.float64], span: tuple[int, int]
+) -> tuple[float, int | None]:
+    """Return what the decision function reached in frames about a span, and whose is left out [ns].
+
+    A frame at the edge holds what lies beside the span too. Where its largest value is that of a
+    candidate outside, it is that one's, and says nothing of the span.
+    """
+    around = round(LAG_AFTER_S * NS_PER_S)
+    rows = part.between(span[0] - around, span[1] + around)
+    times = part.candidates.time_ns[rows]
+    outside = (part.candidates.channel[rows] == channel) & ((times < span[0]) | (times > span[1]))
+    times, peaks = times[outside], part.candidates.value[rows[outside], 0].astype(np.float64)
+    own = ~np.isin(values, peaks)
+    reached = float(values[own].max()) if own.any() else float(values.max())
+    if reached >= values.max():
+        return reached, None
+    return reached, int(times[peaks == values.max()][0])
+
+
+def _reached(
+    part: StageEvidence,
+    reached: float,
+    floor: float | None,
+    sought: str,
+    recorded: float | None,
+    but: str,
+) -> tuple[str, str]:
+    """Return cause and sentence of what the decision function reached."""
+    name, unit = part.spec.trace[0].name, part.spec.trace[0].unit
+    unit = "" if unit == "1" else f" {unit}"
+    if floor is None:
+        clear = recorded is not None and recorded >= CLEAR_DB
+        return ("shape" if clear else "quiet"), f"{name} reached {reached:.3g}{unit}, not {sought}"
+    value, least = told_apart(reached, floor, 3)
+    if reached <= floor:
+        text = f"the signal never rose above the floor{but}: {name} reached {value}{unit}, "
+        return "quiet", f"{text}floor {least}{unit}"
+    frame_ms = _frame_ns(part) / 1e6
+    return "shape", (
+        f"{name} reached {value}{unit} in a frame of {frame_ms:.0f} ms there, above the floor of "
+        f"{least}{unit}, but without {sought}"
+    )
+
+
+def _frame_ns(part: StageEvidence) -> int:
+    """Return the length of a frame [ns]: 50 ms, or a sample where those are further apart."""
+    times = part.frames.time_ns
+    return max(FRAME_NS, round(float(np.median(np.diff(times))))) if len(times) > 1 else FRAME_NS
+
+
+def _frames(part: StageEvidence, channel: int, start_ns: int, end_ns: int) -> NDArray[np.float64]:
+    """Return the frames of a channel that overlap a span, shape (n, n_quantities)."""
+    times = part.frames.time_ns
+    first = int(np.searchsorted(times, start_ns - _frame_ns(part), side="right"))
+    last = int(np.searchsorted(times, end_ns, side="right"))
+    return part.frames.value[first:last, channel].astype(np.float64)
+
+
+def _lag_ns(part: StageEvidence, channel: int, time_ns: int) -> int:
+    """Return how long after a candidate its peak usually lies in the trace [ns].
+
+    The first column of a candidate is the peak of the decision function, which the frame that
+    holds it has as well: the filter's delay, and how far a candidate is timed before its peak. 0
+    where no candidate is near.
+    """
+    around = round(LAG_FROM_S * NS_PER_S)
+    rows = part.between(time_ns - around, time_ns + around)
+    rows = rows[part.candidates.channel[rows] == channel]
+    rows = rows[np.argsort(np.abs(part.candidates.time_ns[rows] - time_ns))[:LAG_FROM]]
+    length, times = _frame_ns(part), part.frames.time_ns
+    value = part.frames.value[:, channel, 0]
+    lags = []
+    for row in rows:
+        found_ns = int(part.candidates.time_ns[row])
+        first, last = np.searchsorted(
+            times, (found_ns - LAG_BEFORE_S * NS_PER_S, found_ns + LAG_AFTER_S * NS_PER_S)
+        )
+        same = np.flatnonzero(value[first:last] == part.candidates.value[row, 0])
+        if len(same):
+            lags.append(int(times[first + same[0]]) + length // 2 - found_ns)
+    return int(np.median(lags)) if lags else 0

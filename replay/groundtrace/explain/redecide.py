@@ -1,35 +1,47 @@
 """Deciding again: the same ``decide`` on stored candidates, with other thresholds.
 
 Equal, decision by decision, to a fresh replay with those thresholds.
+
+The way from stored candidates to steps, or passes, for thousands of settings in turn.
+
+:func:`~.pipeline.gates.decide` decides here as everywhere. What makes it fast is that a gate is
+asked again only where its threshold, or what reaches it, has changed, and only about candidates
+that passed the gates before it: a gate looks at no others.
 """
 
 from __future__ import annotations
 
+import copy
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
-from ..errors import PipelineError
-from ..gates import Candidates, decided_block, gate_specs
-from ..parameters import build, describe
-from ..plugins import stage_named
-from ..score import match_steps
-from ..stage import StageRunner, accepted_events, associates, detects
+from ..errors import PipelineError, RecordingError, did_you_mean
+from ..evaluation.matching import match_steps
+from ..pipeline.gates import Candidates, decide, decided_block, gate_specs
+from ..pipeline.parameters import build, describe, parse_value
+from ..pipeline.plugins import stage_named
+from ..pipeline.stage import StageRunner, accepted_events, associates, detects, emitted
+from .reasons import counted_kind, noun_of, times_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.events import Event, GateSpec
 
-    from ..pipeline import StageConfig
-    from ..score import StepMatch
-    from .evidence import Evidence
+    from ..evaluation.matching import StepMatch
+    from ..pipeline.config import PipelineConfig
+    from ..pipeline.parameters import ParameterInfo
+    from ..pipeline.results import Evidence
+    from ..pipeline.stage import StageConfig
 
 #: A setting: (stage, parameter) to value.
 Settings = Mapping[tuple[str, str], Any]
@@ -214,3 +226,491 @@ def associated(
     for spec, picks in sources:
         given += [spec, *picks]
     return runner.rerun(given)
+
+
+#: What passed a stage on one topic.
+Passed = tuple["StageSpec", Candidates]
+
+
+class Sieve:
+    """The gates of one stage and topic; remembers what passed each of them last.
+
+    Parameters
+    ----------
+    spec
+        What the candidates are.
+    gates
+        In order.
+    candidates
+        What they decide on.
+    """
+
+    def __init__(self, spec: StageSpec, gates: Sequence[Any], candidates: Candidates) -> None:
+        self.spec = spec
+        self.gates = gates
+        self.candidates = candidates
+        self._last: list[tuple[float, Candidates]] = []
+
+    def within(self, start_ns: int, end_ns: int) -> Sieve:
+        """Return the same of the candidates with start <= time <= end."""
+        times = self.candidates.time_ns
+        rows = np.flatnonzero((times >= start_ns) & (times <= end_ns))
+        return Sieve(self.spec, self.gates, self.candidates.rows(rows))
+
+    def passed(self, parameters: Any) -> Candidates:
+        """Return the candidates that pass every gate."""
+        found = self.candidates
+        for depth, gate in enumerate(self.gates):
+            threshold = float(getattr(parameters, gate.parameter))
+            if depth < len(self._last) and self._last[depth][0] != threshold:
+                del self._last[depth:]
+            if depth == len(self._last):
+                decisions, _ = decide(found, self.spec.columns, (gate,), parameters)
+                self._last.append((threshold, found.rows(decisions.accepted)))
+            found = self._last[depth][1]
+        return found
+
+
+class Link:
+    """One stage on the way; runs again only where something it depends on has changed.
+
+    Parameters
+    ----------
+    stage, kind
+        Its configuration and plugin.
+    axes
+        What is swept; those of other stages are left alone.
+    """
+
+    def __init__(self, stage: StageConfig, kind: Any, axes: Sequence[Axis]) -> None:
+        self.stage = stage
+        self.kind = kind
+        self.base = build(kind.Parameters, stage.parameters, stage.key)
+        own = [(i, axis.parameter) for i, axis in enumerate(axes) if axis.stage == stage.key]
+        gates = [gate.parameter for gate in kind.gates]
+        rank = {name: 1 + gates.index(name) for _, name in own if name in gates}
+        #: Places in a setting of this stage's values, what changes most first.
+        self.own = sorted(own, key=lambda item: rank.get(item[1], 0))
+        self._measured = [i for i, name in own if name not in gates]
+        self.sieves: list[Sieve] = []
+        self._values: tuple[Any, ...] | None = None
+        self._passed: list[Passed] = []
+        self._before: tuple[Any, ...] | None = None
+
+    def load(self, sieves: list[Sieve]) -> None:
+        """Take the candidates to decide on."""
+        self.sieves = sieves
+
+    def run(self, setting: Sequence[Any]) -> list[Passed]:
+        """Return what passes, topic by topic; the same list where nothing changed."""
+        values = tuple(setting[i] for i, _ in self.own)
+        if values != self._values:
+            self._values = values
+            parameters = self.parameters(setting)
+            self._passed = [(sieve.spec, sieve.passed(parameters)) for sieve in self.sieves]
+        return self._passed
+
+    def parameters(self, setting: Sequence[Any]) -> Any:
+        """Return the stage's parameters under a setting."""
+        return replace(self.base, **{name: setting[i] for i, name in self.own})
+
+    def associate(self, before: Link, passed: list[Passed], setting: Sequence[Any]) -> None:
+        """Group what passed the stage before anew, where that or how to group it changed."""
+        measured = tuple(setting[i] for i in self._measured)
+        if self._before is not None and self._before[0] is passed and self._before[1] == measured:
+            return
+        self._before, self._values = (passed, measured), None
+        sources = {self.kind.takes[0]: (before.stage.key,)}
+        runner = StageRunner(self.stage, self.kind, self.parameters(setting), sources)
+        gates = gate_specs(before.kind.gates, before.parameters(setting))
+        made = associated(runner, _picks(passed, gates))
+        self.load(
+            [
+                Sieve(b.spec, self.kind.gates, Candidates(b.time_ns, b.channel, b.value))
+                for b in made
+                if isinstance(b, CandidateBlock)
+            ]
+        )
+
+
+def _picks(
+    passed: list[Passed], gates: tuple[GateSpec, ...]
+) -> Iterator[tuple[StageSpec, Iterator[Pick]]]:
+    """Yield the picks that accepted candidates stand for."""
+    for spec, found in passed:
+        none = np.empty((len(found), 0), np.float32)
+        block = CandidateBlock(
+            replace(spec, gates=gates),
+            found.time_ns,
+            found.channel,
+            found.value,
+            none,
+            none,
+            np.ones(len(found), np.bool_),
+        )
+        yield block.spec, (e for e in accepted_events(block) if isinstance(e, Pick))
+
+
+class StepChain:
+    """Decides what is counted of one recording under one setting after the other.
+
+    Only the stage that gives the steps, or the passes, is decided, and those whose picks it takes.
+
+    Parameters
+    ----------
+    evidence
+        What was stored.
+    axes
+        What is swept, gates' parameters and associators' only; a setting has a value for each.
+
+    Raises
+    ------
+    PipelineError
+        Where a value cannot be decided from what was stored.
+    RecordingError
+        Where no stage finds what is counted.
+    """
+
+    def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
+        self._redecider = Redecider(evidence)
+        self._axes = axes
+        self._stages = [(s, stage_named(s.use)) for s in evidence.config.stage]
+        self._check(axes)
+        self.links: list[Link] = []
+        needed = self._last_stage(evidence)
+        for index in range(len(self._stages) - 1, -1, -1):
+            stage, kind = self._stages[index]
+            if stage.key != needed:
+                continue
+            link = Link(stage, kind, axes)
+            self.links.insert(0, link)
+            if not associates(kind):
+                link.load([Sieve(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)])
+                break
+            needed = self._picking_before(index)
+
+    def within(self, start_ns: int, end_ns: int) -> StepChain:
+        """Return a chain that decides only about candidates with start <= time <= end."""
+        found = copy.copy(self)
+        found.links = [Link(link.stage, link.kind, self._axes) for link in self.links]
+        found.links[0].load([sieve.within(start_ns, end_ns) for sieve in self.links[0].sieves])
+        return found
+
+    @property
+    def associates(self) -> bool:
+        """Whether an associator is on the way."""
+        return len(self.links) > 1
+
+    def order(self, rows: Sequence[Sequence[Any]]) -> list[int]:
+        """Return the order of settings that changes the early gates least often."""
+        keys = [i for link in self.links for i, _ in link.own]
+        ranks = []
+        for i in keys:
+            column = [row[i] for row in rows]
+            known = {value: rank for rank, value in enumerate(sorted(set(column)))}
+            ranks.append([known[value] for value in column])
+        if not ranks:
+            return list(range(len(rows)))
+        found: list[int] = np.lexsort(ranks[::-1]).tolist()
+        return found
+
+    def step_times(self, setting: Sequence[Any]) -> NDArray[np.int64]:
+        """Return the times of what is counted under a setting [ns]."""
+        return times_of(self.passed(setting))
+
+    def passed(self, setting: Sequence[Any]) -> list[Passed]:
+        """Return what passes all gates under a setting, topic by topic."""
+        passed: list[Passed] = []
+        for before, link in zip([None, *self.links], self.links, strict=False):
+            if before is not None:
+                link.associate(before, passed, setting)
+            passed = link.run(setting)
+        return passed
+
+    def _check(self, axes: Sequence[Axis]) -> None:
+        """Let the redecider refuse what needs a replay."""
+        stages = {stage.key: (stage, kind) for stage, kind in self._stages}
+        for axis in axes:
+            ends = (min(axis.values), max(axis.values)) if axis.numeric else axis.values
+            for value in ends:
+                settings = {(axis.stage, axis.parameter): value}
+                self._redecider.parameters(*stages[axis.stage], settings)
+
+    def _last_stage(self, evidence: Evidence) -> str:
+        counted = counted_kind(evidence.config)
+        for stage, kind in reversed(self._stages):
+            if emitted(kind) == counted and evidence.of(stage.key):
+                return str(stage.key)
+        raise RecordingError(
+            f"{evidence.name}: expected a stage that finds {noun_of(counted)}, found none"
+        )
+
+    def _picking_before(self, index: int) -> str:
+        stages = self._stages[:index]
+        picking = (s.key for s, kind in reversed(stages) if emitted(kind) == "pick")
+        return str(next(picking, ""))
+
+
+class Tries:
+    """Decides with some parameters changed.
+
+    Parameters
+    ----------
+    redecider
+        Says what can be decided from what was stored.
+
+    Raises
+    ------
+    RecordingError
+        Where no stage finds steps.
+    """
+
+    def __init__(self, redecider: Redecider) -> None:
+        evidence = redecider.evidence
+        self._redecider = redecider
+        self._stages = {stage.key: (stage, kind) for stage, kind in redecider.stages}
+        stood = {name: redecider.parameters(*stage, {}) for name, stage in self._stages.items()}
+        #: Every gate's parameter as it stood.
+        self._base = {
+            (part.spec.stage, gate.parameter): getattr(stood[part.spec.stage], gate.parameter)
+            for part in evidence.stages
+            if part.spec.stage in stood
+            for gate in part.spec.gates
+        }
+        axes = [Axis(*key, "", (value,), False, False) for key, value in self._base.items()]
+        self._chain = StepChain(evidence, axes)
+
+    @classmethod
+    def of(cls, redecider: Redecider) -> Tries | None:
+        """Return the tries of a result; None where it has no steps to decide."""
+        evidence = redecider.evidence
+        steps = any(part.spec.emits == "step" for part in evidence.stages)
+        return cls(redecider) if steps and counted_kind(evidence.config) == "step" else None
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages that steps depend on."""
+        return tuple(link.stage.key for link in self._chain.links)
+
+    def within(self, start_ns: int, end_ns: int) -> Tries:
+        """Return the tries of candidates with start <= time <= end."""
+        found = copy.copy(self)
+        found._chain = self._chain.within(start_ns, end_ns)
+        return found
+
+    def passed(self, settings: Settings) -> list[Passed]:
+        """Return the steps with some parameters changed, topic by topic.
+
+        Raises
+        ------
+        PipelineError
+            Where a value is not allowed, or needs a replay.
+        """
+        for name in {stage for stage, _ in settings}:
+            if name not in self._stages:
+                raise PipelineError(
+                    f"{name}: expected a stage that candidates decide, found another"
+                )
+            self._redecider.parameters(*self._stages[name], settings)
+        return self._chain.passed(self._row(settings))
+
+    def order(self, tried: Sequence[Settings]) -> list[int]:
+        """Return the order of settings in which the early gates change least often."""
+        return self._chain.order([self._row(settings) for settings in tried])
+
+    def _row(self, settings: Settings) -> list[Any]:
+        return [settings.get(key, value) for key, value in self._base.items()]
+
+    def unchanged(self) -> list[Passed]:
+        """Return the steps as they stood, topic by topic."""
+        return self._chain.passed([*self._base.values()])
+
+
+#: A sweep of more settings than this is refused.
+MOST = 1_000_000
+#: Significant digits of values between the ends of a range: what is printed is what was tried.
+DIGITS = 8
+RANDOM_DIGITS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A parameter that is swept.
+
+    Attributes
+    ----------
+    stage, parameter, unit
+        Which.
+    values
+        In the order given; the type is the parameter's.
+    span
+        Whether they stand for the whole range between the first and the last.
+    remeasure
+        Whether it changes the signal path, so that each value needs the signal again.
+    """
+
+    stage: str
+    parameter: str
+    unit: str
+    values: tuple[Any, ...]
+    span: bool
+    remeasure: bool
+
+    @property
+    def name(self) -> str:
+        """The parameter as settings name it."""
+        return f"{self.stage}.{self.parameter}"
+
+    @property
+    def numeric(self) -> bool:
+        """Whether the values are numbers."""
+        return all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values)
+
+    def draw(self, rng: np.random.Generator, count: int) -> list[Any]:
+        """Return random values: from the whole range, or out of the list."""
+        if not self.span:
+            return [self.values[i] for i in rng.integers(len(self.values), size=count)]
+        low, high = min(self.values), max(self.values)
+        if isinstance(low, int):
+            return [int(v) for v in rng.integers(low, high, endpoint=True, size=count)]
+        drawn = rng.uniform(low, high, count).tolist()
+        return [min(max(_rounded(v, RANDOM_DIGITS), low), high) for v in drawn]
+
+    def places(self, values: Sequence[Any]) -> NDArray[np.float64]:
+        """Return where values lie between the axis' ends, 0 to 1; a list's are evenly apart."""
+        if self.span:
+            low, high = min(self.values), max(self.values)
+            return np.array([(v - low) / ((high - low) or 1) for v in values], np.float64)
+        steps = {value: index for index, value in enumerate(self.values)}
+        return np.array([steps[v] for v in values], np.float64) / max(len(steps) - 1, 1)
+
+
+def parse_axis(text: str, config: PipelineConfig) -> Axis:
+    """Read ``stage.param=FROM:TO:COUNT`` or ``stage.param=VALUE,VALUE``.
+
+    Raises
+    ------
+    PipelineError
+        Another form, an unknown stage or parameter, or a value that it may not have.
+    """
+    left, equals, right = text.partition("=")
+    key, dot, parameter = left.strip().rpartition(".")
+    if not (equals and dot and parameter and right.strip()):
+        raise PipelineError(
+            f"--grid: expected stage.param=FROM:TO:COUNT or stage.param=VALUE,VALUE, found {text!r}"
+        )
+    stages = {stage.key: stage for stage in config.stage}
+    if key not in stages:
+        raise PipelineError(
+            f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
+            f"{did_you_mean(key, stages)}"
+        )
+    kind = stage_named(stages[key].use)
+    counted = counted_kind(config)
+    if not (detects(kind) or associates(kind)) and emitted(kind) != counted:
+        raise PipelineError(
+            f"--grid: expected a stage that decides about {noun_of(counted)}, found {key!r}"
+        )
+    info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
+    span = ":" in right
+    if span:
+        given = _range(right, text, info)
+        for end in (given[0], given[-1]):
+            _checked(stages[key], kind, parameter, end)
+    else:
+        parsed = [parse_value(value.strip()) for value in right.split(",")]
+        given = [_checked(stages[key], kind, parameter, value) for value in parsed]
+    values = tuple(dict.fromkeys(given))
+    # passes are found in the cycles of which a gate says that they hear a vehicle
+    through = emitted(kind) == "presence" and counted == "pass"
+    signal = not associates(kind) and info is not None and info.part == "measure"
+    remeasure = signal or through
+    return Axis(key, parameter, info.unit if info else "", values, span, remeasure)
+
+
+def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
+    """Return evenly spaced numbers, both ends among them; whole ones for a whole parameter."""
+    try:
+        low, high, count = (float(part) for part in text.split(":"))
+    except ValueError:
+        low, high, count = math.nan, math.nan, 0
+    if not (math.isfinite(low + high) and count >= 2 and count == int(count) and low < high):
+        raise PipelineError(
+            f"--grid: expected FROM:TO:COUNT with FROM < TO and a COUNT of 2 or more, "
+            f"found {whole!r}"
+        )
+    if count > MOST:
+        raise PipelineError(f"--grid: expected at most {MOST} values, found {whole!r}")
+    values = np.linspace(low, high, int(count)).tolist()
+    if info is not None and type(info.default) is int:
+        return [round(v) for v in values]
+    return [low, *(_rounded(v, DIGITS) for v in values[1:-1]), high]
+
+
+def _checked(stage: StageConfig, kind: Any, parameter: str, value: Any) -> Any:
+    """Return a value as the parameter has it."""
+    built = build(kind.Parameters, {**stage.parameters, parameter: value}, stage.key)
+    return getattr(built, parameter)
+
+
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """The settings of a sweep.
+
+    Attributes
+    ----------
+    axes
+        What is swept.
+    rows
+        One value for each axis, setting by setting.
+    shape
+        Number of values of each axis where every combination is there, in the order of the axes,
+        the last one fastest; None for random settings.
+    """
+
+    axes: tuple[Axis, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    shape: tuple[int, ...] | None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def places(self) -> NDArray[np.float64]:
+        """Return where the settings lie, each axis from 0 to 1; shape (n, n_axes)."""
+        columns = zip(*self.rows, strict=True)
+        return np.column_stack([a.places(c) for a, c in zip(self.axes, columns, strict=True)])
+
+    def setting(self, row: int) -> dict[str, Any]:
+        """Return a setting by the names of its parameters."""
+        return dict(zip((a.name for a in self.axes), self.rows[row], strict=True))
+
+
+def make_grid(axes: Sequence[Axis], random: int | None = None, seed: int = 0) -> Grid:
+    """Return all combinations of the axes' values, or ``random`` random settings.
+
+    Raises
+    ------
+    PipelineError
+        Where nothing is swept, a parameter is named twice, or there are more than :data:`MOST`.
+    """
+    names = [axis.name for axis in axes]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if not names or twice:
+        expected = "each parameter once" if twice else "at least one parameter to sweep"
+        raise PipelineError(f"--grid: expected {expected}, found {twice or 'none'}")
+    shape = tuple(len(axis.values) for axis in axes)
+    count = math.prod(shape) if random is None else random
+    if count > MOST:
+        raise PipelineError(
+            f"--grid: expected at most {MOST} settings, found {count}: --random {MOST // 10} tries "
+            f"some of them"
+        )
+    if random is None:
+        return Grid(tuple(axes), tuple(product(*(a.values for a in axes))), shape)
+    rng = np.random.default_rng(seed)
+    drawn = [axis.draw(rng, random) for axis in axes]
+    return Grid(tuple(axes), tuple(zip(*drawn, strict=True)), None)

@@ -2,6 +2,11 @@
 
 What may be changed: a parameter, the places of sensors, single arrivals. Without a change the
 places are those that were stored.
+
+The arrival curve of a recording: t = t0 + k d^p with one k and p, and one t0 a step.
+
+It judges arrivals apart from any localizer. The exponent lies between 1 (a front that does not
+disperse) and 4/3 (thesis, equation (4.24)); of a few in between the one that fits best is taken.
 """
 
 from __future__ import annotations
@@ -12,24 +17,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.events import CandidateBlock, Pick, StepEvent
+from groundtrace_codecs.events import CandidateBlock, Fix, Pick, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, decided_block
-from ..localizers.api import Site, first_arrivals, place_candidate
-from ..parameters import build
-from ..plugins import stage_named
-from .parts import accepted_picks, before, locating, onsets_of
-from .readings import readings
+from ..evaluation.picks import ANSWER_S
+from ..evaluation.positions import found_places, match_places, true_places
+from ..localizers import tdoa
+from ..localizers.base import Site, first_arrivals, place_candidate
+from ..localizers.tdoa import distances
+from ..pipeline.gates import Candidates, decided_block
+from ..pipeline.parameters import build
+from ..pipeline.plugins import stage_named
+from .reasons import accepted_picks, before, locating, onsets_of, readings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from .evidence import Evidence, StageEvidence
-    from .readings import GateReading
+    from groundtrace_codecs.events import TrackPoint
+
+    from ..evaluation.positions import Places
+    from ..pipeline.results import Evidence, StageEvidence
+    from .reasons import GateReading
     from .redecide import Outcome
 
     Array = NDArray[np.float64]
@@ -246,3 +257,212 @@ def stored(part: StageEvidence) -> Located:
         part.spec, c.time_ns, c.channel, c.value, part.gate_value, part.margin, part.accepted
     )
     return Located(block, np.zeros(len(c), np.int64))
+
+
+#: A track tells nothing about steps further than this from its points [s].
+REACH_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """Where somebody was.
+
+    Attributes
+    ----------
+    kind
+        ``truth``, ``track`` (where the tracker has them) or ``none``.
+    xy
+        Shape (m, 2) [m]; NaN where unknown.
+    """
+
+    kind: str
+    xy: Array
+
+    def errors_m(self, located: Located) -> Array:
+        """Return how far each place is off, rejected or not, shape (m,) [m]; NaN if unknown."""
+        off: Array = np.hypot(*(located.xy - self.xy).T)
+        return off
+
+    def rmse_m(self, located: Located) -> float:
+        """Return the root mean square of the errors of accepted places [m]; NaN without any."""
+        errors = self.errors_m(located)[located.block.accepted]
+        known = errors[np.isfinite(errors)]
+        return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
+
+
+def reference_of(evidence: Evidence, located: Located, tolerance_s: float = 0.12) -> Reference:
+    """Return the truth about places, else what the track says, for each step located."""
+    times = located.block.time_ns
+    truth = true_places(evidence.labels)
+    if len(truth):
+        return Reference("truth", true_at(truth, times, located.xy, tolerance_s))
+    if evidence.track:
+        return Reference("track", tracked_at(evidence.track, times, located.xy))
+    return Reference("none", np.full((len(times), 2), np.nan))
+
+
+def true_at(truth: Places, time_ns: NDArray[np.int64], xy: Array, tolerance_s: float) -> Array:
+    """Return the true place that each step answers, shape (m, 2) [m]; NaN where it answers none.
+
+    Parameters
+    ----------
+    truth
+        True places.
+    time_ns
+        Shape (m,): of the steps, in order.
+    xy
+        Shape (m, 2): where they were located [m]; NaN where nowhere.
+    tolerance_s
+        Largest distance in time [s].
+    """
+    somewhere = np.where(np.isfinite(xy), xy, truth.xy.mean(axis=0))
+    unknown = (float("nan"),) * 3
+    found_at = [
+        Fix(int(t), float(x), float(y), unknown, float("nan"), "", 0, "")
+        for t, (x, y) in zip(time_ns, somewhere, strict=True)
+    ]
+    pairs = match_places(truth, found_places(found_at), tolerance_s)
+    found = np.full((len(time_ns), 2), np.nan)
+    found[pairs[:, 1]] = truth.xy[pairs[:, 0]]
+    return found
+
+
+def tracked_at(track: Sequence[TrackPoint], time_ns: NDArray[np.int64], xy: Array) -> Array:
+    """Return where the nearest track is at each step, shape (m, 2) [m]; NaN far from any."""
+    found = np.full((len(time_ns), 2), np.nan)
+    nearest = np.full(len(time_ns), np.inf)
+    for number in sorted({point.track for point in track}):
+        own = sorted((p.time_ns, p.x_m, p.y_m) for p in track if p.track == number)
+        times = np.array([row[0] for row in own], np.int64)
+        places = np.array([row[1:] for row in own], np.float64)
+        there = np.column_stack([np.interp(time_ns, times, places[:, k]) for k in (0, 1)])
+        away_s = np.abs(time_ns[:, None] - times).min(axis=1) / NS_PER_S
+        apart = np.nan_to_num(np.hypot(*(xy - there).T), nan=0.0)
+        better = (away_s <= REACH_S) & (apart < nearest)
+        found[better], nearest[better] = there[better], apart[better]
+    return found
+
+
+def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
+    """Return arrival minus true arrival, shape (m, n) [s]; NaN where none is within 50 ms.
+
+    NaN everywhere where the arrivals are those of an array method: of one frequency of waves that
+    disperse, which come after the first ones by more, the farther they went.
+    """
+    step_ns, times_s = relocator.arrivals.step_ns, relocator.arrivals.times_s
+    found = np.full(times_s.shape, np.nan)
+    if relocator.correlated:
+        return found
+    for channel, name in enumerate(relocator.names):
+        truth = np.sort(
+            [x.time_ns for x in evidence.labels if (x.kind, x.channel) == ("pick", name)]
+        )
+        if not len(truth):
+            continue
+        heard = np.flatnonzero(np.isfinite(times_s[:, channel]))
+        picked = step_ns[heard] + np.rint(times_s[heard, channel] * NS_PER_S).astype(np.int64)
+        after = np.clip(np.searchsorted(truth, picked), 1, max(len(truth) - 1, 1))
+        near = [truth[np.minimum(k, len(truth) - 1)] for k in (after - 1, after)]
+        off = np.stack([picked - t for t in near]) / NS_PER_S
+        least = np.take_along_axis(off, np.abs(off).argmin(axis=0)[None], axis=0)[0]
+        found[heard, channel] = np.where(np.abs(least) <= ANSWER_S, least, np.nan)
+    return found
+
+
+EXPONENTS = (1.0, 7 / 6, tdoa.EXPONENT)
+#: Passes of reweighting.
+PASSES = 8
+#: The least error of an arrival reckoned with [s]: no picker is better.
+LEAST_NOISE_S = 5e-5
+#: Turns a median of absolute values into a standard deviation.
+NORMAL = 1.4826
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A fitted curve.
+
+    Attributes
+    ----------
+    exponent, slope
+        p, and k [s/m^p].
+    origin_s
+        Shape (m,): t0 of each step [s]; NaN where it has no arrival.
+    noise_s
+        Standard deviation of an arrival, robust [s].
+    """
+
+    exponent: float
+    slope: float
+    origin_s: Array
+    noise_s: float
+
+    def misfit_s(self, sources: Array, place: Array, times_s: Array) -> Array:
+        """Return by how much arrivals at one sensor come after the curve, shape (m,) [s].
+
+        Parameters
+        ----------
+        sources
+            Shape (m, 2): places of the steps [m].
+        place
+            Shape (2,): the sensor's [m].
+        times_s
+            Shape (m,): arrivals there [s]; NaN where there is none.
+        """
+        apart = np.hypot(*(sources - place).T)
+        late: Array = times_s - self.origin_s - self.slope * apart**self.exponent
+        return late
+
+
+def fit_curve(sources: Array, positions: Array, times_s: Array) -> Curve | None:
+    """Return the curve that fits arrivals best; None where they do not grow with distance.
+
+    Parameters
+    ----------
+    sources
+        Shape (m, 2): places of the steps [m]; NaN where unknown.
+    positions
+        Shape (n, 2): of the sensors [m].
+    times_s
+        Shape (m, n): arrivals [s]; NaN where there is none.
+    """
+    apart = distances(sources, positions)
+    known = np.isfinite(times_s) & np.isfinite(apart)
+    if known.sum() < 2 * len(positions):
+        return None
+    curves = [_fitted(apart, times_s, known, exponent) for exponent in EXPONENTS]
+    good = [curve for curve in curves if curve.slope > 0]
+    return min(good, key=lambda curve: curve.noise_s, default=None)
+
+
+def _fitted(apart: Array, times_s: Array, known: NDArray[np.bool_], exponent: float) -> Curve:
+    """Fit by reweighting: residuals beyond 1.345 standard deviations count linearly."""
+    u = np.where(known, apart, 0.0) ** exponent
+    t = np.where(known, times_s, 0.0)
+    weight = known.astype(np.float64)
+    for _ in range(PASSES):
+        whole = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+        u_off = u - (weight * u).sum(axis=1, keepdims=True) / whole
+        t_off = t - (weight * t).sum(axis=1, keepdims=True) / whole
+        slope = float((weight * u_off * t_off).sum() / max((weight * u_off**2).sum(), 1e-12))
+        left = t_off - slope * u_off
+        noise_s = max(NORMAL * float(np.median(np.abs(left[known]))), LEAST_NOISE_S)
+        bound = tdoa.HUBER * noise_s
+        weight = known * np.minimum(1.0, bound / np.maximum(np.abs(left), bound))
+    heard = known.any(axis=1)
+    origin = np.where(heard, (t - slope * u - left)[:, 0], np.nan)
+    return Curve(exponent, slope, origin, noise_s)
+
+
+def blind_sources(positions: Array, arrivals: Arrivals, outline: Array | None) -> Array:
+    """Return places of the steps from their arrivals alone, shape (m, 2) [m]; NaN with too few.
+
+    By :mod:`~.localizers.tdoa`, which needs no calibration; with no more arrivals
+    than it has unknowns there is no telling an arrival that is off.
+    """
+    found = np.full((len(arrivals.step_ns), 2), np.nan)
+    for row, times in enumerate(arrivals.times_s):
+        if np.isfinite(times).sum() > tdoa.POWER_LAW_UNKNOWNS:
+            location = tdoa.locate_power_law(positions, times, outline)
+            found[row] = location.x, location.y
+    return found

@@ -26,10 +26,9 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import PipelineError
-from ..score.step_matching import TrueSteps
-from .counted import StepTruth, times_of
-from .redecide import Counts
-from .tries import Tries
+from ..evaluation.matching import TrueSteps
+from .reasons import StepTruth, times_of
+from .redecide import Counts, Tries
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -38,12 +37,13 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import GateSpec
 
-    from .bootstrap import Verdicts
-    from .evidence import StageEvidence
+    from ..pipeline.results import StageEvidence
+    from .reasons import Verdicts
     from .redecide import Redecider
 
     #: Whether a change does what is wanted, by the true steps and how it does on them.
     Works = Callable[[TrueSteps, Verdicts], bool]
+
     #: Changes of one parameter, by their size.
     Proposal = list["Change"]
     Changes = tuple["Change", ...]

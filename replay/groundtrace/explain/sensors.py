@@ -15,19 +15,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..localizers import power_law
-from ..localizers.power_law import HUBER
-from .curve import LEAST_NOISE_S, blind_sources, fit_curve
-from .relocate import Arrivals
+from ..localizers import tdoa
+from ..localizers.tdoa import HUBER
+from .relocate import LEAST_NOISE_S, Arrivals, blind_sources, fit_curve
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
-    from .curve import Curve
-    from .reference import Reference
-    from .relocate import Relocator
+    from .relocate import Curve, Reference, Relocator
 
     Array = NDArray[np.float64]
 
@@ -197,7 +194,7 @@ def _least_left(
     cost, noise_s = left[best]
     blamed = {fault.channel for fault in sets[best]}
     # of as many wrong sensors as a step has arrivals to spare the others tell nothing
-    if len(blamed) >= len(positions) - power_law.UNKNOWNS:
+    if len(blamed) >= len(positions) - tdoa.POWER_LAW_UNKNOWNS:
         return ()
     for other, (other_cost, _) in zip(sets, left, strict=True):
         alike = 2 * (other_cost - cost) / noise_s < CLEAR_GAIN
@@ -356,3 +353,57 @@ def _better_place(curve: Curve, sources: Array, bounds: Array, times_s: Array) -
         centre = nodes[int(np.argmin(loss))]
         half = half * 2 / (NODES - 1)
     return np.asarray(centre, np.float64)
+
+
+#: Two sensors are swapped where each seems to stand within this part of their distance of where
+#: the other is said to stand.
+NEAR_PART = 0.25
+
+
+def swapped(faults: Sequence[Fault], positions: Array) -> tuple[tuple[int, int], ...]:
+    """Return pairs of displaced sensors that stand in each other's place, by their rows.
+
+    Parameters
+    ----------
+    faults
+        Of the sensors that were found wrong.
+    positions
+        Shape (n, 2): where the geometry has them [m].
+    """
+    moved = {fault.channel: fault.place for fault in faults if fault.cause == "position"}
+    pairs = []
+    for one in moved:
+        for other in moved:
+            apart = float(np.hypot(*(positions[one] - positions[other])))
+            off = max(
+                float(np.hypot(*(moved[one] - positions[other]))),
+                float(np.hypot(*(moved[other] - positions[one]))),
+            )
+            if one < other and off <= NEAR_PART * apart:
+                pairs.append((one, other))
+    return tuple(pairs)
+
+
+def swap_notes(
+    names: Sequence[str], positions: Array, times_s: Array, sources: Array
+) -> tuple[str, ...]:
+    """Say which sensors seem to be swapped, one line a pair.
+
+    Parameters
+    ----------
+    names
+        Of the n channels.
+    positions
+        Shape (n, 2): of the sensors [m].
+    times_s
+        Shape (m, n): arrivals by clocks set right [s]; NaN where there is none.
+    sources
+        Shape (m, 2): places of the impacts [m].
+    """
+    arrivals = Arrivals(np.zeros(len(times_s), np.int64), times_s)
+    faults = found_faults(Judge(sources, None), arrivals, arrivals, positions, correlated=False)
+    return tuple(
+        f"sensors: {names[one]} and {names[other]} seem to be swapped: each fits the arrivals of "
+        f"the other; exchange their places in the geometry, or their cables"
+        for one, other in swapped(faults, positions)
+    )

@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import time
+from bisect import bisect_left
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import msgspec
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import Gap, Note
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..errors import RecordingError
-from .chain import StepChain
-from .measuring import Judged, Task, judge_all, recording_in, with_values
+from ..errors import PipelineError, RecordingError
+from ..pipeline.config import build_pipeline, parse_pipeline, with_settings
+from ..pipeline.engine import replay
+from ..pipeline.results import Evidence, file_sha256, stage_evidence
+from ..pipeline.source import Source
+from ..pipeline.warned import warnings_of
+from .reasons import Interval, bootstrap, counted_kind, noun_of, truth_for
+from .redecide import Grid, StepChain, make_grid
+from .suitability import PLACEMENT, refuse_unsuitable, with_placements
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
-    from .bootstrap import Verdicts
-    from .evidence import Evidence
-    from .grid import Grid
+    from groundtrace_codecs.events import Event, Label
+
+    from ..pipeline.config import PipelineConfig
+    from ..pipeline.engine import Session
+    from .reasons import Confidence, Verdicts
+    from .redecide import Axis
 
 #: Up to so many settings times recordings, what was measured for is kept step by step.
 KEPT = 20_000
@@ -284,3 +300,599 @@ def reproduced(subject: Subject) -> bool:
     again, final = chain.step_times(()), chain.links[-1].stage.key
     stored = [p.candidates.time_ns[p.accepted] for p in evidence.of(final)]
     return bool(np.array_equal(np.sort(again), np.sort(np.concatenate(stored))))
+
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+@dataclass(slots=True)
+class EventList:
+    """A sink that keeps the events and leaves out the signals."""
+
+    events: list[Event] = field(default_factory=list)
+
+    def open(self, session: Session) -> None:
+        """Begin; nothing is needed."""
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take an event."""
+        if not isinstance(item, SignalBlock):
+            self.events.append(item)
+
+    def close(self) -> None:
+        """End; nothing is held."""
+
+
+def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:
+    """Return the first of some places where a recording is, by its SHA-256 where that is given."""
+    for path in places:
+        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
+            return path
+    return None
+
+
+def resolved(config: PipelineConfig) -> PipelineConfig:
+    """Return a pipeline with every parameter as it stands, defaults written out."""
+    return parse_pipeline(build_pipeline(config).recipe().encode(), config.name)
+
+
+def with_values(
+    config: PipelineConfig, axes: Sequence[Axis], values: Sequence[Any]
+) -> PipelineConfig:
+    """Return a pipeline with the axes' parameters at ``values``."""
+    pairs = zip(axes, values, strict=True)
+    return with_settings(config, [f"{a.name}={msgspec.json.encode(v).decode()}" for a, v in pairs])
+
+
+def measure_evidence(
+    path: Path, config: PipelineConfig, labels: Sequence[Label] | None = None
+) -> Evidence:
+    """Replay a recording through a pipeline and keep the evidence in memory.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    config
+        The pipeline.
+    labels
+        Truth instead of the recording's own.
+    """
+    config = resolved(config)
+    sink = EventList()
+    with Recording.open(path) as recording:
+        refuse_unsuitable(config, recording.streams, recording.name)
+        # places take long, and no step depends on them, as passes do
+        geometry = None if counted_kind(config) == "step" else recording.geometry
+        config, told, _ = with_placements(config, recording)
+        chain = build_pipeline(config, geometry, recording.labels)
+        replay(Source(recording), chain, [sink])
+        notes = [Note(recording.start_ns, text, "WARN", PLACEMENT) for text in told]
+        return Evidence(
+            path.name,
+            config,
+            stage_evidence(sink.events, [stage.key for stage in config.stage]),
+            tuple(e for e in sink.events if isinstance(e, Gap)),
+            recording.labels if labels is None else tuple(labels),
+            recording.start_ns,
+            recording.end_ns,
+            geometry,
+            warnings=warnings_of([*notes, *sink.events], recording.start_ns),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """Settings to judge on one recording that share one measurement.
+
+    Attributes
+    ----------
+    key
+        Anything that names the task to whoever gave it.
+    source
+        What was measured, or the recording to measure first.
+    config, labels
+        The pipeline and the truth.
+    axes
+        What is swept by deciding again.
+    rows
+        One value for each axis, setting by setting.
+    tolerance_s
+        Of the match [s].
+    detailed
+        Whether to say which steps are found, beside how many.
+    """
+
+    key: Any
+    source: Evidence | Path
+    config: PipelineConfig
+    labels: tuple[Label, ...]
+    axes: tuple[Axis, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    tolerance_s: float
+    detailed: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """What came of a task.
+
+    Attributes
+    ----------
+    key
+        The task's.
+    counts
+        Shape (n, 3), int64: steps or passes right, false and missed of each setting.
+    verdicts
+        Step by step, where asked for.
+    associates
+        Whether an associator was on the way.
+    measured
+        Whether the recording had to be measured first.
+    measured_s, decided_s
+        Wall time taken to measure and to decide [s].
+    """
+
+    key: Any
+    counts: NDArray[np.int64]
+    verdicts: tuple[Verdicts, ...]
+    associates: bool
+    measured: bool
+    measured_s: float
+    decided_s: float
+
+
+def judge(task: Task) -> Judged:
+    """Decide and match every setting of a task, after measuring where that is needed.
+
+    Raises
+    ------
+    PipelineError
+        Where a setting needs candidates below the floor of the measurement.
+    """
+    began = time.perf_counter()
+    evidence = task.source
+    if isinstance(evidence, Path):
+        evidence = measure_evidence(evidence, task.config, task.labels)
+    measured = time.perf_counter()
+    chain = StepChain(evidence, task.axes)
+    truth = truth_for(evidence, task.labels, task.tolerance_s)
+    counts = np.zeros((len(task.rows), 3), np.int64)
+    verdicts: dict[int, Verdicts] = {}
+    for row in chain.order(task.rows):
+        found = truth.verdicts(chain.passed(task.rows[row]))
+        right = int(found.hit.sum())
+        counts[row] = right, len(found.false_ns), len(found.hit) - right
+        if task.detailed:
+            verdicts[row] = found
+    return Judged(
+        task.key,
+        counts,
+        tuple(verdicts[row] for row in sorted(verdicts)),
+        chain.associates,
+        isinstance(task.source, Path),
+        measured - began,
+        time.perf_counter() - measured,
+    )
+
+
+def in_processes(
+    function: Callable[[A], B], arguments: Sequence[A], jobs: int, done: Callable[[], None]
+) -> list[B]:
+    """Call a function for each argument, in ``jobs`` processes at once; results in that order.
+
+    ``done`` is called after each of them.
+    """
+    jobs = min(jobs, len(arguments))
+    results: dict[int, B] = {}
+    if jobs < 2:
+        for index, argument in enumerate(arguments):
+            results[index] = function(argument)
+            done()
+    else:
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+            futures = {pool.submit(function, a): i for i, a in enumerate(arguments)}
+            try:
+                for future in as_completed(futures):
+                    results[futures[future]] = future.result()
+                    done()
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+    return [results[index] for index in range(len(arguments))]
+
+
+def judge_all(tasks: Sequence[Task], jobs: int, done: Callable[[], None]) -> list[Judged]:
+    """Judge tasks: those with evidence here, the others in ``jobs`` processes at once.
+
+    ``done`` is called after each one that had to be measured.
+    """
+    ready = [judge(task) for task in tasks if not isinstance(task.source, Path)]
+    rest = [task for task in tasks if isinstance(task.source, Path)]
+    return ready + in_processes(judge, rest, jobs, done)
+
+
+class _Builder:
+    """Builds the pipeline with one parameter changed; remembers why that was refused first."""
+
+    def __init__(self, config: PipelineConfig) -> None:
+        self._config = config
+        self.reason = ""
+
+    def accepts(self, axis: Axis, value: Any) -> bool:
+        """Return whether a replay takes the value."""
+        try:
+            build_pipeline(with_values(self._config, [axis], [value]))
+        except PipelineError as error:
+            self.reason = self.reason or str(error)
+            return False
+        return True
+
+    def accepted(self, axis: Axis, values: Iterable[Any]) -> set[Any]:
+        """Return the values that a replay takes.
+
+        What stages ask of each other bounds a parameter from one side, so that the two ends of a
+        range tell of what lies between them, and the bound is found in a few trials.
+        """
+        known = sorted(set(values)) if axis.span else list(dict.fromkeys(values))
+        if not axis.span:
+            return {v for v in known if self.accepts(axis, v)}
+        first, last = self.accepts(axis, known[0]), self.accepts(axis, known[-1])
+        if first == last:
+            return set(known) if first else set()
+        bound = bisect_left(known, True, key=lambda v: self.accepts(axis, v) == last)
+        return set(known[bound:] if last else known[:bound])
+
+
+def without_refused(grid: Grid, config: PipelineConfig) -> tuple[Grid, str]:
+    """Leave out the settings that a replay would refuse.
+
+    Parameters
+    ----------
+    grid
+        The settings.
+    config
+        The pipeline as it stands, which is no refused one.
+
+    Returns
+    -------
+    The other settings, and what was left out and why, in one line; empty where nothing was.
+
+    Raises
+    ------
+    PipelineError
+        Where every setting is refused; it says why.
+    """
+    builder = _Builder(config)
+    columns = list(zip(*grid.rows, strict=True))
+    accepted = [builder.accepted(a, column) for a, column in zip(grid.axes, columns, strict=True)]
+    rows = tuple(
+        row for row in grid.rows if all(v in kept for v, kept in zip(row, accepted, strict=True))
+    )
+    count = len(grid) - len(rows)
+    if not count:
+        return grid, ""
+    if not rows:
+        raise PipelineError(builder.reason)
+    note = f"{count} of {len(grid)} settings left out, which a replay refuses: {builder.reason}"
+    if grid.shape is None:
+        return Grid(grid.axes, rows, None), note
+    axes = [
+        replace(axis, values=tuple(v for v in axis.values if v in kept))
+        for axis, kept in zip(grid.axes, accepted, strict=True)
+    ]
+    return make_grid(axes), note
+
+
+@dataclass(frozen=True, slots=True)
+class Swept:
+    """A parameter that was swept: how many values from where to where."""
+
+    name: str
+    unit: str
+    values: int
+    first: Any
+    last: Any
+    remeasured: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """A setting and what it does, on all recordings together.
+
+    Attributes
+    ----------
+    settings
+        Value of each parameter, by ``stage.param``.
+    tp, fp, fn, f1
+        Steps right, false and missed, and their F1.
+    same
+        How many settings reach the same F1.
+    interval
+        Nine of ten bootstrap draws of its F1.
+    behind
+        The same of how far it is behind the best setting.
+    worse
+        Whether it is told apart from the best, as the worse.
+    """
+
+    settings: dict[str, Any]
+    tp: int
+    fp: int
+    fn: int
+    f1: float
+    same: int
+    interval: Interval
+    behind: Interval
+    worse: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FrontPoint:
+    """A pair of missed and false steps that no setting beats, and a setting that reaches it."""
+
+    missed: int
+    false: int
+    f1: float
+    same: int
+    settings: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A recording under the setting that is best on all the others.
+
+    Attributes
+    ----------
+    recording
+        File name.
+    settings
+        Chosen without this recording.
+    tp, fp, fn, f1
+        What they do on it.
+    in_sample_f1
+        What the setting that is best on this recording alone does.
+    """
+
+    recording: str
+    settings: dict[str, Any]
+    tp: int
+    fp: int
+    fn: int
+    f1: float
+    in_sample_f1: float
+
+
+@dataclass(frozen=True, slots=True)
+class LeaveOneOut:
+    """Every recording left out in turn, and the means."""
+
+    recordings: tuple[LeftOut, ...]
+    mean_f1: float
+    mean_in_sample_f1: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """What a sweep says.
+
+    Attributes
+    ----------
+    recordings
+        File names.
+    parameters
+        What was swept.
+    counted
+        What is counted: steps or passes.
+    truth
+        How many true ones are scored.
+    tolerance_s
+        Of the match [s].
+    now
+        The pipeline as it stands.
+    best
+        The middle of the plateau of the highest F1.
+    top
+        The highest F1 there are, each with the middle of its plateau; the best comes first.
+    front
+        Misses against false steps.
+    left_out
+        With several recordings.
+    rate
+        How fast.
+    notes
+        What to beware of.
+    """
+
+    recordings: tuple[str, ...]
+    parameters: tuple[Swept, ...]
+    counted: str
+    truth: int
+    tolerance_s: float
+    now: Ranked
+    best: Ranked
+    top: tuple[Ranked, ...]
+    front: tuple[FrontPoint, ...]
+    left_out: LeaveOneOut | None
+    rate: Rate
+    notes: tuple[str, ...]
+
+
+def rank(
+    counted: Counted, top: int = 10, jobs: int = 1, done: Callable[[], None] = lambda: None
+) -> Ranking:
+    """Say which settings are best, and how sure that is.
+
+    Parameters
+    ----------
+    counted
+        Every setting's steps.
+    top
+        How many of the highest F1 to list.
+    jobs, done
+        As those of :func:`count`.
+    """
+    f1 = f1_of(counted.counts.sum(axis=0))
+    levels = np.unique(f1)[::-1][:top]
+    rows = [middle(counted.grid, f1 == level) for level in levels]
+    sure = bootstrap(verdicts(counted, rows, jobs, done))
+    same = [int((f1 == level).sum()) for level in levels]
+    ranked = tuple(
+        _ranked(counted, row, n, sure, i) for i, (row, n) in enumerate(zip(rows, same, strict=True))
+    )
+    return Ranking(
+        tuple(s.evidence.name for s in counted.subjects),
+        _parameters(counted),
+        noun_of(counted_kind(counted.subjects[0].evidence.config)),
+        int(counted.now[:, [0, 2]].sum()),
+        counted.tolerance_s,
+        _now(counted, sure, f1),
+        ranked[0],
+        ranked,
+        _front(counted),
+        _leave_one_out(counted) if len(counted.subjects) > 1 else None,
+        counted.rate,
+        _notes(counted),
+    )
+
+
+def _ranked(counted: Counted, row: int, same: int, sure: Confidence, place: int) -> Ranked:
+    tp, fp, fn = counted.counts[:, row].sum(axis=0).tolist()
+    f1 = float(f1_of(counted.counts[:, row].sum(axis=0)))
+    return Ranked(
+        counted.grid.setting(row),
+        tp,
+        fp,
+        fn,
+        f1,
+        same,
+        sure.f1[place],
+        sure.behind[place],
+        sure.worse(place),
+    )
+
+
+def _now(counted: Counted, sure: Confidence, f1: NDArray[np.float64]) -> Ranked:
+    config = counted.subjects[0].evidence.config
+    values = {stage.key: stage.parameters for stage in config.stage}
+    settings = {axis.name: values[axis.stage][axis.parameter] for axis in counted.grid.axes}
+    total = counted.now.sum(axis=0)
+    tp, fp, fn = total.tolist()
+    own = float(f1_of(total))
+    same = int((f1 == own).sum())
+    return Ranked(settings, tp, fp, fn, own, same, sure.f1[-1], sure.behind[-1], sure.worse(-1))
+
+
+def _parameters(counted: Counted) -> tuple[Swept, ...]:
+    return tuple(
+        Swept(a.name, a.unit, len(a.values), a.values[0], a.values[-1], a.remeasure)
+        for a in counted.grid.axes
+    )
+
+
+def _front(counted: Counted) -> tuple[FrontPoint, ...]:
+    total = counted.counts.sum(axis=0)
+    points = []
+    for missed, false in pareto_front(total[:, 2], total[:, 1]):
+        equal = (total[:, 2] == missed) & (total[:, 1] == false)
+        row = middle(counted.grid, equal)
+        f1 = float(f1_of(total[row]))
+        points.append(FrontPoint(missed, false, f1, int(equal.sum()), counted.grid.setting(row)))
+    return tuple(points)
+
+
+def _leave_one_out(counted: Counted) -> LeaveOneOut:
+    whole = counted.counts.sum(axis=0)
+    left_out = []
+    for subject, own in zip(counted.subjects, counted.counts, strict=True):
+        others = f1_of(whole - own)
+        row = middle(counted.grid, others == others.max())
+        tp, fp, fn = own[row].tolist()
+        left_out.append(
+            LeftOut(
+                subject.evidence.name,
+                counted.grid.setting(row),
+                tp,
+                fp,
+                fn,
+                float(f1_of(own[row])),
+                float(f1_of(own).max()),
+            )
+        )
+    return LeaveOneOut(
+        tuple(left_out), _mean(x.f1 for x in left_out), _mean(x.in_sample_f1 for x in left_out)
+    )
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))
+
+
+def _notes(counted: Counted) -> tuple[str, ...]:
+    return tuple(
+        f"{s.evidence.name}: the stored gates, decided again, give other steps than were stored"
+        for s in counted.subjects
+        if not reproduced(s)
+    )
+
+
+def middle(grid: Grid, equal: NDArray[np.bool_]) -> int:
+    """Return the setting in the middle of those that are equally good.
+
+    A setting whose neighbours do as well will not fall over on the next recording. In a full grid
+    that is the deepest one of the largest connected set, where the grid's edge counts as an end;
+    of random settings the one furthest from all others.
+
+    Parameters
+    ----------
+    grid
+        The settings.
+    equal
+        Which of them to choose from, shape (n,); at least one.
+    """
+    chosen = np.flatnonzero(equal)
+    if len(chosen) == 1:
+        return int(chosen[0])
+    if grid.shape is not None:
+        return _deepest(equal.reshape(grid.shape))
+    return _furthest(grid.places(), equal)
+
+
+def _deepest(equal: NDArray[np.bool_]) -> int:
+    from scipy import ndimage
+
+    along = [axis for axis, count in enumerate(equal.shape) if count > 1]
+    inside = equal.squeeze()
+    parts, count = ndimage.label(inside)
+    sizes = np.bincount(parts.ravel(), minlength=count + 1)
+    largest = parts == 1 + int(np.argmax(sizes[1:]))
+    depth = ndimage.distance_transform_cdt(np.pad(largest, 1), "chessboard")
+    depth = depth[(slice(1, -1),) * len(along)]
+    places = np.argwhere(largest & (depth == depth[largest].max()))
+    centre = np.argwhere(largest).mean(axis=0)
+    best = places[int(np.argmin(((places - centre) ** 2).sum(axis=1)))]
+    return int(np.ravel_multi_index(tuple(best), inside.shape))
+
+
+def _furthest(places: NDArray[np.float64], equal: NDArray[np.bool_]) -> int:
+    from scipy.spatial import cKDTree
+
+    chosen = np.flatnonzero(equal)
+    if equal.all():
+        return int(np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1)))
+    distance, _ = cKDTree(places[~equal]).query(places[chosen])
+    return int(chosen[int(np.argmax(distance))])
+
+
+def pareto_front(missed: NDArray[np.int64], false: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return the pairs (missed, false) that no other pair beats, the fewest missed first.
+
+    One beats another where it is better in one of the two and not worse in the other.
+    """
+    front: list[tuple[int, int]] = []
+    for row in np.lexsort([false, missed]):
+        pair = int(missed[row]), int(false[row])
+        if not front or pair[1] < front[-1][1]:
+            front.append(pair)
+    return front

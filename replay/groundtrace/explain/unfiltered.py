@@ -19,25 +19,24 @@ from groundtrace_codecs.events import CandidateBlock
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..parameters import build
-from ..plugins import stage_named
-from ..source import Source
-from ..stage import StageConfig, StageRunner, wanted_quantities
-from .evidence import Unmuted, stage_evidence
-from .measuring import recording_in
-from .parts import accepted_picks
-from .reasons import unfiltered_kind
+from ..pipeline.parameters import build
+from ..pipeline.plugins import stage_named
+from ..pipeline.results import Unmuted, stage_evidence
+from ..pipeline.source import Source
+from ..pipeline.stage import StageConfig, StageRunner, wanted_quantities
+from .reasons import accepted_picks, unfiltered_kind
 from .redecide import associated
+from .sweep import recording_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.mcap.bytesource import ByteSource
+    from groundtrace_codecs.mcap.byte_source import ByteSource
 
-    from ..pipeline import PipelineConfig
-    from .evidence import Evidence, StageEvidence
+    from ..pipeline.config import PipelineConfig
+    from ..pipeline.results import Evidence, StageEvidence
 
 #: Stretches of this length are measured at once [s], so that misses side by side share one.
 STRETCH_S = 30.0

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar, cast
+import os
+import signal
+import threading
+from collections import deque
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 from groundtrace_codecs.errors import MissingReaderError
 
 from ..errors import RecordingError
+from ..runtime import keep_freed_memory, one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import SpawnProcess
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -45,8 +56,6 @@ def engine_of(text: str, workers: int) -> Engine:
     """
     name, _, address = text.partition(":")
     if name == "local" and not address:
-        from .local import LocalEngine
-
         return LocalEngine(workers)
     if name == "dask":
         return _made("distributed", "fleet", "on_dask:DaskEngine", address, workers)
@@ -66,3 +75,113 @@ def _made(package: str, extra: str, target: str, address: str, workers: int) -> 
         raise MissingReaderError(f"--engine {package}", package, extra)
     module, _, kind = target.partition(":")
     return cast("Engine", getattr(import_module(f"{__package__}.{module}"), kind)(address, workers))
+
+
+#: How often a task may lose its worker.
+_TRIES = 2
+
+
+@dataclass(slots=True)
+class _Worker:
+    """A process, the pipe to it, and the number of the task it has."""
+
+    process: SpawnProcess
+    pipe: Connection[Any, Any]
+    task: int = -1
+
+
+class LocalEngine:
+    """Runs tasks in processes of this computer.
+
+    A process that is killed, by a person or for want of memory, costs only the task it had: with a
+    pool of the standard library it would break the pool, and not be known whose fault it was.
+
+    Parameters
+    ----------
+    workers
+        How many processes.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def run(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | None]]:
+        """Yield the number of each task and its result; None where two workers were killed."""
+        waiting = deque(range(len(tasks)))
+        losses = [0] * len(tasks)
+        busy: dict[Any, _Worker] = {}
+        idle: list[_Worker] = []
+        try:
+            while waiting or busy:
+                while waiting and len(busy) < self.workers:
+                    worker = idle.pop() if idle else _start(function)
+                    _give(worker, waiting, tasks)
+                    busy[worker.pipe] = worker
+                for pipe in wait(list(busy)):
+                    worker = busy.pop(pipe)
+                    try:
+                        result = worker.pipe.recv()
+                    except (EOFError, OSError):  # killed: its end of the pipe is closed
+                        _end(worker)
+                        losses[worker.task] += 1
+                        if losses[worker.task] < _TRIES:
+                            waiting.append(worker.task)
+                        else:
+                            yield worker.task, None
+                        continue
+                    idle.append(worker)
+                    yield worker.task, result
+        finally:
+            for worker in (*idle, *busy.values()):
+                _end(worker)
+
+
+def _give(worker: _Worker, waiting: deque[int], tasks: Sequence[Any]) -> None:
+    worker.task = waiting.popleft()
+    try:
+        worker.pipe.send(tasks[worker.task])
+    except OSError:  # killed while it was idle: found out when its answer is read
+        return
+
+
+def _start(function: Callable[[Any], Any]) -> _Worker:
+    context = get_context("spawn")
+    here, there = context.Pipe()
+    with quiet():
+        process = context.Process(target=_serve, args=(there, function), daemon=True)
+        process.start()
+    there.close()
+    return _Worker(process, here)
+
+
+def _serve(pipe: Connection[Any, Any], function: Callable[[Any], Any]) -> None:
+    """Answer tasks until the other end is closed."""
+    keep_freed_memory()
+    while True:
+        try:
+            task = pipe.recv()
+        except (EOFError, OSError):
+            return
+        pipe.send(function(task))
+
+
+def _end(worker: _Worker) -> None:
+    worker.pipe.close()
+    worker.process.kill()
+    worker.process.join()
+    worker.process.close()
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let processes start with one thread of their own, deaf to Ctrl-C, which is ours to answer."""
+    unset = one_thread()
+    ours = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+        for name in unset:
+            del os.environ[name]

@@ -10,13 +10,13 @@ import dask
 import distributed
 from distributed.scheduler import KilledWorker
 
-from .local import quiet
-
-#: The package has no types.
-_dask: Any = distributed
+from .engines import quiet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+#: The package has no types.
+_dask: Any = distributed
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
+import shlex
+from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..score.html import POLICY
-from ..score.html_parts import STYLE, figure, folded, section, table, tiles
-from .report_changes import changes_section
-from .report_figures import cause_bars, distribution, span_for
-from .report_rows import (
-    LISTED,
-    MISSES,
-    causes_of,
-    counted,
-    damage_rows,
-    error_rows,
-    length,
-    miss_rows,
-    pipeline_rows,
-    ranked,
-    warning_rows,
-    worst_rows,
+from ..evaluation.html import (
+    POLICY,
+    STYLE,
+    Axis,
+    Plot,
+    element,
+    folded,
+    number,
+    picture,
+    section,
+    table,
+    text,
+    tiles,
 )
+from ..evaluation.html import figure as html_figure
+from ..explain.reasons import Interval, Sums, bootstrap_recordings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Hashable, Mapping, Sequence
 
-    from .reading import FleetTable, MissedStep
+    from numpy.typing import NDArray
+
+    from .table import FleetTable, MissedStep
 
     Misses = Mapping[tuple[str, str], Sequence[MissedStep]]
 
@@ -139,7 +142,7 @@ def _distributions(fleet: FleetTable) -> str:
                 said = f"{counted(len(rows), 'recording')}; the broken line is the median."
                 said += f" {outside} outside are drawn at the edge." if outside else ""
                 plot = distribution(values[rows], names, axis, span)
-                drawn.append(figure(f"{title}, {pipeline}", plot, said))
+                drawn.append(html_figure(f"{title}, {pipeline}", plot, said))
     return section("Distributions", f'<div class="pair">{"".join(drawn)}</div>') if drawn else ""
 
 
@@ -147,9 +150,13 @@ def _worst(fleet: FleetTable, misses: Misses, files: Mapping[str, str]) -> str:
     parts = []
     for ranking in ranked(fleet):
         header, rows = worst_rows(fleet, ranking)
-        more = f"; the worst {LISTED} of {len(ranking.rows)}" if len(ranking.rows) > LISTED else ""
+        more = (
+            f"; the worst {WORST_LISTED} of {len(ranking.rows)}"
+            if len(ranking.rows) > WORST_LISTED
+            else ""
+        )
         parts.append(table(f"By {ranking.name}{more}", header, rows))
-        for row in ranking.rows[:LISTED]:
+        for row in ranking.rows[:WORST_LISTED]:
             place = (fleet.of("location")[row], fleet.of("pipeline")[row])
             found = misses.get(place, ())
             if found:
@@ -167,7 +174,7 @@ def _causes(fleet: FleetTable) -> str:
         counts = causes_of(fleet, np.flatnonzero(fleet.rows_of(pipeline)))
         if counts:
             total = sum(n for _, n in counts)
-            parts.append(figure(f"{pipeline}: {total} misses", cause_bars(counts)))
+            parts.append(html_figure(f"{pipeline}: {total} misses", cause_bars(counts)))
     said = "<p>A cause is that of the first gate that failed; groundtrace why explains each.</p>"
     return section("Misses by cause", said + "".join(parts)) if parts else ""
 
@@ -201,3 +208,526 @@ def _origin(fleet: FleetTable) -> str:
     ]
     versions = [[v] for v in dict.fromkeys(v for _, _, v in known)]
     return section("Origin", table("", ("versions",), versions) + "".join(parts))
+
+
+#: Recordings listed to either side.
+CHANGES_LISTED = 12
+
+
+def changes_section(old: FleetTable, new: FleetTable) -> str:
+    """Return the section that judges a fleet against an earlier one."""
+    found = changes(old, new)
+    pairs = pairs_of(old, new)
+    said = (
+        f"<p>Against {escape(old.name)}: {len(pairs)} rows are of recordings with the same bytes. "
+        "The interval holds nine of ten changes when recordings are drawn again with replacement, "
+        "both fleets with the same ones; better and worse are said where all of it is on one side "
+        f"of no change. Of fewer than {FEWEST} recordings nothing is said.</p>"
+    )
+    if not found:
+        return section("What changed", said + "<p>No figure is in both tables.</p>")
+    return section("What changed", said + _figures(found) + _recordings(old, new, pairs))
+
+
+def _figures(found: list[Change]) -> str:
+    header = ("figure", "pipeline", "recordings", "before", "now", "change", "interval", "verdict")
+    head = "".join(f'<th scope="col">{name}</th>' for name in header)
+    body = "".join(_row(change) for change in found)
+    return (
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+        "</div>"
+    )
+
+
+def change_cells(change: Change) -> list[str]:
+    """Return a change as text: figure, pipeline, recordings, before, now, change, interval."""
+    measure, interval = change.measure, change.interval
+    said = ""
+    if interval is not None:
+        low, high = (figure(end, measure, sign=True) for end in (interval.low, interval.high))
+        said = f"{low} to {high}"
+    return [
+        measure.name + (f" [{measure.unit}]" if measure.unit else ""),
+        change.pipeline,
+        str(change.recordings),
+        figure(change.before, measure),
+        figure(change.after, measure),
+        figure(change.after - change.before, measure, sign=True),
+        said,
+    ]
+
+
+def _row(change: Change) -> str:
+    cells = "".join(f"<td>{escape(cell)}</td>" for cell in change_cells(change))
+    style = change.verdict if change.verdict in ("better", "worse") else "sub"
+    return f'<tr>{cells}<td class="{style}">{change.verdict}</td></tr>'
+
+
+def _recordings(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> str:
+    """Return the recordings whose F1 fell and rose most, and those that fail now or no more."""
+    before, after = old.numbers("steps_f1"), new.numbers("steps_f1")
+    moved = np.array([after[b] - before[a] for a, b in pairs], np.float64)
+    order = [int(i) for i in np.argsort(moved, kind="stable") if np.isfinite(moved[i])]
+    fell = [i for i in order if moved[i] < 0][:CHANGES_LISTED]
+    rose = [i for i in reversed(order) if moved[i] > 0][:CHANGES_LISTED]
+    parts = ""
+    for title, rows in (("F1 fell most", fell), ("F1 rose most", rose)):
+        cells = [
+            [
+                new.of("location")[pairs[i][1]],
+                new.of("pipeline")[pairs[i][1]],
+                f"{before[pairs[i][0]]:.3f}",
+                f"{after[pairs[i][1]]:.3f}",
+                f"{moved[i]:+.3f}",
+            ]
+            for i in rows
+        ]
+        if cells:
+            parts += table(title, ("recording", "pipeline", "before", "now", "change"), cells)
+    return parts + _failures(old, new, pairs)
+
+
+def _failures(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> str:
+    was, now = old.of("error"), new.of("error")
+    cells = [
+        [new.of("location")[b], new.of("pipeline")[b], was[a] or "none", now[b] or "none"]
+        for a, b in pairs
+        if bool(was[a]) != bool(now[b])
+    ]
+    header = ("recording", "pipeline", "error before", "error now")
+    return table("Fail now, or no more", header, cells) if cells else ""
+
+
+#: From so many recordings on they are counted in bars; fewer are drawn one by one.
+ENOUGH_FOR_BARS = 20
+BINS = 25
+WIDE, BAR_PX = 1160, 30
+_LABELS_PX, _COUNTS_PX = 150, 110
+
+
+def distribution(
+    values: NDArray[np.float64], names: Sequence[str], label: str, span: tuple[float, float]
+) -> str:
+    """Return how a figure is distributed over recordings.
+
+    Parameters
+    ----------
+    values
+        Of each recording, finite, shape (n,).
+    names
+        Of the recordings.
+    label
+        What the figure is, with its unit.
+    span
+        Ends of the axis; what lies outside is drawn at them.
+    """
+    held = np.clip(values, *span)
+    if len(values) < ENOUGH_FOR_BARS:
+        return _one_by_one(held, values, names, label, span)
+    edges = np.linspace(*span, BINS + 1)
+    counts, _ = np.histogram(held, edges)
+    top = max(4.0, 1.12 * float(counts.max()))
+    plot = Plot(Axis(label, *span), Axis("Recordings [count]", 0, top), height=250)
+    for low, high, count in zip(edges, edges[1:], counts, strict=False):
+        if count:
+            said = f"{number(low)} to {number(high)}: {count}"
+            plot.box((low, high), (0, float(count)), "bar", said)
+    plot.vertical(float(np.median(held)), "mark", f"median {np.median(values):.4g}")
+    return plot.svg(f"Distribution of {label}")
+
+
+def _one_by_one(
+    held: NDArray[np.float64],
+    values: NDArray[np.float64],
+    names: Sequence[str],
+    label: str,
+    span: tuple[float, float],
+) -> str:
+    order = np.argsort(held, kind="stable")
+    top = len(held) + 0.6
+    plot = Plot(Axis(label, *span), Axis("Recordings, in order", 0.4, top), height=250)
+    for place, row in enumerate(order, 1):
+        said = f"{names[row]}: {values[row]:.4g}"
+        plot.dot(float(held[row]), place, "dot result", said, 5)
+    plot.vertical(float(np.median(held)), "mark", f"median {np.median(values):.4g}")
+    return plot.svg(f"{label}, recording by recording")
+
+
+def span_for(values: NDArray[np.float64], *, signed: bool) -> tuple[float, float]:
+    """Return the ends of an axis that shows all but the farthest values.
+
+    Parameters
+    ----------
+    values
+        Of all pipelines, finite.
+    signed
+        Whether the axis is to be even about zero.
+    """
+    reach = float(np.percentile(np.abs(values), 98)) if len(values) else 1.0
+    reach = max(1.15 * reach, 1e-3)
+    return (-reach, reach) if signed else (0.0, reach)
+
+
+def cause_bars(counts: Sequence[tuple[str, int]]) -> str:
+    """Return misses by cause as bars, the most frequent first."""
+    total, most = sum(n for _, n in counts), max(n for _, n in counts)
+    room = WIDE - _LABELS_PX - _COUNTS_PX
+    parts = []
+    for row, (cause, count) in enumerate(counts):
+        y, width = row * BAR_PX + 4, max(2.0, room * count / most)
+        said = f"{cause}: {count} of {total} misses"
+        parts.append(text(_LABELS_PX - 10, y + 16, cause, "label end"))
+        size = {"x": _LABELS_PX, "y": y, "width": width, "height": BAR_PX - 8}
+        parts.append(element("rect", "bar", said, **size))
+        share = f"{count} ({count / total:.0%})"
+        parts.append(text(_LABELS_PX + width + 8, y + 16, share, "note"))
+    return picture(WIDE, len(counts) * BAR_PX + 8, "Misses by cause", parts)
+
+
+#: The worst recordings that are listed, and misses of each.
+WORST_LISTED, MISSES = 25, 8
+#: What ``replay --at-miss`` matches steps by [s]; misses of another tolerance have other numbers.
+AT_MISS_TOLERANCE_S = 0.12
+AROUND_S = 5.0
+NO_FIGURE = "\N{EN DASH}"
+#: What recordings are put in order by, as far as they have it.
+_RANKED = (
+    ("steps_f1", "F1", True),
+    ("steps_count_error", "count error, where only counts are known", False),
+    ("passes_matched", "passes found", True),
+    ("positions_rmse_m", "RMSE of places [m]", False),
+    ("picks_median_abs_ms", "arrivals [ms]", False),
+    ("track_waypoints_median_m", "median at waypoints [m]", False),
+    ("heading_rmse_deg", "heading RMSE [deg]", False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Ranked:
+    """Rows of a table from the worst on, by one figure.
+
+    Attributes
+    ----------
+    column, name
+        The figure.
+    rows
+        Numbers of the rows.
+    """
+
+    column: str
+    name: str
+    rows: tuple[int, ...]
+
+
+def ranked(table: FleetTable) -> list[Ranked]:
+    """Return the rows from the worst on: each by the first of the figures that it has."""
+    left = np.ones(len(table), np.bool_)
+    found = []
+    for column, name, higher in _RANKED:
+        values = table.numbers(column)
+        if column == "passes_matched":
+            values = values / np.maximum(table.numbers("passes_truth"), 1)
+        rows = np.flatnonzero(left & np.isfinite(values))
+        left[rows] = False
+        if len(rows):
+            order = np.argsort(values[rows] if higher else -values[rows], kind="stable")
+            found.append(Ranked(column, name, tuple(rows[order].tolist())))
+    return found
+
+
+def pipeline_rows(table: FleetTable) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of what each pipeline reached over all recordings."""
+    named = [(m, m.sums(table)) for m in MEASURES]
+    shown = [(m, s) for m, s in named if np.isfinite(s.top + s.bottom).any()]
+    header = ["figure", *table.pipelines()]
+    rows = []
+    for measure, sums in shown:
+        cells = [measure.name + (f" [{measure.unit}]" if measure.unit else "")]
+        for pipeline in table.pipelines():
+            kept = table.rows_of(pipeline) & np.isfinite(sums.top + sums.bottom)
+            bottom = float(sums.bottom[kept].sum())
+            cells.append(
+                figure(float(sums.top[kept].sum()) / bottom, measure) if bottom else NO_FIGURE
+            )
+        rows.append(cells)
+    return header, rows
+
+
+def figure(value: float, measure: Measure, *, sign: bool = False) -> str:
+    """Return a figure as text, with as many digits as it deserves."""
+    digits = 3 if not measure.unit else 2 if abs(value) < 10 else 1
+    return f"{value:{'+' if sign else ''}.{digits}f}"
+
+
+def worst_rows(table: FleetTable, ranking: Ranked) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of the worst recordings."""
+    values = table.numbers(ranking.column)
+    steps = ranking.column == "steps_f1"
+    header = ["recording", "pipeline", ranking.name, "duration [s]"]
+    header += ["true steps", "missed", "false", "counted", "most misses by"] if steps else []
+    rows = []
+    for row in ranking.rows[:WORST_LISTED]:
+        cells = [table.of("location")[row], table.of("pipeline")[row], f"{values[row]:.3g}"]
+        cells.append(f"{table.numbers('duration_s')[row]:.0f}")
+        rows.append(cells + (_step_cells(table, row) if steps else []))
+    return header, rows
+
+
+def _step_cells(table: FleetTable, row: int) -> list[str]:
+    truth, detected, matched, error = (
+        int(table.of(f"steps_{name}")[row])
+        for name in ("truth", "detected", "matched", "count_error_signed")
+    )
+    causes = causes_of(table, np.array([row]))
+    main = causes[0][0] if causes else NO_FIGURE
+    return [
+        str(truth),
+        str(truth - matched),
+        str(detected - matched),
+        f"{error:+d}" if error else "0",
+        main,
+    ]
+
+
+def causes_of(table: FleetTable, rows: NDArray[np.intp]) -> list[tuple[str, int]]:
+    """Return how many misses of some rows have each cause, the most frequent first."""
+    prefix = "missed_"
+    names = [name for name in table.columns if name.startswith(prefix)]
+    counted = [(name[len(prefix) :], np.nansum(table.numbers(name)[rows])) for name in names]
+    return sorted(((c, int(n)) for c, n in counted if n > 0), key=lambda item: (-item[1], item[0]))
+
+
+def miss_rows(
+    table: FleetTable, row: int, misses: Sequence[MissedStep], files: Mapping[str, str]
+) -> list[list[str]]:
+    """Return the first misses of a recording: time, cause, why, and what opens it.
+
+    Parameters
+    ----------
+    table, row
+        The recording and pipeline.
+    misses
+        Its missed steps.
+    files
+        What each pipeline is called on the command line, by its name.
+    """
+    return [
+        [
+            str(miss.miss),
+            f"{miss.time_s:.2f}",
+            miss.cause,
+            miss.text,
+            command(table, row, miss, files),
+        ]
+        for miss in misses[:MISSES]
+    ]
+
+
+def command(table: FleetTable, row: int, miss: MissedStep, files: Mapping[str, str]) -> str:
+    """Return what shows the signal and every decision around a miss."""
+    location = table.of("location")[row]
+    stem = PurePosixPath(table.of("recording")[row]).stem
+    words = ["groundtrace", "replay", location]
+    pipeline = table.of("pipeline")[row]
+    words += ["--pipeline", files.get(pipeline, pipeline)]
+    own = table.of("truth")[row] in ("recording", "annotations")
+    if own and table.of("tolerance_s")[row] == AT_MISS_TOLERANCE_S:
+        words += ["--at-miss", str(miss.miss)]
+    else:
+        start_s = max(0.0, miss.time_s - AROUND_S)
+        words += ["--from", f"{start_s:.1f}", "--to", f"{miss.time_s + AROUND_S:.1f}"]
+    return shlex.join([*words, "--rrd", f"{stem}-miss{miss.miss}.rrd"])
+
+
+def length(seconds: float) -> str:
+    """Return a duration as text."""
+    if seconds < 600:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.4g} h"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number of things as text."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def error_rows(table: FleetTable) -> list[list[str]]:
+    """Return the recordings that could not be replayed, and why."""
+    columns = (table.of("location"), table.of("pipeline"), table.of("error"))
+    return [[str(cell) for cell in row] for row in zip(*columns, strict=True) if row[2]]
+
+
+def warning_rows(table: FleetTable) -> list[list[str]]:
+    """Return what was warned of, and of how many recordings; the most frequent first."""
+    counts: dict[tuple[str, str], list[str]] = {}
+    columns = (table.of("location"), table.of("pipeline"), table.of("warnings"))
+    for location, pipeline, told in zip(*columns, strict=True):
+        for part in (told or "").split(" | ") if told else ():
+            counts.setdefault((pipeline, part), []).append(location)
+    found = sorted(counts.items(), key=lambda item: (-len(item[1]), item[0]))
+    return [
+        [text, pipeline, str(len(names)), names[0]]
+        for (pipeline, text), names in found[:WORST_LISTED]
+    ]
+
+
+def damage_rows(table: FleetTable) -> list[list[str]]:
+    """Return the recordings of which part could not be read."""
+    names = ("location", "pipeline", "damaged_places", "lost_messages", "gaps", "lost_samples")
+    rows = zip(*(table.of(name) for name in names), strict=True)
+    return [[str(cell) for cell in row] for row in rows if row[2]]
+
+
+Verdict = Literal["better", "worse", "undecided", "the same"]
+#: With fewer recordings of both nothing is said: drawing so few again tells nothing.
+FEWEST = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A figure over recordings: a ratio of sums.
+
+    Attributes
+    ----------
+    name, unit
+        For people.
+    top, bottom
+        Columns whose sums are divided, ``+`` between several; no bottom means the mean.
+    scale
+        What the ratio is multiplied by.
+    higher
+        Whether more is better.
+    absolute
+        Whether the sign is left out first.
+    """
+
+    name: str
+    unit: str
+    top: str
+    bottom: str = ""
+    scale: float = 1.0
+    higher: bool = False
+    absolute: bool = False
+
+    def sums(self, table: FleetTable) -> Sums:
+        """Return what each row adds, NaN where it has no such figure."""
+        top = self.scale * _added(table, self.top)
+        top = np.abs(top) if self.absolute else top
+        bottom = _added(table, self.bottom) if self.bottom else np.ones(len(table))
+        return Sums(top, bottom)
+
+
+MEASURES = (
+    Measure("F1, all steps together", "", "steps_matched", "steps_truth+steps_detected", 2, True),
+    Measure("F1, mean of recordings", "", "steps_f1", higher=True),
+    Measure("Recall", "", "steps_matched", "steps_truth", higher=True),
+    Measure("Precision", "", "steps_matched", "steps_detected", higher=True),
+    Measure("Count error", "%", "steps_count_error", "steps_count_truth", 100),
+    Measure("Latency, median, without sign", "ms", "steps_latency_ms_median", absolute=True),
+    Measure("Place, RMSE of fixes", "m", "positions_rmse_m"),
+    Measure("Arrivals, median error", "ms", "picks_median_abs_ms"),
+    Measure("Arrivals answered", "%", "picks_answered", "picks_truth", 100, True),
+    Measure("Track, median at waypoints", "m", "track_waypoints_median_m"),
+    Measure("Track, OSPA", "m", "track_ospa_m"),
+    Measure("Heading, RMSE", "deg", "heading_rmse_deg"),
+    Measure("Disturbance, F1", "", "disturbance_f1", higher=True),
+    Measure("Passes found", "%", "passes_matched", "passes_truth", 100, True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A figure before and after.
+
+    Attributes
+    ----------
+    measure
+        Which one.
+    pipeline
+        Of the new table.
+    recordings
+        Those that have it in both tables.
+    before, after
+        Over these.
+    interval
+        Of the change, nine of ten draws; None where there are too few recordings to tell.
+    verdict
+        Better or worse where the whole interval is.
+    """
+
+    measure: Measure
+    pipeline: str
+    recordings: int
+    before: float
+    after: float
+    interval: Interval | None
+    verdict: Verdict
+
+
+def pairs_of(old: FleetTable, new: FleetTable) -> list[tuple[int, int]]:
+    """Return the numbers of the rows, old and new, of one recording and pipeline.
+
+    Recordings are the same by name and bytes; where either table has one pipeline only, it is
+    compared with the other's one, whatever their names.
+    """
+    one = len(set(old.pipelines())) == 1 == len(set(new.pipelines()))
+    known = {key: row for row, key in enumerate(_keys(old, named=not one))}
+    keys = enumerate(_keys(new, named=not one))
+    return [(known[key], row) for row, key in keys if key in known]
+
+
+def changes(old: FleetTable, new: FleetTable) -> list[Change]:
+    """Return every figure that both tables have, pipeline by pipeline."""
+    pairs = np.array(pairs_of(old, new), np.intp).reshape(-1, 2)
+    found = []
+    for pipeline in new.pipelines():
+        mine = pairs[new.rows_of(pipeline)[pairs[:, 1]]]
+        for measure in MEASURES:
+            change = _change(measure, pipeline, measure.sums(old), measure.sums(new), mine)
+            if change is not None:
+                found.append(change)
+    return found
+
+
+def _change(
+    measure: Measure, pipeline: str, old: Sums, new: Sums, pairs: NDArray[np.intp]
+) -> Change | None:
+    parts = [old.top, old.bottom], [new.top, new.bottom]
+    finite = np.ones(len(pairs), np.bool_)
+    for side, arrays in enumerate(parts):
+        for values in arrays:
+            finite &= np.isfinite(values[pairs[:, side]])
+    kept = pairs[finite]
+    before, after = (
+        Sums(top[kept[:, side]], bottom[kept[:, side]]) for side, (top, bottom) in enumerate(parts)
+    )
+    if not len(kept) or not np.isfinite(before.value() + after.value()):
+        return None
+    same = bool((before.top * after.bottom == after.top * before.bottom).all())
+    interval = bootstrap_recordings(before, after) if len(kept) >= FEWEST and not same else None
+    verdict = "the same" if same else verdict_of(interval, higher=measure.higher)
+    return Change(measure, pipeline, len(kept), before.value(), after.value(), interval, verdict)
+
+
+def verdict_of(interval: Interval | None, *, higher: bool) -> Verdict:
+    """Return what an interval of changes says."""
+    if interval is None or interval.low <= 0 <= interval.high:
+        return "undecided"
+    return "better" if (interval.low > 0) == higher else "worse"
+
+
+def _added(table: FleetTable, names: str) -> NDArray[np.float64]:
+    columns = [table.numbers(name) for name in names.split("+")]
+    return np.asarray(np.sum(columns, axis=0), np.float64)
+
+
+def _keys(table: FleetTable, *, named: bool) -> list[Hashable]:
+    """Return what tells the rows apart; copies of one recording are numbered."""
+    seen: dict[Hashable, int] = {}
+    keys: list[Hashable] = []
+    columns = (table.of("recording"), table.of("sha256"), table.of("pipeline"))
+    for recording, sha256, pipeline in zip(*columns, strict=True):
+        key = (recording, sha256, pipeline if named else "")
+        seen[key] = seen.get(key, 0) + 1
+        keys.append((*key, seen[key]))
+    return keys

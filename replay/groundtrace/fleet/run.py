@@ -1,25 +1,83 @@
-"""Running a fleet: tasks to an engine, parts to a folder, and all of them to two tables."""
+"""Running a fleet: tasks to an engine, parts to a folder, and all of them to two tables.
+
+What an engine is given to call, and what is said of a task that did not come back.
+
+Light to import: what does the work is imported where there is work to do.
+
+The unit of work: one recording through one pipeline, scored and explained, step by step.
+
+Imported where the work is done, and only there: with all it needs it takes a second to load.
+"""
 
 from __future__ import annotations
 
+import glob
+import hashlib
+import itertools
+import platform
+import re
+import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
 
-from ..errors import RecordingError
-from .table import Joined, Listed, join
-from .task import Task, identity_of, name_part
-from .work import evaluate, lost
+import msgspec
+
+from groundtrace_codecs.annotations import sidecar_path
+from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.events import Gap
+from groundtrace_codecs.mcap.byte_source import RemoteBytes, as_url, file_system, is_url, public_url
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..annotate.store import journal_of
+from ..api.known_truth import truth_of_recording
+from ..api.pipelines import default_pipeline
+from ..errors import GroundtraceError, PipelineError, RecordingError
+from ..evaluation.report import answers_of, score_events
+from ..evaluation.truth import scored_truth
+from ..explain.reasons import StepReasons
+from ..explain.suitability import Prepared, prepared
+from ..explain.sweep import EventList
+from ..explain.unfiltered import Unfiltered
+from ..export.base import file_part
+from ..inertial.placement import noted
+from ..inertial.worn_sensor_faults import judged
+from ..pipeline.config import (
+    build_pipeline,
+    load_pipeline,
+    named_pipelines,
+    parse_pipeline,
+    with_settings,
+)
+from ..pipeline.engine import replay
+from ..pipeline.plugins import plugins
+from ..pipeline.results import (
+    RUN,
+    Provenance,
+    Results,
+    evidence_of,
+    file_sha256,
+    given_to,
+    package_versions,
+)
+from ..pipeline.source import Source
+from .table import FIGURES, FORMAT, Joined, Listed, Part, Row, StepRow, failed, join
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
-    from pathlib import Path
 
+    from groundtrace_codecs.events import Label
+    from groundtrace_codecs.mcap.byte_source import ByteSource
+
+    from ..evaluation.report import Score
+    from ..pipeline.config import Pipeline, PipelineConfig
+    from ..pipeline.warned import Warned
     from .engines import Engine
-    from .parts import Parts
-    from .task import Done, Recipe
+    from .table import Parts
 
 #: Recordings whose bytes are read at once to find their parts.
 _READERS = 8
@@ -143,3 +201,503 @@ def _knowing(tasks: Sequence[Task], parts: Parts) -> list[Task]:
     for key in parts.done():
         known[key.rpartition("-")[0]].add(key)
     return [replace(t, known=frozenset(known.get(name_part(t.location), ()))) for t in tasks]
+
+
+#: Name of what is chosen for each recording where no pipeline is asked for.
+FITTING = "fitting"
+#: How much of the end of a remote file tells it from others: in an MCAP file that was ended well,
+#: the CRC of all data and the index.
+_END_BYTES = 1 << 18
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A pipeline to run.
+
+    Attributes
+    ----------
+    name
+        For people.
+    toml
+        With every parameter; empty for what fits each recording.
+    sha256
+        Of that, the tolerance, and the versions that decide.
+    """
+
+    name: str
+    toml: str
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One recording through one pipeline.
+
+    Attributes
+    ----------
+    location
+        Path or URL.
+    recipe
+        The pipeline.
+    tolerance_s
+        Largest distance between a step and its detection [s].
+    truth
+        File of truth instead of the recording's own.
+    known
+        Keys of parts that need not be made again.
+    """
+
+    location: str
+    recipe: Recipe
+    tolerance_s: float = 0.12
+    truth: str | None = None
+    known: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What came of a task.
+
+    Attributes
+    ----------
+    key
+        Of its part.
+    data
+        The part; None where it was known.
+    failed
+        Whether it is an error.
+    """
+
+    key: str
+    data: bytes | None = None
+    failed: bool = False
+
+
+def recipes_of(
+    names: Sequence[str], settings: Sequence[str], tolerance_s: float
+) -> tuple[Recipe, ...]:
+    """Return the pipelines of some names or files; without any, what fits each recording.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        Where one is no pipeline, or two have one name.
+    """
+    configs = [with_settings(load_pipeline(name), settings) for name in names]
+    if not configs and settings:
+        raise PipelineError("--set: expected --pipeline NAME to set it in, found none")
+    found = [config.name for config in configs]
+    shipped = named_pipelines()
+    for index, name in enumerate(names):  # a printed pipeline, changed, is known by its file
+        if found.count(configs[index].name) > 1 and name not in shipped:
+            configs[index] = replace(configs[index], name=Path(name).stem)
+    found = [config.name for config in configs]
+    twice = next((name for name in found if found.count(name) > 1), None)
+    if twice is not None:
+        raise PipelineError(f"--pipeline: expected different names, found {twice!r} twice")
+    recipes = [(c.name, build_pipeline(c).recipe(), owners_of(c)) for c in configs]
+    return tuple(
+        Recipe(name, toml, recipe_sha256(toml, owners, tolerance_s))
+        for name, toml, owners in recipes or [(FITTING, "", ())]
+    )
+
+
+def recipe_sha256(toml: str, owners: Sequence[str], tolerance_s: float) -> str:
+    """Return the hash of all that decides, but for the recording and its truth."""
+    versions = sorted(package_versions().items())
+    return _sha256(msgspec.json.encode((FORMAT, toml, versions, sorted(owners), tolerance_s)))
+
+
+def owners_of(config: PipelineConfig) -> tuple[str, ...]:
+    """Return name and version of the packages that bring a pipeline's plugins."""
+    used = {stage.use for stage in config.stage}
+    every = plugins("stages")
+    return tuple({f"{p.distribution} {p.version}" for p in every if p.name in used})
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What tells a task from all others, and what finding it out has opened.
+
+    Attributes
+    ----------
+    key
+        Of the task's part: the recording's name, and a hash of all that decides.
+    sha256, bytes
+        Of a local recording; empty and 0 where it cannot be read.
+    remote
+        The bytes of a remote one, which is known by its size and its end: its hash costs reading
+        all of it.
+    error
+        Why a remote one cannot be reached.
+    """
+
+    key: str
+    sha256: str = ""
+    bytes: int = 0
+    remote: RemoteBytes | None = None
+    error: str = ""
+
+
+def identity_of(task: Task) -> Identity:
+    """Find out what a task is about, by the bytes of its recording and of its truth."""
+    if not is_url(task.location):
+        path = Path(task.location)
+        content = _file_content(path)
+        size = path.stat().st_size if content else 0
+        return Identity(_key(task, content), content, size)
+    try:
+        remote = RemoteBytes(task.location, hashed=True)
+        end = remote.read_at(max(0, remote.size - _END_BYTES), _END_BYTES)
+    except CodecError as error:
+        return Identity(_key(task, ""), error=told_by(task, error))
+    return Identity(_key(task, f"{remote.size} {_sha256(end)}"), "", remote.size, remote)
+
+
+def _key(task: Task, content: str) -> str:
+    told = (name_of(task.location), content, _truth_content(task), task.recipe.sha256)
+    return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(told))[:32]}"
+
+
+def name_part(location: str) -> str:
+    """Return what the keys of a recording begin with."""
+    return file_part(name_of(location))[:80]
+
+
+def told_by(task: Task, error: Exception) -> str:
+    """Return an error without the folder of its recording: the same wherever that lies."""
+    text = str(error)
+    for place in (task.location, public_url(task.location) if is_url(task.location) else ""):
+        text = text.replace(place, name_of(task.location)) if place else text
+    return text
+
+
+def _truth_content(task: Task) -> tuple[str, ...]:
+    """Return hashes of the files that may be truth: the one given, annotations beside."""
+    files = [Path(task.truth)] if task.truth is not None else []
+    if not is_url(task.location):
+        beside = sidecar_path(Path(task.location))
+        files += [beside, journal_of(beside)]
+    return tuple(_file_content(path) for path in files)
+
+
+def _file_content(path: Path) -> str:
+    try:
+        return file_sha256(path)
+    except OSError:
+        return ""
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def evaluate(task: Task) -> Done:
+    """Replay, score and explain; whatever goes wrong becomes the row's error."""
+    identity = identity_of(task)
+    if identity.key in task.known:
+        return Done(identity.key)
+
+    return evaluated(task, identity, first_row(task, identity))
+
+
+def lost(task: Task) -> Done:
+    """Return what came of a task whose workers were killed, twice."""
+    identity = identity_of(task)
+    row = first_row(task, identity)
+    said = f"{row.recording}: expected a worker that ends, found it killed twice"
+    return Done(identity.key, failed(row, said).encoded(), failed=True)
+
+
+def first_row(task: Task, identity: Identity) -> Row:
+    """Return what is known of a task before its recording is opened."""
+    return Row(
+        name_of(task.location),
+        task.recipe.name,
+        task.recipe.sha256,
+        identity.sha256,
+        identity.bytes,
+        tolerance_s=task.tolerance_s,
+        versions=", ".join(f"{name} {number}" for name, number in package_versions().items()),
+        host=platform.node(),
+    )
+
+
+def evaluated(task: Task, identity: Identity, row: Row) -> Done:
+    """Replay, score and explain; whatever goes wrong becomes the row's error.
+
+    Parameters
+    ----------
+    task
+        What to do.
+    identity
+        Key of the part, and the bytes of a remote recording.
+    row
+        What is known already.
+    """
+    began = time.perf_counter()
+    remote = identity.remote
+    try:
+        if identity.error:
+            raise RecordingError(identity.error)
+        part = _part(task, row, remote)
+        sha256 = row.sha256 if remote is None else remote.sha256()
+    except (CodecError, GroundtraceError) as error:
+        said = told_by(task, error)
+    except OSError as error:
+        said = f"{row.recording}: expected a file to use, found: {error.strerror or error}"
+    except Exception as error:  # a bug costs its recording, and is told; the fleet goes on
+        said = _place_of(error)
+    else:
+        done = replace(part.row, sha256=sha256, wall_s=time.perf_counter() - began)
+        return Done(identity.key, replace(part, row=done).encoded())
+    row = replace(row, wall_s=time.perf_counter() - began)
+    return Done(identity.key, failed(row, said).encoded(), failed=True)
+
+
+def _place_of(error: Exception) -> str:
+    """Return an error that nobody expected, with the line of code it is from."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    at = "" if trace is None else f" ({Path(trace.tb_frame.f_code.co_filename).name}"
+    line = "" if trace is None else f":{trace.tb_lineno})"
+    return f"{type(error).__name__}: {error}{at}{line}"
+
+
+def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
+    """Replay a recording and return all that is said about it."""
+    sink = EventList()
+    with Recording.open(remote or task.location) as opened:
+        if RUN in opened.metadata:
+            raise RecordingError(f"{opened.name}: expected a recording, found results of one")
+        labels, row = _with_truth(task, row, opened)
+        ready = _ready(task, opened)
+        source = Source(opened)
+        items = judged(noted(source, dict.fromkeys(ready.looked_at)), source.streams)
+        tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
+        if not tally.samples:
+            raise RecordingError(f"{opened.name}: expected signals to replay, found none")
+        asked = build_pipeline(ready.asked, opened.geometry, opened.labels)
+        row = replace(
+            row,
+            pipeline=asked.config.name,
+            pipeline_sha256=task.recipe.sha256 if task.recipe.toml else _sha256_of(asked, row),
+            parameters=asked.recipe(),
+            start_ns=opened.start_ns,
+            duration_s=(opened.end_ns - opened.start_ns) / NS_PER_S,
+            topics=", ".join(s.topic for s in opened.streams),
+            channels=sum(len(s.channels) for s in opened.streams),
+            samples=tally.samples,
+            damaged_places=len(opened.damage),
+            lost_messages=sum(d.messages or 0 for d in opened.damage),
+        )
+        origin = Provenance(row.recording, row.sha256, opened.start_ns, opened.end_ns, "")
+        placements = {s.topic: s.placement for s in opened.streams if s.placement}
+        origin = replace(origin, pipeline=ready.chain.recipe(), placements=placements)
+        given = given_to(origin.pipeline, opened.labels)
+        result = Results(
+            row.recording, origin, labels, opened.geometry, tuple(sink.events), given=given
+        )
+        result = replace(result, labels=scored_truth(labels, result).labels)
+    return _judged(row, result, remote or task.location)
+
+
+def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:
+    truth = None if task.truth is None else Path(task.truth)
+    # remarks on one recording say nothing in a fleet
+    labels = truth_of_recording(opened, Path(task.location), truth)
+    source = "recording" if opened.labels else "annotations" if labels else ""
+    source = truth.name if truth is not None else source
+    return labels, replace(row, truth=source, labels=len(labels))
+
+
+def _ready(task: Task, opened: Recording) -> Prepared:
+    toml = task.recipe.toml
+    config = (
+        parse_pipeline(toml.encode(), task.recipe.name)
+        if toml
+        else load_pipeline(default_pipeline(opened))
+    )
+    return prepared(config, opened)
+
+
+def _sha256_of(chain: Pipeline, row: Row) -> str:
+    """Return the hash that a pipeline has where it is asked for by name."""
+    return recipe_sha256(chain.recipe(), owners_of(chain.config), row.tolerance_s)
+
+
+def _judged(row: Row, result: Results, source: ByteSource | str) -> Part:
+    """Score and explain a result."""
+    said = answers_of(result.events)
+    gaps = [e for e in result.events if isinstance(e, Gap)]
+    origin = result.provenance
+    score = score_events(
+        result.labels, result.events, origin.start_ns, origin.end_ns, row.tolerance_s
+    )
+    steps = _steps(result, row.tolerance_s, source) if score.steps is not None else ()
+    causes: dict[str, int] = {}
+    for step in steps:
+        if step.cause:
+            causes[step.cause] = causes.get(step.cause, 0) + 1
+    row = replace(
+        row,
+        gaps=sum(not g.bridged for g in gaps),
+        lost_samples=sum(g.lost for g in gaps),
+        found_steps=len(said.steps),
+        found_picks=len(said.picks),
+        found_fixes=len(said.fixes),
+        found_passes=len(said.passes),
+        warnings=" | ".join(warned.line for warned in result.warnings),
+        figures={figure.name: _plain(figure.of(score)) for figure in FIGURES},
+        causes=dict(sorted(causes.items())),
+        score_json=_json(score, result.warnings),
+    )
+    return Part(row, steps)
+
+
+def _steps(result: Results, tolerance_s: float, source: ByteSource | str) -> tuple[StepRow, ...]:
+    """Return every scored step and what became of it, by time."""
+    evidence = evidence_of(result)
+    signal = Unfiltered(evidence.config, lambda: source)
+    reasons = StepReasons(replace(evidence, unfiltered=signal), tolerance_s)
+    matching = reasons.matching
+    truth, found = matching.truth_ns.tolist(), matching.found_ns.tolist()
+    rows = [
+        StepRow("matched", int(t) + 1, None, truth[t], found[f]) for t, f in matching.pairs.tolist()
+    ]
+    for found_ns in matching.found_ns[matching.false].tolist():
+        pair = reasons.wrong_time(found_ns)
+        rows.append(StepRow("false", found_ns=found_ns, text="" if pair is None else pair.text))
+    for number, index in enumerate(matching.missed.tolist(), 1):
+        why, late = reasons.at(truth[index]), reasons.pair_of(truth[index])
+        found_ns = None if late is None else late.found_ns
+        missed = StepRow("missed", index + 1, number, truth[index], found_ns)
+        rows.append(replace(missed, cause=why.cause, gate=why.gate, text=why.text))
+    return tuple(sorted(rows, key=lambda row: (row.time_ns, row.verdict)))
+
+
+def _json(score: Score, warnings: Sequence[Warned]) -> str:
+    """Return a score as ``groundtrace score --json`` gives it, without parts that are None."""
+    parts = msgspec.to_builtins(score, enc_hook=str)
+    kept = {k: v for k, v in parts.items() if v is not None}
+    kept["warnings"] = [warned.document for warned in warnings]
+    return msgspec.json.encode(kept).decode()
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python."""
+    return value.item() if hasattr(value, "item") else value
+
+
+#: Files that lie beside recordings and are none, though they are MCAP too.
+_BESIDE = (".annotations.mcap", ".results.mcap")
+_PATTERN = re.compile(r"[*?\[]")
+TRUTH_SUFFIXES = (".csv", ".truth.csv", ".sgt", ".annotations.mcap", ".mcap")
+
+
+def recordings_of(arguments: Sequence[str]) -> list[str]:
+    """Return every recording that the arguments mean, sorted, each once.
+
+    Parameters
+    ----------
+    arguments
+        Files, folders (with all below them), patterns as the shell knows them, URLs of those.
+
+    Raises
+    ------
+    RecordingError
+        Where an argument means none.
+    CodecError
+        Where a URL cannot be listed.
+    """
+    found: set[str] = set()
+    for argument in arguments:
+        places = _remote(argument) if is_url(argument) else _local(argument)
+        if not places:
+            raise RecordingError(
+                f"{argument}: expected a recording, a folder of recordings or a pattern, found none"
+            )
+        found.update(places)
+    if not found:
+        raise RecordingError("fleet: expected recordings, found none")
+    return sorted(found)
+
+
+def name_of(location: str) -> str:
+    """Return the file name of a recording, without the query of its URL."""
+    return PurePosixPath(public_url(location)).name if is_url(location) else Path(location).name
+
+
+def shard_of(text: str) -> tuple[int, int]:
+    """Read ``I/N``: the shard I of N, from 1.
+
+    Raises
+    ------
+    RecordingError
+        Where it is not that.
+    """
+    index, slash, count = text.partition("/")
+    if slash and index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count):
+        return int(index), int(count)
+    raise RecordingError(f"--shard: expected I/N with I from 1 to N, found {text!r}")
+
+
+def truth_beside(truth: Path | None, locations: Sequence[str]) -> dict[str, Path]:
+    """Return the file of truth of each recording that has one.
+
+    Parameters
+    ----------
+    truth
+        A file, for one recording, or a folder with files named as the recordings are: ``walk.csv``
+        or ``walk.truth.csv`` for ``walk.mcap``.
+    locations
+        The recordings.
+
+    Raises
+    ------
+    RecordingError
+        Where it is neither, or one file is given for several recordings.
+    """
+    if truth is None:
+        return {}
+    if truth.is_dir():
+        named = {place: _named(truth, PurePosixPath(name_of(place)).stem) for place in locations}
+        return {place: path for place, path in named.items() if path is not None}
+    if not truth.is_file():
+        raise RecordingError(f"{truth}: expected a truth file or folder, found none")
+    if len(locations) > 1:
+        raise RecordingError(
+            f"--truth: expected a folder for {len(locations)} recordings, found the file {truth}"
+        )
+    return {locations[0]: truth}
+
+
+def _named(folder: Path, stem: str) -> Path | None:
+    files = (folder / f"{stem}{suffix}" for suffix in TRUTH_SUFFIXES)
+    return next((path for path in files if path.is_file()), None)
+
+
+def _local(argument: str) -> list[str]:
+    path = Path(argument)
+    if path.is_dir():
+        below = (p for p in path.rglob("*.mcap") if p.is_file())
+        return [str(p) for p in below if _is_recording(p.name)]
+    if path.is_file() or not _PATTERN.search(argument):
+        return [str(path)] if path.is_file() else []
+    matched = (Path(p) for p in glob.glob(argument, recursive=True))  # noqa: PTH207  # absolute too
+    return [str(p) for p in matched if p.is_file() and _is_recording(p.name)]
+
+
+def _remote(argument: str) -> list[str]:
+    url = as_url(argument)
+    pattern = _PATTERN.search(public_url(url).partition("://")[2])
+    if not pattern and (url.startswith("http") or public_url(url).endswith(".mcap")):
+        return [url]
+    system, path = file_system(url)
+    listed = system.glob(path) if pattern else system.find(path)
+    return [system.unstrip_protocol(p) for p in listed if _is_recording(p)]
+
+
+def _is_recording(name: str) -> bool:
+    return name.endswith(".mcap") and not name.endswith(_BESIDE)

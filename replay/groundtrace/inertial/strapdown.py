@@ -1,32 +1,49 @@
-"""Strapdown integration over a few samples, and how errors at its start show at its end.
+"""Strapdown integration of a foot's motion, and the states of its errors.
 
 Positions are in a frame with z up; x is the horizontal direction that the sensor was levelled to.
 The error state is a small rotation in that frame (the true orientation is the estimate turned by
 it), errors of velocity and position, and of the biases of gyroscope and accelerometer in the
 sensor's axes.
+
+Error-state Kalman filter of a foot: attitude, velocity, position and the biases of both sensors.
+
+Source: Foxlin, IEEE Computer Graphics and Applications 25(6), 2005, and Skog, Nilsson and Haendel,
+Indoor Positioning and Indoor Navigation, 2010, for zero-velocity updates. How sure a standing foot
+is of its velocity depends on how still it stands: it rolls over the ball of the foot, and the
+sensor is above the sole. So a fast walker's short stances count, but count less.
+
+The samples of a foot in segments of equal length, and whether the foot stands still in each.
+
+The statistic is that of :mod:`.detectors.zero_velocity`; its window is centred, so the samples
+wait for half a window.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, overload
 
 import numpy as np
 
-from ..heading.rotations import normalised
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..detectors.zero_velocity import RecentPeak, ZeroVelocityStatistic
 from ..later import Later
+from ..pipeline.parameters import gate, measured
+from .rotations import normalised
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..heading import rotation_kernels
-    from . import strapdown_kernels as compiled
-    from .stances import Segment
+    from ..detectors.zero_velocity import ZeroVelocityParameters
+    from ..kernels import attitude as attitude_kernels
+    from ..kernels import navigation as navigation_kernels
 
     Array = NDArray[np.float64]
 else:
-    compiled = Later("groundtrace.inertial.strapdown_kernels")
-    rotation_kernels = Later("groundtrace.heading.rotation_kernels")
+    attitude_kernels = Later("groundtrace.kernels.attitude")
+    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 GRAVITY_MPS2 = 9.80665
 #: Rows of the error state.
@@ -68,7 +85,7 @@ class Pose:
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
         orientation = self.orientation.copy()
-        rotation_kernels.turn_by(error, orientation)
+        attitude_kernels.turn_by(error, orientation)
         return Pose(
             orientation,
             self.velocity + error[SPEED],
@@ -103,11 +120,351 @@ def integrate(pose: Pose, segment: Segment) -> Step:
 
     Rates and forces are taken as straight between samples.
     """
-    row, moved, transition = pose.row, np.empty(compiled.MOVED), np.empty((STATES, STATES))
+    row, moved, transition = (
+        pose.row,
+        np.empty(navigation_kernels.MOVED),
+        np.empty((STATES, STATES)),
+    )
     given = (segment.interval_s, segment.rate, segment.force, GRAVITY_MPS2)
-    compiled.integrate(row, *given, moved)
-    compiled.transition(row, moved, segment.length_s, GRAVITY_MPS2, np.empty((4, 4)), transition)
-    orientation, velocity, place, _ = np.split(moved, [4, 7, compiled.GAINED])
+    navigation_kernels.integrate(row, *given, moved)
+    navigation_kernels.transition(
+        row, moved, segment.length_s, GRAVITY_MPS2, np.empty((4, 4)), transition
+    )
+    orientation, velocity, place, _ = np.split(moved, [4, 7, navigation_kernels.GAINED])
     after = Pose(normalised(orientation), velocity, place, pose.gyro_bias, pose.force_bias)
-    turned_rad, pushed_mps = moved[compiled.TURNED :].tolist()
+    turned_rad, pushed_mps = moved[navigation_kernels.TURNED :].tolist()
     return Step(after, transition, turned_rad, pushed_mps)
+
+
+#: Rows of the state that a measurement leaves alone: none.
+_NONE = np.zeros(STATES, np.bool_)
+#: Velocity of a foot of which nothing is known [m/s].
+LOST_MPS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """What the filter takes its sensors for.
+
+    Attributes
+    ----------
+    gyro_walk, force_walk
+        Random walk of the integrated rate [rad/sqrt(s)] and specific force [m/s/sqrt(s)].
+    gyro_scale, force_scale
+        Unknown part of a turn or push (scale, axes, bandwidth), as white noise: error over the
+        square root of what was turned [sqrt(rad)] or pushed [sqrt(m/s)].
+    gyro_bias, force_bias
+        Biases at the start [rad/s], [m/s2].
+    gyro_bias_walk, force_bias_walk
+        Their random walks [rad/s/sqrt(s)], [m/s2/sqrt(s)].
+    tilt
+        Of the levelling at the start [rad].
+    """
+
+    gyro_walk: float = 5e-4
+    force_walk: float = 0.03
+    gyro_scale: float = 5e-3
+    force_scale: float = 0.01
+    gyro_bias: float = 0.01
+    force_bias: float = 0.1
+    gyro_bias_walk: float = 1e-5
+    force_bias_walk: float = 1e-4
+    tilt: float = 0.035
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovation:
+    """What a measurement says that the filter did not expect.
+
+    Attributes
+    ----------
+    value, spread
+        Shape (n,), and its covariance, shape (n, n).
+    pick, noise
+        Shape (n, 15): what it sees of the error state; and its covariance, shape (n, n).
+    """
+
+    value: Array
+    spread: Array
+    pick: Array
+    noise: Array
+
+    @property
+    def distance(self) -> float:
+        """Mahalanobis distance."""
+        return float(np.sqrt(self.value @ np.linalg.solve(self.spread, self.value)))
+
+
+class ErrorStateFilter:
+    """A pose and the covariance of its error.
+
+    Parameters
+    ----------
+    noise
+        What the sensors are taken for.
+    orientation
+        At the start, shape (4,); its heading is the frame's, so without error.
+    """
+
+    def __init__(self, noise: SensorNoise, orientation: Array) -> None:
+        self.noise = noise
+        self.pose = Pose(orientation)
+        sigma = np.zeros(STATES)
+        sigma[TURN] = noise.tilt, noise.tilt, 0.0
+        sigma[SPEED] = 0.1
+        sigma[GYRO], sigma[FORCE] = noise.gyro_bias, noise.force_bias
+        self.covariance = np.diag(sigma**2)
+
+    def predict(self, segment: Segment) -> Array:
+        """Go on to the end of a segment; return its transition, shape (15, 15)."""
+        step, noise, length_s = integrate(self.pose, segment), self.noise, segment.length_s
+        growth = np.zeros(STATES)
+        growth[TURN] = noise.gyro_walk**2 * length_s + noise.gyro_scale**2 * step.turned_rad
+        growth[SPEED] = noise.force_walk**2 * length_s + noise.force_scale**2 * step.pushed_mps
+        growth[PLACE] = growth[SPEED] * length_s**2 / 3
+        growth[GYRO] = noise.gyro_bias_walk**2 * length_s
+        growth[FORCE] = noise.force_bias_walk**2 * length_s
+        self.pose = step.pose
+        self.covariance = self.covariance.copy()
+        attitude_kernels.carry(step.transition, self.covariance, np.empty((2, STATES, STATES)))
+        np.einsum("ii->i", self.covariance)[:] += growth
+        return step.transition
+
+    def still(self, sigma_mps: float) -> Innovation:
+        """Return what a velocity of zero says."""
+        return self._innovation(SPEED, -self.pose.velocity, sigma_mps)
+
+    def not_turning(self, rate: Array, sigma_radps: float) -> Innovation:
+        """Return what a rate of zero says, where ``rate`` was measured, shape (3,) [rad/s]."""
+        return self._innovation(GYRO, rate - self.pose.gyro_bias, sigma_radps)
+
+    def turned(self, angle_rad: float, sigma_rad: float) -> Innovation:
+        """Return what it says that the frame has turned by an angle about the vertical."""
+        pick = np.zeros((1, STATES))
+        pick[0, TURN.stop - 1] = 1.0
+        noise = np.array([[sigma_rad**2]])
+        spread = pick @ self.covariance @ pick.T + noise
+        return Innovation(np.array([angle_rad]), spread, pick, noise)
+
+    def update(self, seen: Innovation) -> None:
+        """Correct the pose by a measurement."""
+        gain, self.covariance = attitude_kernels.joseph(
+            self.covariance, seen.pick, seen.spread, seen.noise, _NONE
+        )
+        self.pose = self.pose.moved(gain @ seen.value)
+
+    def lose_velocity(self) -> None:
+        """Give the velocity up: it is anything that a foot may do."""
+        self.pose = replace(self.pose, velocity=np.zeros(3))
+        self.covariance = self.covariance.copy()
+        self.covariance[SPEED] = self.covariance[:, SPEED] = 0.0
+        self.covariance[SPEED, SPEED] = np.eye(3) * LOST_MPS**2
+
+    def _innovation(self, rows: slice, value: Array, sigma: float) -> Innovation:
+        pick = np.zeros((3, STATES))
+        pick[:, rows] = np.eye(3)
+        noise = np.eye(3) * sigma**2
+        return Innovation(value, self.covariance[rows, rows] + noise, pick, noise)
+
+
+#: Length of a segment [s]; at low rates it is one sample.
+SEGMENT_S = 0.025
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """Consecutive samples, with the last one before them.
+
+    Attributes
+    ----------
+    time_ns
+        Of its last sample.
+    interval_s
+        Times between the samples, shape (n,) [s].
+    rate, force
+        Shape (n + 1, 3) [rad/s], [m/s2].
+    field
+        Mean magnetic field, shape (3,) [T]; NaN where the stream has none.
+    statistic, peak
+        Largest of the zero-velocity statistic in it, and in the stride that ends with it.
+    length_s
+        How long it lasts [s].
+    """
+
+    time_ns: int
+    interval_s: Array
+    rate: Array
+    force: Array
+    field: Array
+    statistic: float
+    peak: float
+    length_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentRun(Sequence[Segment]):
+    """Consecutive segments of equal length in columns.
+
+    Attributes
+    ----------
+    time_ns, interval_s, field, statistic, peak, length_s
+        Of each, shapes (n,), (n, m), (n, 3), (n,), (n,), (n,), as those of a segment.
+    rate, force
+        Of all samples, shape (n * m + 1, 3) [rad/s], [m/s2]: neighbours share one.
+    """
+
+    time_ns: NDArray[np.int64]
+    interval_s: Array
+    rate: Array
+    force: Array
+    field: Array
+    statistic: Array
+    peak: Array
+    length_s: Array
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    @overload
+    def __getitem__(self, index: int) -> Segment: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Segment]: ...
+
+    def __getitem__(self, index: int | slice) -> Segment | list[Segment]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        place, samples = range(len(self))[index], self.interval_s.shape[1]
+        both = slice(place * samples, (place + 1) * samples + 1)
+        return Segment(
+            int(self.time_ns[place]),
+            self.interval_s[place],
+            self.rate[both],
+            self.force[both],
+            self.field[place],
+            float(self.statistic[place]),
+            float(self.peak[place]),
+            float(self.length_s[place]),
+        )
+
+
+class Segments:
+    """Cuts blocks of any length into segments, counted from the run's first sample.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate [Hz].
+    parameters
+        Of the statistic, and the length of a stride.
+    """
+
+    def __init__(self, rate_hz: float, parameters: ZeroVelocityParameters) -> None:
+        self._peak = RecentPeak(rate_hz, parameters.stride_s)
+        self._statistic = ZeroVelocityStatistic(rate_hz, parameters)
+        self._length = max(1, round(SEGMENT_S * rate_hz))
+        self._late = round(self._statistic.delay_ns * rate_hz / NS_PER_S)
+        self._times = np.empty(0, np.int64)
+        self._samples = np.empty((0, 9))
+        self._values = np.empty((0, 2))
+        self._skip = self._late
+
+    def add(self, times: NDArray[np.int64], samples: Array) -> SegmentRun:
+        """Take samples, shapes (n,) and (n, 9); return the segments that are complete by now.
+
+        The columns are rate [rad/s], force [m/s2] and field [T], NaN where there is none.
+        """
+        statistic = self._statistic(samples[:, 3:6].T.copy(), samples[:, :3].T.copy())
+        values = np.stack([statistic, self._peak(statistic)], axis=1)
+        skipped = min(self._skip, len(values))
+        self._skip -= skipped
+        self._times = np.concatenate([self._times, times])
+        self._samples = np.concatenate([self._samples, samples])
+        self._values = np.concatenate([self._values, values[skipped:]])
+        return self._cut(self._length)
+
+    def finish(self) -> list[SegmentRun]:
+        """Return what is left; the statistic of the last samples is that of the last window.
+
+        The last segment may be shorter than the others.
+        """
+        lacking = len(self._times) - len(self._values)
+        if not (lacking and len(self._values)):
+            return []
+        self._values = np.pad(self._values, ((0, lacking), (0, 0)), mode="edge")
+        whole = self._cut(self._length)
+        left = len(self._times) - 1
+        return [whole, self._cut(left)] if left > 0 else [whole]
+
+    def _cut(self, length: int) -> SegmentRun:
+        """Return all whole segments; the sample that ends one also begins the next."""
+        count = max(0, len(self._values) - 1) // length
+        end = count * length
+        times, values = self._times[: end + 1], self._values[: end + 1]
+        intervals = (np.diff(times) / NS_PER_S).reshape(count, length)
+        inner = self._samples[1 : end + 1, 6:].reshape(count, length, 3)
+        statistic = values[1:, 0].reshape(count, length).max(axis=1, initial=0.0)
+        # each contiguous, as compiled functions take them
+        rate, force = (np.ascontiguousarray(self._samples[: end + 1, k : k + 3]) for k in (0, 3))
+        self._times, self._samples = self._times[end:], self._samples[end:]
+        self._values = self._values[end:]
+        return SegmentRun(
+            times[length::length],
+            intervals,
+            rate,
+            force,
+            inner.mean(axis=1),
+            # of both its ends, the first of which is the last of the segment before
+            np.maximum(statistic, values[:end:length, 0]),
+            np.ascontiguousarray(values[length::length, 1]),
+            intervals.sum(axis=1),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FootNavigatorParameters:
+    """Parameters of :class:`.ins.FootNavigator`."""
+
+    window_s: Annotated[float, measured("s", "Length of the statistic's window.", gt=0)] = 0.05
+    acceleration_sigma: Annotated[
+        float, measured("m/s2", "Off gravity by this, the statistic is 1.", gt=0)
+    ] = 1.7
+    rotation_sigma: Annotated[
+        float, measured("rad/s", "Turning by this, the statistic is 1.", gt=0)
+    ] = 0.3
+    sure: Annotated[
+        float, measured("1", "The foot stands where the statistic is at most this.", gt=0)
+    ] = 2.0
+    share: Annotated[
+        float, measured("1", "Or at most this part of its largest in the last stride.", ge=0, lt=1)
+    ] = 0.03
+    stride_s: Annotated[float, measured("s", "A stride takes at most so long.", gt=0)] = 1.5
+    align_s: Annotated[
+        float, measured("s", "Standing so long is enough to level the sensor.", gt=0)
+    ] = 0.1
+    sole_m: Annotated[
+        float, measured("m", "Height of the sensor over what the foot rolls on.", ge=0)
+    ] = 0.1
+    still_mps: Annotated[float, measured("m/s", "Speed of a foot that stands.", gt=0)] = 0.01
+    still_radps: Annotated[float, measured("rad/s", "Turning of a foot at rest.", gt=0)] = 0.005
+    rest_s: Annotated[
+        float, measured("s", "A foot that has stood so long is at rest and does not turn.", ge=0)
+    ] = 0.5
+    lost_s: Annotated[
+        float, measured("s", "A foot under way for so long has a velocity that is wrong.", gt=0)
+    ] = 2.0
+    magnetometer: Annotated[
+        bool, measured("", "Hold the heading by the field where it is that of the start.")
+    ] = False
+    point_s: Annotated[float, measured("s", "Time between points of the track.", gt=0)] = 0.1
+    smooth: Annotated[bool, measured("", "Also give the track smoothed, when it ends.")] = True
+    smooth_s: Annotated[
+        float, measured("s", "Longest piece of a track that is smoothed at once.", gt=0)
+    ] = 600.0
+    stillness: Annotated[float, gate("1", "Least stillness of a stance.", ge=0, le=1)] = 0.01
+    max_distance: Annotated[
+        float, gate("1", "Largest Mahalanobis distance of the velocity from zero.", gt=0)
+    ] = 7.0
+    max_speed_mps: Annotated[
+        float, gate("m/s", "Fastest that a foot may seem to move that stands.", gt=0)
+    ] = 1.5

@@ -1,1 +1,1 @@
-"""Localizers: where an impact was, from the arrivals at sensors of known places."""
+"""Localizers: places of impacts from arrivals, bearings, wave physics."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
-from ..parameters import gate, measured
-from . import hyperbolic, power_law, self_calibrating, sign_model, so_tdoa
-from .api import ArrivalLocalizer, LocalizerParameters, columns, gates
-from .running_sigma import RunningSigma
+from ..pipeline.parameters import gate, measured
+from . import arrival_order, joint_calibration, tdoa
+from .base import ArrivalLocalizer, LocalizerParameters, RunningSigma, columns, gates
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from .api import Site
-    from .location import Location
+    from ..pipeline.stage import Location
+    from .base import Site
 
     Times = NDArray[np.float64]
 
@@ -45,7 +44,7 @@ class SoTdoa(ArrivalLocalizer):
 
     def prepare(self, site: Site) -> str:
         """Find the regions."""
-        self.regions = so_tdoa.known_regions(site.positions, site.outline)
+        self.regions = arrival_order.known_regions(site.positions, site.outline)
         self.theta_s = site.medium.theta_s or THETA_S
         if self.parameters.sign_sigma_s > 0 and site.length_unit != "m":
             return "a known unit of length (or sign_sigma_s = 0)"
@@ -55,8 +54,8 @@ class SoTdoa(ArrivalLocalizer):
         """Return the mean of the regions that fit best, or of all by their likelihood."""
         sigma = self.parameters.sign_sigma_s
         if sigma > 0:
-            return sign_model.likeliest(self.regions, times_s, self.theta_s, sigma)
-        return so_tdoa.among(self.regions, times_s)
+            return arrival_order.likeliest(self.regions, times_s, self.theta_s, sigma)
+        return arrival_order.among(self.regions, times_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,14 +85,16 @@ class Hyperbolic(ArrivalLocalizer):
         self.site = site
         self.velocity_mps = self.parameters.velocity_mps or site.medium.velocity_mps or 0.0
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
-        self.sigma = RunningSigma(first_s, hyperbolic.UNKNOWNS)
+        self.sigma = RunningSigma(first_s, tdoa.HYPERBOLIC_UNKNOWNS)
         unit = " in units/s" if site.length_unit != "m" else ""
         return "" if self.velocity_mps > 0 else f"a velocity{unit} (of the medium, or velocity_mps)"
 
     def locate(self, times_s: Times) -> Location:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
-        found = hyperbolic.locate(site.positions, times_s, self.velocity_mps, site.outline, sigma)
+        found = tdoa.locate_hyperbolic(
+            site.positions, times_s, self.velocity_mps, site.outline, sigma
+        )
         self.sigma.learn(found)
         return found
 
@@ -107,13 +108,13 @@ class PowerLawParameters(LocalizerParameters):
     ] = 0.003
     exponent: Annotated[
         float, measured("1", "Power of distance that arrivals grow with.", gt=0, le=2)
-    ] = power_law.EXPONENT
+    ] = tdoa.EXPONENT
     sigma_s: Annotated[
         float, measured("s", "Error of an arrival until the places found tell it.", gt=0)
     ] = 5e-4
     huber: Annotated[
         float, measured("1", "Residuals beyond so many sigma_s, as given, count linearly.", gt=0)
-    ] = power_law.HUBER
+    ] = tdoa.HUBER
 
 
 class PowerLaw(ArrivalLocalizer):
@@ -127,7 +128,7 @@ class PowerLaw(ArrivalLocalizer):
         """Remember the site."""
         self.site = site
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
-        self.sigma = RunningSigma(first_s, power_law.UNKNOWNS)
+        self.sigma = RunningSigma(first_s, tdoa.POWER_LAW_UNKNOWNS)
         return ""
 
     def locate(self, times_s: Times) -> Location:
@@ -135,7 +136,9 @@ class PowerLaw(ArrivalLocalizer):
         p, site, sigma = self.parameters, self.site, self.sigma.value_s
         # the threshold is of the parameters: a place must not depend on those before it
         huber = p.huber * p.sigma_s / sigma
-        found = power_law.locate(site.positions, times_s, site.outline, p.exponent, sigma, huber)
+        found = tdoa.locate_power_law(
+            site.positions, times_s, site.outline, p.exponent, sigma, huber
+        )
         self.sigma.learn(found)
         return found
 
@@ -153,7 +156,7 @@ class SelfCalibratingParameters(LocalizerParameters):
     memory: Annotated[int, measured("1", "Impacts looked back on.", ge=6)] = 64
     exponent: Annotated[
         float, measured("1", "Exponent where the geometry names none.", gt=0, le=2)
-    ] = power_law.EXPONENT
+    ] = tdoa.EXPONENT
     exponent_deviation: Annotated[
         float, measured("1", "How far the exponent may stray; 0 keeps it.", ge=0)
     ] = 0.1
@@ -162,7 +165,7 @@ class SelfCalibratingParameters(LocalizerParameters):
     ] = 5e-4
     huber: Annotated[
         float, measured("1", "Residuals beyond so many deviations count linearly.", gt=0)
-    ] = power_law.HUBER
+    ] = tdoa.HUBER
 
 
 class SelfCalibrating(ArrivalLocalizer):
@@ -175,7 +178,7 @@ class SelfCalibrating(ArrivalLocalizer):
     def prepare(self, site: Site) -> str:
         """Begin with what the geometry knows of the floor."""
         p = self.parameters
-        self.running = self_calibrating.running_floor(
+        self.running = joint_calibration.running_floor(
             site.positions,
             site.outline,
             site.medium,
@@ -189,4 +192,4 @@ class SelfCalibrating(ArrivalLocalizer):
     def locate(self, times_s: Times) -> Location:
         """Return the place that fits best, and learn from it."""
         p = self.parameters
-        return self_calibrating.locate(self.running, times_s, p.sigma_s, p.huber)
+        return joint_calibration.locate(self.running, times_s, p.sigma_s, p.huber)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .plate import Impact, Plate, Synthesis
+from ..localizers.wave_physics import Impact, Plate, Synthesis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

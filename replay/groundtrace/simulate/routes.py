@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from .gait import LATERAL, Bout, Idle, Plan, Turn
-from .gait_shapes import step_asymmetry
+from .gait import LATERAL, Bout, Idle, Plan, Turn, step_asymmetry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from .gait import Activity, Foot, StepType
-    from .person import Person, Stride
-    from .walk_options import RouteName, WalkOptions
+    from .gait import Activity, Foot, Person, RouteName, StepType, Stride, WalkOptions
 
 _T = TypeVar("_T")
 #: Legs and the turns at their ends [m, rad]; the last turn leads into the next lap.

@@ -5,6 +5,11 @@ recursion (6.4). The state is the place before and the present one, (x', y', x, 
 stands still makes no step, so that the clock stands still too. The thesis does not say where the
 filter starts: here both places are the first fix, and the one before is unknown within a pace.
 Nor does it follow a walker whose step is missed, or who turns about: see :class:`Motion`.
+
+Smoothing a finished track: every step in the light of all steps after it as well.
+
+Source: H. E. Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic
+systems, AIAA Journal 3 (1965), on the model of :mod:`.kalman`.
 """
 
 from __future__ import annotations
@@ -15,6 +20,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -176,3 +183,32 @@ class StepFilter:
         spread = motion.f @ self._filter.P @ motion.f.T + motion.q
         innovation: Array = place - H @ motion.f @ self._filter.x
         return innovation, H @ spread @ H.T + noise
+
+
+def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[Array, Array]:
+    """Return the states of a track as all of its fixes tell them.
+
+    Parameters
+    ----------
+    states
+        Shape (n, 4): the filter's after each step [m].
+    spreads
+        Shape (n, 4, 4): their covariances [m^2].
+    motions
+        How each was predicted; the first is none of them, so that its motion does not count.
+
+    Returns
+    -------
+    States, shape (n, 4) [m], and their covariances, shape (n, 4, 4) [m^2]; the last are the
+    filter's own.
+    """
+    from filterpy.kalman import KalmanFilter
+
+    n = len(states)
+    if n < 2:
+        return states.copy(), spreads.copy()
+    smoother = KalmanFilter(dim_x=4, dim_z=2)
+    found, covariances, _, _ = smoother.rts_smoother(
+        states, spreads, [motion.f for motion in motions], [motion.q for motion in motions]
+    )
+    return np.asarray(found, np.float64), np.asarray(covariances, np.float64)

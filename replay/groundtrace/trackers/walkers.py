@@ -1,37 +1,333 @@
 """Several walkers, each with a step-clocked Kalman filter, told apart by where they go.
 
 Source: the thesis on footstep localisation, chapter 6, for each walker; it has one only. Fixes
-and predicted steps are assigned one to one inside a gate, see :mod:`.association`. Two walkers may
+and predicted steps are assigned one to one inside a gate, see :mod:`.walkers`. Two walkers may
 set their feet down at any times, but of one walker two impacts within the least pace and at one
 place are heel and toe: the second joins no track and begins none.
+
+Whose step a fix is: the next one of a track, the same one again, or a stranger's.
+
+A track is matched by the likeliest of its motions: straight on; straight on with steps missed, of
+which its pace tells how many; or anywhere within a pace, as when it turns about. Of several fixes
+and tracks the pairs are made at once, first for the tracks that count: a track that has just begun
+knows so little that it is near everything, and must not take a walker's fix from him.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Fix, Quantity, TrackPoint
+from groundtrace_codecs.events import SMOOTHED, Fix, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..gates import Candidates, Level
-from ..parameters import measured
-from ..stage import Context, Input, Stage
-from .api import TrackerParameters
-from .association import Foot, Limits, Observed, fit, foot_of, nearest, paired
-from .kalman import Motion, StepFilter, WalkModel, first_spread
-from .track import Track, filtered_points, smoothed_points
+from ..dsp.assignment import assign
+from ..pipeline.gates import Candidates, Level
+from ..pipeline.parameters import measured
+from ..pipeline.stage import Context, Input, Stage
+from .kalman import PACE_M, Motion, StepFilter, WalkModel, first_spread, smoothed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import CandidateBlock
 
-    from ..stage import Output
+    from ..pipeline.stage import Output
+
+    Array = NDArray[np.float64]
+
+#: How improbable a turn is, as minus twice the logarithm of 5 %.
+TURN_SURPRISE = 6.0
+#: A walker can only turn when his next step is due: from this part of his pace on.
+TURN_DUE = 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """A fix as a tracker takes it.
+
+    Attributes
+    ----------
+    time_ns
+        When.
+    place
+        Shape (2,) [m].
+    noise
+        Its covariance, shape (2, 2) [m^2].
+    """
+
+    time_ns: int
+    place: Array
+    noise: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """How a fix fits the next step of a track.
+
+    Attributes
+    ----------
+    distance
+        Mahalanobis distance.
+    surprise
+        Minus twice the logarithm of the likelihood.
+    motion
+        The likeliest.
+    """
+
+    distance: float
+    surprise: float
+    motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How far apart, in distance and in time, a fix and the last step of a track may be."""
+
+    max_distance: float
+    least_pace_s: float
+
+
+def fit(track: Track, seen: Observed, model: WalkModel, limits: Limits) -> Fit | None:
+    """Return the likeliest motion of a track to a fix, or None where it is too soon for a step.
+
+    A motion out of the gate is never the likeliest while another is inside.
+    """
+    elapsed_s = (seen.time_ns - track.last_ns) / NS_PER_S
+    # here and below of the precision that is stored: the gates then decide what is decided here
+    if elapsed_s <= 0 or np.float32(elapsed_s) < limits.least_pace_s:
+        return None
+    fits = [
+        Fit(
+            track.filter.distance(seen.place, seen.noise, motion),
+            track.filter.surprise(seen.place, seen.noise, motion) + penalty,
+            motion,
+        )
+        for motion, penalty in _motions(track, elapsed_s, model)
+    ]
+    return min(fits, key=lambda f: (max(f.distance, limits.max_distance), f.surprise))
+
+
+def _motions(track: Track, elapsed_s: float, model: WalkModel) -> list[tuple[Motion, float]]:
+    found = [(Motion.ahead(model), 0.0)]
+    pace_s = track.pace_s
+    if track.counts and pace_s is not None:
+        ticks = max(1, round(elapsed_s / pace_s))
+        if ticks > 1:
+            found.append((Motion.ahead(model, ticks), 0.0))
+        if elapsed_s >= TURN_DUE * pace_s:
+            found.append((Motion.turned(PACE_M, ticks), TURN_SURPRISE))
+    return found
+
+
+def paired(
+    fits: Sequence[Sequence[Fit | None]], tracks: Sequence[Track], limits: Limits
+) -> dict[int, int]:
+    """Pair fixes and tracks one to one inside the gate: the likeliest of as many as can be.
+
+    Returns
+    -------
+    Index of the track by that of the fix.
+    """
+    surprise = np.full((len(fits), len(tracks)), np.inf)
+    for row, each in enumerate(fits):
+        for column, found in enumerate(each):
+            if found is not None and np.float32(found.distance) <= limits.max_distance:
+                surprise[row, column] = max(found.surprise, 0.0)
+    owner: dict[int, int] = {}
+    counts = np.array([track.counts for track in tracks], np.bool_)
+    for among in (counts, ~counts):
+        left = np.where(among, surprise, np.inf)
+        left[list(owner)] = np.inf
+        owner |= {int(row): int(column) for row, column in assign(left, np.inf)}
+    return owner
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foot:
+    """Where and when a foot was last set down; ``spread`` is the covariance of the place."""
+
+    time_ns: int
+    place: Array
+    spread: Array
+
+    def distance(self, seen: Observed) -> float:
+        """Return the Mahalanobis distance of a fix from this very place."""
+        innovation = seen.place - self.place
+        solved = np.linalg.solve(self.spread + seen.noise, innovation)
+        return float(np.sqrt(innovation @ solved))
+
+    def since_s(self, seen: Observed) -> float:
+        """Return the time between this and a fix [s]."""
+        return abs(seen.time_ns - self.time_ns) / NS_PER_S
+
+
+def foot_of(track: Track) -> Foot:
+    """Return the last step of a track."""
+    last = track.steps[-1]
+    return Foot(last.time_ns, last.state[2:], last.spread[2:, 2:])
+
+
+def nearest(
+    seen: Observed, feet: Mapping[int, Foot], fits: Sequence[Fit | None], limits: Limits
+) -> tuple[float, float]:
+    """Return distance and time [s] of a fix from the track that is nearest to it.
+
+    Parameters
+    ----------
+    seen
+        A fix that is the next step of no track.
+    feet
+        Where each track, then each stranger, was last, the fixes beside this one counted.
+    fits
+        How it fits each track.
+    limits
+        A foot set down within the least pace is compared to where it stands: one cannot step
+        again so soon, but set down the toe.
+
+    Returns
+    -------
+    0 and infinity where there is none.
+    """
+    found = [(0.0, float("inf"))] if not feet else []
+    for index, foot in feet.items():
+        since_s = foot.since_s(seen)
+        step = fits[index] if index < len(fits) else None
+        if step is None or since_s < limits.least_pace_s:
+            found.append((foot.distance(seen), since_s))
+        else:
+            found.append((step.distance, since_s))
+    return min(found)
+
+
+#: The pace of a walker is known from so many intervals on, and judged by the last of them.
+LEAST_PACES, PACES = 2, 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The state after a step.
+
+    Attributes
+    ----------
+    time_ns
+        When.
+    state, spread
+        Shape (4,) [m], and its covariance, shape (4, 4) [m^2].
+    motion
+        How it was predicted.
+    nis
+        Of its fix; NaN for a first step.
+    """
+
+    time_ns: int
+    state: Array
+    spread: Array
+    motion: Motion
+    nis: float
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """A walker followed.
+
+    Attributes
+    ----------
+    filter
+        Its Kalman filter.
+    steps
+        What the filter said.
+    chances
+        How many fixes could have been its own so far.
+    counts
+        Whether it is taken for a walker's, before whom one that has just begun must stand back.
+    number
+        Its number once it is confirmed and given; 0 while it may yet turn out to be none.
+    """
+
+    filter: StepFilter
+    steps: list[Step]
+    chances: int = 1
+    counts: bool = False
+    number: int = 0
+
+    @property
+    def last_ns(self) -> int:
+        """Time of its last step."""
+        return self.steps[-1].time_ns
+
+    @property
+    def pace_s(self) -> float | None:
+        """Usual time between its last steps [s]; None while there are too few to tell."""
+        times = [step.time_ns for step in self.steps[-1 - PACES :]]
+        if len(times) <= LEAST_PACES:
+            return None
+        return float(np.median(np.diff(times))) / NS_PER_S
+
+    def take(self, time_ns: int, motion: Motion, nis: float) -> None:
+        """Remember what the filter says now."""
+        self.steps.append(Step(time_ns, self.filter.state, self.filter.spread, motion, nis))
+
+
+def filtered_points(track: Track, stage: str, first: int) -> list[TrackPoint]:
+    """Return the points of a track from its step ``first`` on."""
+    before = track.steps[first - 1].time_ns if first else None
+    return _points(track.steps[first:], before, track.number, stage)
+
+
+def smoothed_points(track: Track, stage: str) -> list[TrackPoint]:
+    """Return all points of a track, smoothed, under a stage of their own."""
+    states = np.stack([step.state for step in track.steps])
+    spreads = np.stack([step.spread for step in track.steps])
+    motions = [step.motion for step in track.steps]
+    found = zip(track.steps, *smoothed(states, spreads, motions), strict=True)
+    steps = [replace(step, state=state, spread=spread) for step, state, spread in found]
+    return _points(steps, None, track.number, stage + SMOOTHED)
+
+
+def _points(
+    steps: Sequence[Step], before_ns: int | None, number: int, stage: str
+) -> list[TrackPoint]:
+    points = []
+    for step in steps:
+        x, y = step.state[2:].tolist()
+        vx, vy = _velocity(step, before_ns)
+        spread = step.spread[2:, 2:]
+        covariance = (float(spread[0, 0]), float(spread[0, 1]), float(spread[1, 1]))
+        points.append(
+            TrackPoint(step.time_ns, number, x, y, vx, vy, covariance, stage, nis=step.nis)
+        )
+        before_ns = step.time_ns
+    return points
+
+
+def _velocity(step: Step, before_ns: int | None) -> tuple[float, float]:
+    """Return the way from the place before over the time it took [m/s]; NaN for a first step.
+
+    The place before is one tick ago: where steps were missed that is not where the last fix was.
+    """
+    if before_ns is None:
+        return float("nan"), float("nan")
+    tick_s = (step.time_ns - before_ns) / NS_PER_S / step.motion.ticks
+    vx, vy = (step.state[2:] - step.state[:2]) / tick_s
+    return float(vx), float(vy)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerParameters:
+    """Parameters that every tracker has."""
+
+    source: Annotated[
+        str, measured("", "Stage whose fixes are tracked; empty takes the first localizer.")
+    ] = ""
+    together_s: Annotated[
+        float, measured("s", "Fixes so close in time are of different walkers.", ge=0)
+    ] = 0.1
+
 
 #: A track counts from its second fix on, which must be among three that could be its own.
 START_FIXES, START_CHANCES = 2, 3

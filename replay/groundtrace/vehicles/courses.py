@@ -2,24 +2,44 @@
 
 The paper finds a place in each cycle, (7), and a course through these, (9). Places err unevenly and
 not normally, so much is lost. Here the powers themselves are fitted: mu / r^n with r the distance
-to the course (8), the noise added. See :mod:`groundtrace.vehicles.scoring` for the likelihood.
+to the course (8), the noise added. See :mod:`.medium` for the likelihood.
+
+Two vehicles in one run: two courses fitted to the powers of all cycles.
+
+Powers of vehicles add up, so that each is fitted with the other's mean power as a part of the
+noise, in turn. Whether there are two is decided by Schwarz's criterion, with a margin, since under
+fading the powers of one vehicle stay off its law for some cycles.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace_codecs.signals import NS_PER_S
+
 from .lines import Course
-from .medium import EXPONENT, PowerLaw, ranges
-from .scoring import Fitted, deviance, fit_powers, usable
-from .search import Search, starts
-from .traffic_scatter import lasting_of, rooted
+from .medium import (
+    EXPONENT,
+    Fitted,
+    PowerLaw,
+    deviance,
+    fit_powers,
+    lasting_of,
+    ranges,
+    rooted,
+    usable,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.geometry import Stations
+
+    from .stations import Cycle
 
     Array = NDArray[np.float64]
 
@@ -288,3 +308,316 @@ class _Model:
             evidence = (alone - fit.deviance) / (2 * fit.relative_sigma**2)
         likely, scatter, samples = fit.log_likelihood, fit.relative_sigma, fit.samples
         return CourseFit(course, log_mu, sigma, likely, evidence, scatter, samples)
+
+
+#: Courses scored at once, times powers.
+_CELLS = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Which courses are tried.
+
+    Attributes
+    ----------
+    low, high
+        Corners of the area in which a vehicle is in the middle of the time [m].
+    speeds_mps
+        From slowest to fastest [m/s].
+    places, headings, speeds
+        How many of each: places along either axis.
+    kept
+        How many of the best, each from another place or heading, are refined.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    speeds_mps: tuple[float, float] = (1.0, 25.0)
+    places: int = 9
+    headings: int = 16
+    speeds: int = 5
+    kept: int = 12
+
+    @classmethod
+    def about(cls, sensors: Array, margin: float = 0.75) -> Search:
+        """Return the rectangle of sensors, shape (n, 2), widened on all sides.
+
+        ``margin`` is in parts of its longer side.
+        """
+        low, high = sensors.min(axis=0), sensors.max(axis=0)
+        wider = margin * float((high - low).max())
+        (x0, y0), (x1, y1) = (low - wider).tolist(), (high + wider).tolist()
+        return cls((x0, y0), (x1, y1))
+
+    def courses(self) -> Array:
+        """Return all courses, shape (m, 4): x, y [m], vx, vy [m/s] in the middle of the time."""
+        x, y = (np.linspace(a, b, self.places) for a, b in zip(self.low, self.high, strict=True))
+        heading = 2 * np.pi * np.arange(self.headings) / self.headings
+        speed = np.geomspace(*self.speeds_mps, self.speeds)
+        mesh = np.meshgrid(x, y, heading, speed, indexing="ij")
+        xs, ys, headings, speeds = (m.ravel() for m in mesh)
+        return np.stack([xs, ys, speeds * np.cos(headings), speeds * np.sin(headings)], axis=1)
+
+
+def starts(observed: Observed, search: Search, each_mu: bool) -> Array:
+    """Return the courses of a lattice from which to start, shape (k, 4), the best first.
+
+    Parameters
+    ----------
+    observed
+        Powers of cycles.
+    search
+        The lattice.
+    each_mu
+        Whether the vehicle's strength may differ from cycle to cycle.
+    """
+    courses = search.courses()
+    step = max(1, _CELLS // max(1, observed.powers.size))
+    lost = np.concatenate(
+        [_lost(observed, courses[a : a + step], each_mu) for a in range(0, len(courses), step)]
+    )
+    order = np.argsort(lost, kind="stable")
+    apart = max((b - a) / (search.places - 1) for a, b in zip(search.low, search.high, strict=True))
+    kept: list[Array] = []
+    for course in courses[order]:
+        if all(_apart(course, other, apart) for other in kept):
+            kept.append(course)
+            if len(kept) == search.kept:
+                break
+    return np.array(kept)
+
+
+def strengths(powers: Array, floors: Array, spread: Array, axes: tuple[int, ...]) -> Array:
+    """Return ln mu, the mean over axes of what stands out of the noise, those kept of length 1.
+
+    Powers count by the square of the vehicle's part of them, so that cycles lost in the noise do
+    not.
+
+    Parameters
+    ----------
+    powers, floors
+        Noise included, and that of the noise, shapes that numpy joins.
+    spread
+        Powers of mu = 1.
+    axes
+        Over which mu is one.
+    """
+    share = np.clip(1 - floors / powers, 1e-3, 1.0)
+    weights = share**2
+    logs = np.log(powers * share / spread)
+    total = np.broadcast_to(weights, logs.shape).sum(axis=axes, keepdims=True)
+    return np.asarray((weights * logs).sum(axis=axes, keepdims=True) / total)
+
+
+def _apart(one: Array, other: Array, distance_m: float) -> bool:
+    """Return whether courses lie in other places by more than neighbours, or go another way."""
+    turn = one[2:] @ other[2:] / (np.hypot(*one[2:]) * np.hypot(*other[2:]))
+    return bool(np.abs(one[:2] - other[:2]).max() > 1.1 * distance_m or turn < np.cos(0.5))
+
+
+def _lost(observed: Observed, courses: Array, each_mu: bool) -> Array:
+    """Return the deviance of courses, shape (m,), each with the strength that suits it."""
+    used = usable(observed.powers)
+    powers = np.where(used, observed.powers, 1.0)
+    floors = np.where(used, observed.floors, 0.0)
+    ahead = observed.times_s - observed.times_s.mean()
+    places = courses[:, None, :2] + courses[:, None, 2:] * ahead[:, None]
+    spread = observed.law.power(ranges(places, observed.sensors))
+    mu = np.exp(strengths(powers, floors, spread, (2,) if each_mu else (1, 2)))
+    lost = np.where(used, deviance(powers, mu * spread + floors), 0.0)
+    return np.asarray(lost.sum(axis=(1, 2)))
+
+
+#: Power over the noise from which a station hears a vehicle on its way [1].
+_HEARD = 2.0
+_LEAST_HEARD = 2
+#: A vehicle is near while the loudest station has this part of the run's greatest power.
+_NEAR = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class RunLimits:
+    """When a run begins and ends.
+
+    Attributes
+    ----------
+    lead_s
+        How much before the first cycle with a vehicle belongs to it [s].
+    quiet_s
+        It ends when so long no station has heard any [s].
+    most_s
+        And after this at the latest [s].
+    """
+
+    lead_s: float
+    quiet_s: float
+    most_s: float
+
+
+class RunCollector:
+    """Collects the cycles of runs.
+
+    Parameters
+    ----------
+    limits
+        When runs begin and end.
+    """
+
+    def __init__(self, limits: RunLimits) -> None:
+        self.limits = limits
+        self._lead: deque[Cycle] = deque()
+        self._cycles: list[Cycle] = []
+        self._last_ns = 0
+
+    def take(self, cycle: Cycle) -> list[Cycle]:
+        """Take the next cycle; return the run that has ended with it, else nothing."""
+        if cycle.present.any():
+            if not self._cycles:
+                self._cycles = list(self._lead)
+                self._lead.clear()
+            self._last_ns = cycle.time_ns
+        if not self._cycles and not cycle.present.any():
+            self._lead.append(cycle)
+            while self._lead[0].time_ns < cycle.time_ns - self.limits.lead_s * NS_PER_S:
+                self._lead.popleft()
+            return []
+        self._cycles.append(cycle)
+        quiet_ns = cycle.time_ns - self._last_ns
+        long_ns = cycle.time_ns - self._cycles[0].time_ns
+        if quiet_ns > self.limits.quiet_s * NS_PER_S or long_ns > self.limits.most_s * NS_PER_S:
+            return self.finish()
+        return []
+
+    def finish(self) -> list[Cycle]:
+        """Return the run that has not ended yet, as one that has."""
+        run, self._cycles = self._cycles, []
+        self._lead.clear()
+        return run
+
+
+def observed_of(run: list[Cycle], site: Stations, exponent: float) -> Observed:
+    """Return the powers of a run; times count from its first cycle [s].
+
+    A cycle is as long as the shortest step between two.
+    """
+    times = np.array([cycle.time_ns - run[0].time_ns for cycle in run], np.int64) / NS_PER_S
+    powers = np.array([cycle.powers for cycle in run])
+    floors = np.array([cycle.floors for cycle in run])
+    sigmas = np.array([cycle.floor_sigmas for cycle in run])
+    cycle_s = float(np.diff(times).min()) if len(times) > 1 else 0.0
+    law = PowerLaw(1.0, exponent)
+    return Observed(times, powers, floors, site.places, law, cycle_s, sigmas)
+
+
+def heard_span(observed: Observed) -> slice:
+    """Return the cycles from the first to the last in which two stations hear a vehicle."""
+    over = np.where(observed.floors > 0, observed.powers, 0) > _HEARD * observed.floors
+    return _span(over.sum(axis=1) >= _LEAST_HEARD)
+
+
+def near_span(observed: Observed) -> slice:
+    """Return the cycles from the first to the last in which a vehicle is near for single cycles.
+
+    From afar all stations hear it nearly alike, and a single cycle puts it amid them as well.
+    """
+    signal = np.nan_to_num(observed.powers - observed.floors).max(axis=1)
+    return _span(signal > _NEAR * signal.max())
+
+
+def _span(which: NDArray[np.bool_]) -> slice:
+    found = np.flatnonzero(which)
+    return slice(int(found[0]), int(found[-1]) + 1) if len(found) else slice(0, 0)
+
+
+def part_of(observed: Observed, span: slice) -> Observed:
+    """Return some of the cycles."""
+    sigmas = observed.floor_sigmas
+    return replace(
+        observed,
+        times_s=observed.times_s[span],
+        powers=observed.powers[span],
+        floors=observed.floors[span],
+        floor_sigmas=None if sigmas is None else sigmas[span],
+    )
+
+
+#: Standard deviation of a power over its mean from which one course may be of two vehicles: that
+#: of one vehicle is a third, and up to 0.8 under fading.
+UNLIKE = 0.4
+#: Unknowns of a second vehicle; by what part of the powers' number Schwarz's criterion must be
+#: better, as if each scattered by a fifth less.
+_UNKNOWNS, _MARGIN = 5, 0.4
+_ROUNDS = 3
+
+
+def scatter_along(observed: Observed, places: Array) -> float:
+    """Return by how much powers scatter about those of one vehicle of one strength at places.
+
+    The standard deviation of a power over its mean, of powers made nearly Gaussian, so that one
+    sensor that is passed closely does not decide.
+
+    Parameters
+    ----------
+    observed
+        Powers of a run.
+    places
+        Shape (c, 2): the vehicle's [m].
+    """
+    used = usable(observed.powers)
+    powers = np.where(used, observed.powers, 1.0)
+    floors = np.where(used, observed.floors, powers)
+    spread = observed.law.power(ranges(places, observed.sensors))
+    mean = np.exp(strengths(powers, floors, spread, (0, 1))) * spread + observed.floors
+    return float(np.sqrt(np.mean(rooted(powers / mean)[used] ** 2)))
+
+
+def fit_two(
+    observed: Observed, search: Search, one: CourseFit
+) -> tuple[tuple[CourseFit, Observed], tuple[CourseFit, Observed]] | None:
+    """Fit two courses, or return None where one is as likely.
+
+    Parameters
+    ----------
+    observed
+        Powers of a run.
+    search
+        Where and how fast vehicles may be.
+    one
+        The course fitted to them as if they were of one vehicle.
+
+    Returns
+    -------
+    The courses in the order in which vehicles come by the sensors' middle, each with what it
+    was fitted to: the other's power is in the floors.
+    """
+    if one.relative_sigma < UNLIKE:
+        return None
+    found = [(one, observed), (one, observed)]
+    for turn in range(2 * _ROUNDS):
+        fit, noisier = _beside(observed, search, found[turn % 2][0])
+        if fit is None:
+            return None
+        found[1 - turn % 2] = fit, noisier
+    first, second = (fit for fit, _ in found)
+    n = one.samples
+    scatter = max(first.relative_sigma, second.relative_sigma)
+    gain = 2 * n * np.log(one.relative_sigma / scatter) - _UNKNOWNS * np.log(n)
+    if not gain > _MARGIN * n:
+        return None
+    centre = observed.sensors.mean(axis=0)
+    found.sort(key=lambda pair: _middle_s(pair[0], centre))
+    return found[0], found[1]
+
+
+def _beside(
+    observed: Observed, search: Search, other: CourseFit
+) -> tuple[CourseFit | None, Observed]:
+    """Fit one vehicle, the other one's power being noise."""
+    noisier = replace(observed, floors=observed.floors + vehicle_power(observed, other))
+    return fit_course(noisier, search), noisier
+
+
+def _middle_s(fit: CourseFit, centre: Array) -> float:
+    course = fit.course
+    ahead = (centre - course.place) @ course.velocity / course.speed_mps**2
+    return float(course.time_s + ahead)

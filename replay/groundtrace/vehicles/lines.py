@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..localizers.joint_fit import WEIGHTS
+from ..localizers.joint_calibration import LOSS_WEIGHTS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -184,5 +184,5 @@ def _weights(kind: str, off: Array) -> Array:
     scale = _ROBUST * np.median(np.abs(off - np.median(off, axis=0)), axis=0)
     z = np.linalg.norm(off / np.maximum(scale, 1e-9), axis=1) / np.sqrt(2)
     if kind == "huber":
-        return WEIGHTS["huber"](z)
+        return LOSS_WEIGHTS["huber"](z)
     return np.asarray(np.where(z < _TUKEY, (1 - (z / _TUKEY) ** 2) ** 2, 0.0), np.float64)

@@ -9,10 +9,25 @@ Source: the paper, equations (1) to (4). Two are corrected here:
 
 Nor does the integral fall as r^-0.5 but at one distance (a table is in docs/vehicles.md). And (3)
 is a low-pass, while a geophone is a high-pass. So the exponent of the law (4) is a parameter.
+
+Fitting mean powers: a power averaged over a cycle is gamma distributed about its mean.
+
+The power of Gaussian noise over a cycle has a standard deviation that is a fixed part of its mean,
+as the paper's third in (7); its law is the gamma law, of which the Gaussian of (7) is the limit of
+many degrees of freedom. Maximum likelihood of the gamma law needs no more than that the mean and
+that proportion are right (P. McCullagh, J. A. Nelder: Generalized Linear Models, 1989, chapter 8),
+and the powers may contain the noise of the ground, whose mean is then a part of the model.
+
+How powers scatter about their mean: how much, alike at stations, and alike from cycle to cycle.
+
+A vehicle's own noise is heard by all stations, so that where nothing fades they scatter alike, and
+their ratio tells far more than each of them. Where paths interfere, each scatters by itself, and
+for as long as a fade lasts. Which it is, is found from the powers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -122,3 +137,218 @@ class Geophone:
         low = 1 / (1 + 2j * self.damping * x - x**2)
         found = low if self.kind == "low-pass" else -(x**2) * low
         return np.asarray(found, np.complex128)
+
+
+#: Gives the mean of each power and the derivatives of its logarithm, shapes (n,) and (n, p).
+MeanPower = Callable[["NDArray[np.float64]"], tuple["NDArray[np.float64]", "NDArray[np.float64]"]]
+_STEPS = 60
+_DAMPING = (1e-3, 0.3, 4.0)  # at the start; after a step that helps, and after one that does not
+_TOLERANCE = 1e-10
+_OPEN = 1e-12  # of the information on one parameter over that on another
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """The parameters at which powers are likeliest.
+
+    Attributes
+    ----------
+    values
+        Shape (p,).
+    covariance
+        Shape (p, p), by the expected Hessian; inf where the powers leave a parameter open.
+    deviance
+        Twice the log-likelihood lost against a mean for every power of its own, for a relative
+        variance of 1.
+    relative_sigma
+        Standard deviation of a power over its mean, given or found.
+    samples
+        How many powers.
+    """
+
+    values: Array
+    covariance: Array
+    deviance: float
+    relative_sigma: float
+    samples: int
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log-likelihood, less that of a mean for every power of its own."""
+        return -self.deviance / (2 * self.relative_sigma**2)
+
+
+def deviance(powers: Array, mean: Array) -> Array:
+    """Return 2 (U / m - 1 - ln(U / m)) for each power; shapes that numpy joins."""
+    ratio = powers / mean
+    found: Array = 2 * (ratio - 1 - np.log(ratio))
+    return found
+
+
+def usable(powers: Array) -> NDArray[np.bool_]:
+    """Return which powers a fit can take: those above 0, which a channel that is off is not."""
+    return np.isfinite(powers) & (powers > 0)
+
+
+def fit_powers(
+    model: MeanPower, powers: Array, start: Array, relative_sigma: float | None = None
+) -> Fitted:
+    """Fit the mean of powers by Fisher scoring with damping.
+
+    Parameters
+    ----------
+    model
+        Of the mean.
+    powers
+        Shape (n,), above 0.
+    start
+        Shape (p,): where to start; scoring goes to the nearest maximum.
+    relative_sigma
+        Standard deviation of a power over its mean; None: from the residuals.
+
+    Returns
+    -------
+    The maximum.
+    """
+    values = np.array(start, np.float64)
+    damping, better, worse = _DAMPING
+    mean, slopes = model(values)
+    lost = float(deviance(powers, mean).sum())
+    for _ in range(_STEPS):
+        information = slopes.T @ slopes
+        gradient = slopes.T @ (powers / mean - 1)
+        ridge = damping * np.diag(np.diag(information) + _TOLERANCE)
+        try:
+            step = np.linalg.solve(information + ridge, gradient)
+        except np.linalg.LinAlgError:  # too little damping, where a parameter is open
+            step = np.full_like(values, np.nan)
+        tried_mean, tried_slopes = model(values + step)
+        tried = float(deviance(powers, tried_mean).sum())
+        if not tried <= lost:  # NaN does not help either
+            damping *= worse
+            if damping > 1e8:
+                break
+            continue
+        done = lost - tried <= _TOLERANCE * (1 + lost)
+        values, mean, slopes, lost = values + step, tried_mean, tried_slopes, tried
+        damping *= better
+        if done:
+            break
+    return _finished(values, slopes, powers / mean - 1, lost, relative_sigma)
+
+
+def _finished(
+    values: Array, slopes: Array, off: Array, lost: float, relative_sigma: float | None
+) -> Fitted:
+    n, p = slopes.shape
+    sigma = relative_sigma
+    if sigma is None:
+        sigma = float(np.sqrt(np.sum(off**2) / (n - p))) if n > p else float("inf")
+        sigma = max(sigma, 1e-12)
+    information = slopes.T @ slopes
+    scale = np.sqrt(np.diag(information))
+    covariance = np.full((p, p), np.inf)
+    if scale.min() > _OPEN * max(float(scale.max()), 1.0):  # a vehicle of no strength has none
+        alike = information / np.outer(scale, scale)
+        if np.linalg.cond(alike) < 1 / _OPEN:
+            covariance = np.linalg.inv(alike) / np.outer(scale, scale) * sigma**2
+    return Fitted(values, covariance, lost, sigma, n)
+
+
+#: Cycles with a mean above so many times the noise tell the scatter.
+_CLEAR = 3.0
+_FEWEST = 20
+_LEAST_VARIANCE = 0.02
+_MOST_SHARED, _MOST_LASTING = 0.95, 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Of powers about their mean.
+
+    Attributes
+    ----------
+    variance
+        Relative.
+    shared
+        Correlation between stations, where one vehicle is all that they hear.
+    lasting
+        Correlation from a cycle to the next.
+    """
+
+    variance: float = 0.15
+    shared: float = 0.0
+    lasting: float = 0.0
+
+    @property
+    def effective(self) -> float:
+        """Variance by which as many independent cycles would tell as little."""
+        return self.variance * (1 + self.lasting) / (1 - self.lasting)
+
+    def correlation(self, parts: Array, known: NDArray[np.bool_]) -> Array:
+        """Return how alike stations scatter, shape (c, n, n).
+
+        Parameters
+        ----------
+        parts
+            Shape (v, c, n): part of the mean power that is each vehicle's.
+        known
+            Shape (c, n): where there is a power.
+        """
+        alike = self.shared * np.einsum("vci,vcj->cij", parts, parts)
+        alike[~(known[:, :, None] & known[:, None, :])] = 0
+        own = np.arange(known.shape[1])
+        alike[:, own, own] = 1.0
+        return np.asarray(alike)
+
+
+def rooted(ratio: Array) -> Array:
+    """Return 3 (ratio^(1/3) - 1), any shape: a gamma deviate becomes nearly Gaussian.
+
+    E. B. Wilson, M. M. Hilferty: The distribution of chi-square, PNAS 17, 1931.
+    """
+    return np.asarray(3 * (np.cbrt(ratio) - 1))
+
+
+def scatter_of(powers: Array, noise: Array, known: NDArray[np.bool_], mean: Array) -> Scatter:
+    """Return the scatter of powers about a mean, by quantiles.
+
+    A few cycles in which the mean is wrong, as a vehicle lacks, tell little in it.
+
+    Parameters
+    ----------
+    powers, noise
+        Shape (c, n): noise included, and of the noise alone [unit^2].
+    known
+        Shape (c, n): where there is a power.
+    mean
+        Shape (c, n) [unit^2].
+    """
+    clear = known & (mean > _CLEAR * noise)
+    off = np.where(clear, rooted(np.where(clear, powers, 1.0) / mean), np.nan)
+    if clear.sum() < _FEWEST:
+        return Scatter()
+    spread = _spread(off[clear])
+    one, other = np.triu_indices(off.shape[1], 1)
+    shared = _alike(off[:, one].ravel(), off[:, other].ravel())
+    variance = max(spread**2, _LEAST_VARIANCE)
+    return Scatter(variance, float(np.clip(shared, 0, _MOST_SHARED)), lasting_of(off))
+
+
+def lasting_of(off: Array) -> float:
+    """Return how alike what is off the mean is from a cycle to the next, shape (c, n); 0 to 0.8."""
+    return float(np.clip(_alike(off[1:].ravel(), off[:-1].ravel()), 0, _MOST_LASTING))
+
+
+def _spread(values: Array) -> float:
+    low, high = np.percentile(values, [16, 84])
+    return float(high - low) / 2
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Return the correlation of pairs, by the spreads of their sums and differences."""
+    both = np.isfinite(one) & np.isfinite(other)
+    if both.sum() < _FEWEST:
+        return 0.0
+    sums, differences = _spread((one + other)[both]) ** 2, _spread((one - other)[both]) ** 2
+    return float((sums - differences) / max(sums + differences, np.finfo(float).tiny))

@@ -15,13 +15,11 @@ import numpy as np
 from scipy.special import digamma, polygamma
 
 from ..trackers.kalman import Motion as Step
-from ..trackers.rts import smoothed
-from .cycles import RELATIVE_SIGMA
+from ..trackers.kalman import smoothed
 from .likelihood import CyclePlace, less_noise
 from .lines import Course
-from .medium import ranges
-from .scoring import usable
-from .traffic_scatter import lasting_of, rooted
+from .medium import lasting_of, ranges, rooted, usable
+from .presence import RELATIVE_SIGMA
 
 if TYPE_CHECKING:
     from filterpy.kalman import KalmanFilter
@@ -216,7 +214,7 @@ def scatter_about(observed: Observed, path: Path) -> float:
     """Return the standard deviation of powers over their mean on a path from powers.
 
     As of powers that are independent from cycle to cycle: where they stay off the path for longer,
-    as under fading, each tells less. At least :data:`~.cycles.RELATIVE_SIGMA`,
+    as under fading, each tells less. At least :data:`~.presence.RELATIVE_SIGMA`,
     since a path that follows its powers leaves little.
     """
     mean, _ = _linearised(observed, path.states)

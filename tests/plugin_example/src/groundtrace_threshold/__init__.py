@@ -6,9 +6,9 @@ from typing import Annotated
 
 import numpy as np
 
-from groundtrace.gates import Candidates, Level, Refractory
-from groundtrace.parameters import gate, measured
-from groundtrace.stage import Context, Input, Stage
+from groundtrace.pipeline.gates import Candidates, Level, Refractory
+from groundtrace.pipeline.parameters import gate, measured
+from groundtrace.pipeline.stage import Context, Input, Stage
 from groundtrace_codecs import Pick, Quantity, SignalBlock
 
 

@@ -1,0 +1,789 @@
+"""Importers of tables: delimited text, MATLAB, HDF5 and NumPy archives, with a map.
+
+Importer for MATLAB files up to version 7.2, with a map.
+
+The bytes are read here (MAT-File Format, The MathWorks, R2024b: level 4 and level 5): every length
+is checked against what is left of the file before it is believed, so that a damaged file is an
+error of one line. Tables, strings of the string class, function handles and sparse arrays are kept
+as what they are called, for they hold no column that a path could lead to.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import zlib
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+
+from ..errors import CodecError, FormatError, SchemaError, did_you_mean
+from . import map as expressions
+from .map import TIME_UNITS_NS, import_tables
+from .time import moments
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from .base import Imported, ImportMap, TimeMap
+
+_SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
+_MAX_NS = 2**62
+#: A row of two numbers or more.
+_ROW = re.compile(rb"\s*[-+\d.,eE]+(?:\s*[,;\t ]\s*[-+\d.,eE]+)+\s*")
+
+
+class TextFile(Protocol):
+    """A text table on the disk or in an archive: :class:`pathlib.Path`, ``zipfile.Path``."""
+
+    @property
+    def name(self) -> str:
+        """Name without folder."""
+        ...
+
+    @property
+    def suffix(self) -> str:
+        """What the name ends in, with its dot."""
+        ...
+
+    def read_bytes(self) -> bytes:
+        """Return the content."""
+        ...
+
+    def open(self, mode: Literal["rb"]) -> IO[bytes]:
+        """Return the content as a stream."""
+        ...
+
+
+class DelimitedImporter:
+    """Reads text tables whose columns a map names."""
+
+    name = "csv"
+    description = "delimited text (CSV, TSV, TXT) with a map"
+
+    def sniff(self, path: Path) -> float:
+        """Return 0.5 for the suffixes of text tables, 0.3 for rows of numbers in any other file."""
+        if path.suffix.lower() in _SUFFIXES:
+            return 0.5
+        with path.open("rb") as file:
+            lines = file.read(4096).splitlines()[:-1]
+        return 0.3 if len(lines) > 1 and all(_ROW.fullmatch(x) for x in lines[-2:]) else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read tables; several are laid one after the other.
+
+        Raises
+        ------
+        SchemaError
+            Without a map, or where map and table do not match.
+        FormatError
+            Where a file is no text table.
+        """
+        if map_ is None:
+            raise SchemaError(f"{paths[0].name}: expected --map for a text table, found none")
+        return import_tables([TextTable.load(path, map_) for path in paths], map_)
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """The rows of a text table and the names of its columns.
+
+    Attributes
+    ----------
+    name
+        Of the file, for messages.
+    header
+        Names of the columns, empty where the table has none.
+    rows, lines
+        Cells of each row of numbers, and its line in the file.
+    decimal
+        ``.`` or ``,``.
+    """
+
+    name: str
+    header: tuple[str, ...]
+    rows: tuple[list[str], ...]
+    lines: tuple[int, ...]
+    decimal: str
+
+    @classmethod
+    def load(cls, path: TextFile, map_: ImportMap) -> TextTable:
+        """Read a table as a map says.
+
+        Raises
+        ------
+        FormatError
+            Where the file is no text of the map's encoding, or holds no rows.
+        """
+        lines = list(_lines(path, map_))
+        named = set(_names(map_))
+        header: tuple[str, ...] = ()
+        for skipped, (_, cells) in enumerate(lines):
+            if skipped > map_.skip_rows:
+                break
+            stripped = tuple(c.strip() for c in cells)
+            if skipped >= map_.skip_rows - 1 and (
+                named & set(stripped) or (skipped == map_.skip_rows and _is_header(stripped))
+            ):
+                header = stripped
+        start = map_.skip_rows
+        if header and start < len(lines) and tuple(c.strip() for c in lines[start][1]) == header:
+            start += 1
+        body = [pair for pair in lines[start:] if any(c.strip() for c in pair[1])]
+        if not body:
+            raise FormatError(f"{path.name}: expected rows of numbers, found none")
+        numbers, rows = zip(*body, strict=True)
+        return cls(path.name, header, tuple(rows), tuple(numbers), map_.decimal)
+
+    def numbers(self, column: str | int) -> NDArray[np.float64]:
+        """Return one column, shape (n,); empty cells are NaN."""
+        cells = self.cells(column)
+        if self.decimal == ",":
+            cells = [c.replace(",", ".") for c in cells]
+        try:
+            return np.array([float(c) if c else np.nan for c in cells])
+        except ValueError as error:
+            raise self.wrong(column, cells, float, "a number") from error
+
+    def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
+        """Return the sample times [ns], shape (n,), exact to the digit."""
+        cells = self.cells(time.column)
+        if time.unit == "iso":
+            return moments(cells, f"{self.name}: {time.column}")[0]
+        factor = TIME_UNITS_NS[time.unit]
+
+        def moment(cell: str) -> int:
+            value = Decimal(cell.replace(",", ".") if self.decimal == "," else cell)
+            if not value.is_finite() or value.adjusted() > 18 or abs(value) * factor > _MAX_NS:
+                raise InvalidOperation
+            return round(value * factor)
+
+        try:
+            return np.array([moment(c) for c in cells], np.int64)
+        except InvalidOperation as error:
+            raise self.wrong(time.column, cells, moment, f"a time in {time.unit}") from error
+
+    def texts(self, column: str | int) -> list[str]:
+        """Return the cells of a column of times in words."""
+        return self.cells(column)
+
+    def groups(self, path: str) -> list[Any]:
+        """Return the non-empty cells of a column: a text table has one bout."""
+        return [np.array([c for c in self.cells(path) if c])]
+
+    def cells(self, column: str | int) -> list[str]:
+        """Return the text of one column, stripped."""
+        index = column if isinstance(column, int) else self._find(column)
+        try:
+            return [row[index].strip() for row in self.rows]
+        except IndexError:
+            line, row = next(
+                (n, r)
+                for n, r in zip(self.lines, self.rows, strict=True)
+                if not -len(r) <= index < len(r)
+            )
+            raise SchemaError(
+                f"{self.name}: line {line}: expected a cell for column {column}, "
+                f"found {len(row)} cells"
+            ) from None
+
+    def _find(self, column: str) -> int:
+        if self.header.count(column) != 1:
+            names = ", ".join(self.header) or "no header (name columns by 0-based index)"
+            near = did_you_mean(column, self.header)
+            said = f"{column}: expected one column of {names}, found none{near}"
+            raise SchemaError(f"{self.name}: {' '.join(said.split())}")  # cells may have lines
+        return self.header.index(column)
+
+    def wrong(self, column: str | int, cells: list[str], parse: Any, expected: str) -> SchemaError:
+        """Return the error of the first cell that does not parse."""
+        for line, cell in zip(self.lines, cells, strict=True):
+            try:
+                parse(cell or "nan" if parse is float else cell)
+            except (ValueError, InvalidOperation):
+                return SchemaError(
+                    f"{self.name}: line {line}: {column}: expected {expected}, found {cell[:40]!r}"
+                )
+        return SchemaError(f"{self.name}: {column}: expected {expected}")
+
+
+def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells, without empty lines and comments."""
+    try:
+        text = path.read_bytes().decode(map_.encoding)
+    except (UnicodeDecodeError, LookupError) as error:
+        raise FormatError(f"{path.name}: expected {map_.encoding} text, found: {error}") from error
+    delimiter = map_.delimiter or ("\t" if path.suffix.lower() == ".tsv" else ",")
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    try:
+        for cells in reader:
+            if not cells or (map_.comment and cells[0].startswith(map_.comment)):
+                continue
+            yield reader.line_num, cells
+    except csv.Error as error:
+        raise FormatError(
+            f"{path.name}: line {reader.line_num}: expected delimited text, found: {error}"
+        ) from error
+
+
+def _names(map_: ImportMap) -> Iterator[str]:
+    """Yield the column names the map uses."""
+    times = [t for t in (map_.time, *(s.time for s in map_.stream)) if t is not None]
+    counters = [c for c in (map_.counter, *(s.counter for s in map_.stream)) if c is not None]
+    columns = [t.column for t in times] + [c.column for c in counters]
+    columns += [c.column for s in map_.stream for c in s.columns]
+    yield from (c for c in columns if isinstance(c, str))
+
+
+def _is_header(cells: tuple[str, ...]) -> bool:
+    """Return whether no cell of the row is a number."""
+    return not any(c[:1].isdigit() or c[:1] in tuple("+-.") for c in cells if c)
+
+
+#: Level 5: version and order of bytes at the end of the header; the text before is free.
+_VERSIONS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}
+_VERSIONS_HDF5 = (b"\x00\x02IM", b"\x02\x00MI")
+
+#: Level 5: data types of elements, without those of numbers.
+_MATRIX, _COMPRESSED = 14, 15
+_NUMBERS = {
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
+_TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
+#: Level 5: classes of arrays.
+_CELL, _STRUCT, _OBJECT, _CHAR = 1, 2, 3, 4
+_CLASSES = {
+    6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8",
+}  # fmt: skip
+_OTHERS = {5: "sparse array", 16: "function handle", 17: "object of a class"}
+_COMPLEX = 0x08
+_HEADER = 128
+#: Structs and cells nest no deeper than this in a file anyone has written.
+_DEEPEST = 100
+#: Level 4: precisions (P) of its type MOPT.
+_PRECISIONS = ("f8", "f4", "i4", "i2", "u2", "u1")
+_LEVEL_4_HEADER = 20
+#: Level 4: a name is no longer than this in a file that is one.
+_LONGEST_NAME = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Archive:
+    """Nested arrays by name, looked up by path.
+
+    Attributes
+    ----------
+    name
+        Of the file, for messages.
+    root
+        Arrays and structs by name.
+    """
+
+    name: str
+    root: dict[str, Any]
+
+    def numbers(self, column: str | int) -> NDArray[np.float64]:
+        """Return the vector a path leads to, shape (n,)."""
+        return expressions.column(self.root, str(column), self.name)
+
+    def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
+        """Return the sample times [ns], shape (n,)."""
+        found = self.numbers(time.column)
+        factor = TIME_UNITS_NS[time.unit]
+        if not (np.abs(found) <= _MAX_NS / factor).all():  # NaN is not either
+            raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
+        whole = np.floor(found)  # apart, so that unix times keep all their digits
+        parts = np.rint((found - whole) * factor).astype(np.int64)
+        return whole.astype(np.int64) * factor + parts
+
+    def texts(self, column: str | int) -> list[str]:
+        """Refuse times in words: arrays hold numbers."""
+        raise SchemaError(
+            f"{self.name}: {column}: expected numbers (unit s, ms, us or ns), found others"
+        )
+
+    def groups(self, path: str) -> list[Any]:
+        """Return what a path leads to, one entry for each element of its ``[*]``."""
+        return expressions.evaluate(self.root, path, self.name)
+
+
+class MatlabImporter:
+    """Reads MATLAB files whose variables a map names by path."""
+
+    name = "mat"
+    description = "MATLAB files up to version 7.2 with a map"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for MATLAB's own header, 0.7 for the header of a variable of level 4."""
+        with path.open("rb") as file:
+            head = file.read(_LEVEL_4_HEADER + _LONGEST_NAME)
+        if head[124:_HEADER] in (*_VERSIONS, *_VERSIONS_HDF5) and head[:1].isalpha():
+            return 1.0
+        return 0.7 if _is_level_4(head, path.stat().st_size) else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read MATLAB files; several are laid one after the other.
+
+        Raises
+        ------
+        SchemaError
+            Without a map, or where map and file do not match.
+        FormatError
+            Where a file is no MATLAB file of version 4 to 7.2, or damaged.
+        """
+        if map_ is None:
+            raise SchemaError(f"{paths[0].name}: expected --map for a MATLAB file, found none")
+        return import_tables([Archive(p.name, _load_mat(p)) for p in paths], map_)
+
+
+def _load_mat(path: Path) -> dict[str, Any]:
+    """Return the variables of a file by name: vectors, numbers and text without axes of one."""
+    data = path.read_bytes()
+    if data[124:_HEADER] in _VERSIONS_HDF5:
+        raise FormatError(
+            f"{path.name}: header: expected MATLAB 4 to 7.2, found 7.3, which is HDF5: put "
+            f'format = "hdf5" into the map, or save it with: save -v7'
+        )
+    if _is_level_4(data, len(data)):
+        return dict(_Level4(path.name, memoryview(data)).variables())
+    order = _VERSIONS.get(data[124:_HEADER])
+    if order is None:
+        raise FormatError(f"{path.name}: header: expected a MATLAB file, found another file")
+    return dict(_Level5(path.name, memoryview(data), order, _HEADER).variables())
+
+
+@dataclass(slots=True)
+class _Level5:
+    """Elements of a file of level 5, or of one inside another, one after the other.
+
+    Attributes
+    ----------
+    name
+        Of the file, for messages.
+    data
+        The elements.
+    order
+        ``<`` or ``>``.
+    at
+        Where the next one begins.
+    depth
+        How many arrays it is inside of.
+    where
+        What is added to messages: a compressed part counts its bytes anew.
+    """
+
+    name: str
+    data: memoryview
+    order: str
+    at: int = 0
+    depth: int = 0
+    where: str = ""
+
+    def variables(self) -> Iterator[tuple[str, Any]]:
+        while self.at < len(self.data):
+            kind, content = self.element(padded=False)
+            if kind == _COMPRESSED:
+                place = f" of what is packed before byte {self.at}"
+                inside = _Level5(self.name, self._inflated(content), self.order, where=place)
+                kind, content = inside.element()
+                part = inside._within(content)
+            else:
+                part = self._within(content)
+            if kind != _MATRIX:
+                raise self._wrong("an array", f"data of type {kind}")
+            name, value = part.array()
+            # a variable without a name holds what classes of the file keep to themselves
+            if name:
+                yield name, value
+
+    def element(self, *, padded: bool = True) -> tuple[int, memoryview]:
+        """Return the type and the bytes of the next element."""
+        tag = self._taken(8, "the tag of an element")
+        first, size = np.frombuffer(tag, f"{self.order}u4").tolist()
+        if first >> 16:  # few bytes, in the tag itself
+            kind, size = first & 0xFFFF, first >> 16
+            if size > 4:
+                raise self._wrong("at most 4 bytes in a tag", f"{size}")
+            return kind, tag[4 : 4 + size]
+        content = self._taken(size, f"{size} bytes")
+        if padded or first == _MATRIX:
+            self.at = min(self.at + -size % 8, len(self.data))
+        return first, content
+
+    def array(self) -> tuple[str, Any]:
+        """Return name and value of the array that these elements are of."""
+        if not len(self.data):
+            return "", np.empty(0)
+        flags = self.numbers()
+        if not len(flags):
+            raise self._wrong("flags of an array", "none")
+        class_, complex_ = int(flags[0]) & 0xFF, bool(int(flags[0]) >> 8 & _COMPLEX)
+        if class_ == 17:  # it has no shape
+            return str(self.text()), Opaque(_OTHERS[class_])
+        shape = tuple(int(n) for n in self.numbers())
+        if len(shape) < 2 or min(shape) < 0:
+            raise self._wrong("a shape", f"{shape}")
+        name = self.text()
+        if class_ in _OTHERS:
+            return name, Opaque(_OTHERS[class_])
+        if class_ == _OBJECT:
+            self.text()
+        if class_ == _CELL:
+            return name, self._cells(shape)
+        if class_ in (_STRUCT, _OBJECT):
+            return name, self._structs(shape)
+        if class_ == _CHAR:
+            return name, self._characters(shape)
+        if class_ not in _CLASSES:
+            raise self._wrong("a class of arrays", f"{class_}")
+        with np.errstate(invalid="ignore"):  # whole numbers that a damaged file calls fractions
+            values = self.numbers().astype(_CLASSES[class_])
+        if complex_:
+            imaginary = self.numbers()
+            if len(imaginary) != len(values):
+                raise self._wrong(f"{len(values)} imaginary parts", f"{len(imaginary)}")
+            values = values + 1j * imaginary
+        return name, _squeezed(self._shaped(values, shape))
+
+    def numbers(self) -> NDArray[Any]:
+        """Return the next element's numbers, shape (n,)."""
+        kind, content = self.element()
+        if kind not in _NUMBERS:
+            raise self._wrong("numbers", f"data of type {kind}")
+        return self._as(content, _NUMBERS[kind])
+
+    def text(self) -> str:
+        """Return the next element as a name."""
+        return _until_zero(self._letters())
+
+    def _letters(self) -> bytes:
+        kind, content = self.element()
+        if kind not in (1, 2, 16):
+            raise self._wrong("a name", f"data of type {kind}")
+        return bytes(content)
+
+    def _cells(self, shape: tuple[int, ...]) -> Any:
+        count = self._believed(shape, 1)
+        cells = np.empty(count, object)
+        for i in range(count):
+            cells[i] = self._next()
+        return _squeezed(self._shaped(cells, shape))
+
+    def _structs(self, shape: tuple[int, ...]) -> Any:
+        lengths = self.numbers()
+        length = int(lengths[0]) if len(lengths) else 0
+        raw = self._letters()
+        if len(raw) and (length <= 0 or len(raw) % length):
+            raise self._wrong("names of fields", f"{len(raw)} bytes of {length} each")
+        names = [_until_zero(raw[i : i + length]) for i in range(0, len(raw), length or 1)]
+        if not names:
+            return {}
+        count = self._believed(shape, len(names))
+        structs = np.empty(count, object)
+        for i in range(count):
+            structs[i] = {name: self._next() for name in names}
+        return _squeezed(self._shaped(structs, shape))
+
+    def _characters(self, shape: tuple[int, ...]) -> Any:
+        """Return the rows of a text, a single one as str."""
+        kind, content = self.element()
+        if kind in _TEXTS:
+            order = "" if kind == 16 else "-le" if self.order == "<" else "-be"
+            text = str(content, _TEXTS[kind] + order, "replace")
+        elif kind in _NUMBERS and _NUMBERS[kind][0] != "f":
+            codes = self._as(content, _NUMBERS[kind]).astype(np.int64)
+            text = "".join(chr(c) if 0 <= c < 0x110000 else "\ufffd" for c in codes.tolist())
+        else:
+            raise self._wrong("text", f"data of type {kind}")
+        if not text or len(shape) != 2 or len(text) != math.prod(shape):
+            return text  # of more bytes than letters: only its rows are lost
+        rows = ["".join(text[i :: shape[0]]) for i in range(shape[0])]
+        return rows[0] if len(rows) == 1 else np.array(rows)
+
+    def _next(self) -> Any:
+        """Return the array that comes next, inside this one."""
+        if self.depth >= _DEEPEST:
+            raise self._wrong(f"at most {_DEEPEST} arrays in each other", "more")
+        kind, content = self.element()
+        if kind != _MATRIX:
+            raise self._wrong("an array", f"data of type {kind}")
+        return self._within(content).array()[1]
+
+    def _within(self, content: memoryview) -> _Level5:
+        place = self.where or f" of the array that ends at byte {self.at}"
+        return _Level5(self.name, content, self.order, 0, self.depth + 1, place)
+
+    def _believed(self, shape: tuple[int, ...], fields: int) -> int:
+        """Return how many arrays a shape means; each takes 8 bytes at least."""
+        count, left = math.prod(shape), len(self.data) - self.at
+        if count * fields * 8 > left:
+            raise self._wrong(f"{count * fields} arrays", f"{left} bytes")
+        return count
+
+    def _shaped(self, values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+        if len(values) != math.prod(shape):
+            raise self._wrong(f"{math.prod(shape)} values", f"{len(values)}")
+        return values.reshape(shape, order="F")
+
+    def _as(self, content: memoryview, type_: str) -> NDArray[Any]:
+        if len(content) % int(type_[1]):
+            raise self._wrong(f"numbers of {type_[1]} bytes", f"{len(content)} bytes")
+        return np.frombuffer(content, self.order + type_)
+
+    def _taken(self, size: int, what: str) -> memoryview:
+        if size > len(self.data) - self.at:
+            raise self._wrong(what, f"{len(self.data) - self.at} bytes")
+        self.at += size
+        return self.data[self.at - size : self.at]
+
+    def _inflated(self, content: memoryview) -> memoryview:
+        """Return what a compressed element holds, no more of it than its own tag says."""
+        inflate = zlib.decompressobj()
+        try:
+            tag = inflate.decompress(content, 8)
+            size = int(np.frombuffer(tag, f"{self.order}u4")[1]) if len(tag) == 8 else 0
+            rest = inflate.decompress(inflate.unconsumed_tail, size + 8)
+        except zlib.error as error:
+            raise self._wrong("compressed data", f"{error}") from error
+        if not inflate.eof:
+            raise self._wrong(f"{size} bytes in compressed data", "other data")
+        return memoryview(tag + rest)
+
+    def _wrong(self, expected: str, found: str) -> FormatError:
+        return FormatError(
+            f"{self.name}: byte {self.at}{self.where}: expected {expected}, found {found}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Opaque:
+    """A variable that holds no numbers by name.
+
+    Attributes
+    ----------
+    what
+        What MATLAB calls it.
+    """
+
+    what: str
+
+
+def _until_zero(name: bytes) -> str:
+    return name.split(b"\0")[0].decode("utf-8", "replace")
+
+
+def _squeezed(values: NDArray[Any]) -> Any:
+    """Return an array without its axes of one; of a single cell or number that itself."""
+    if not values.size:
+        return np.empty(0, values.dtype)
+    values = np.squeeze(values)
+    return values.item() if values.ndim == 0 else values
+
+
+@dataclass(frozen=True, slots=True)
+class _Level4:
+    """A file of level 4: a header of five whole numbers, a name and a matrix, again and again."""
+
+    name: str
+    data: memoryview
+
+    def variables(self) -> Iterator[tuple[str, Any]]:
+        at = 0
+        while at < len(self.data):
+            head = _header_of_4(self.data[at : at + _LEVEL_4_HEADER])
+            if head is None:
+                raise FormatError(f"{self.name}: byte {at}: expected a variable, found other bytes")
+            order, type_, kind, rows, columns, complex_, length = head
+            at += _LEVEL_4_HEADER
+            count = rows * columns
+            size = count * int(type_[1]) * (2 if complex_ else 1)
+            if length + size > len(self.data) - at:
+                raise FormatError(
+                    f"{self.name}: byte {at}: expected {length + size} bytes, "
+                    f"found {len(self.data) - at}"
+                )
+            name = _until_zero(bytes(self.data[at : at + length]))
+            at += length
+            values = np.frombuffer(self.data[at : at + size], order + type_)
+            at += size
+            yield name, self._value(kind, values, (rows, columns), complex_)
+
+    def _value(
+        self, kind: int, values: NDArray[Any], shape: tuple[int, int], complex_: bool
+    ) -> Any:
+        if kind == 2:
+            return Opaque("sparse array")
+        if complex_:
+            values = values[: len(values) // 2] + 1j * values[len(values) // 2 :]
+        matrix = values.reshape(shape, order="F")
+        if kind == 1:
+            if not matrix.size:
+                return ""
+            with np.errstate(invalid="ignore"):  # damaged letters
+                codes = matrix.real.astype("u1")
+            rows = [bytes(row).decode("latin-1") for row in codes]
+            return rows[0] if len(rows) == 1 else np.array(rows)
+        return _squeezed(matrix)
+
+
+def _header_of_4(head: bytes | memoryview) -> tuple[str, str, int, int, int, bool, int] | None:
+    """Return order, number type, kind (0 numbers, 1 text, 2 sparse), shape, complex, name length.
+
+    None where the bytes are no header of a variable of level 4.
+    """
+    if len(head) < _LEVEL_4_HEADER:
+        return None
+    for order in "<>":
+        mopt, rows, columns, imaginary, length = np.frombuffer(
+            head[:_LEVEL_4_HEADER], f"{order}i4"
+        ).tolist()
+        machine, rest = divmod(mopt, 1000)
+        precision, kind = rest // 10 % 10, rest % 10
+        if machine != (0 if order == "<" else 1) or rest >= 100 or precision >= len(_PRECISIONS):
+            continue
+        if kind > 2 or min(rows, columns) < 0 or imaginary not in (0, 1):
+            continue
+        if 1 < length <= _LONGEST_NAME:
+            return order, _PRECISIONS[precision], kind, rows, columns, bool(imaginary), length
+    return None
+
+
+def _is_level_4(head: bytes, size: int) -> bool:
+    """Tell whether bytes begin with a variable of level 4 that fits into a file of a size."""
+    found = _header_of_4(head)
+    if found is None:
+        return False
+    _, type_, _, rows, columns, complex_, length = found
+    name = head[_LEVEL_4_HEADER : _LEVEL_4_HEADER + length]
+    if (
+        name[-1:] != b"\0"
+        or not name[:1].isalpha()
+        or not name[:-1].decode("latin-1").isidentifier()
+    ):
+        return False
+    return length + rows * columns * int(type_[1]) * (1 + complex_) + _LEVEL_4_HEADER <= size
+
+
+#: The signature may follow a user block; MATLAB 7.3 writes one of 512 bytes.
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_OFFSETS = (0, 512, 1024, 2048, 4096)
+#: Deflate packs no more than 1032 bytes into one (zlib's technical details).
+_DENSEST = 1032
+
+
+class HdfImporter:
+    """Reads an HDF5 file whose data sets a map names by path; groups nest as structs do."""
+
+    name = "hdf5"
+    description = "HDF5 files (.h5, .hdf5, MATLAB 7.3) with a map"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for the signature of HDF5."""
+        with path.open("rb") as file:
+            head = file.read(_OFFSETS[-1] + len(_SIGNATURE))
+        return 1.0 if any(head[at:].startswith(_SIGNATURE) for at in _OFFSETS) else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read HDF5 files; several are laid one after the other.
+
+        Raises
+        ------
+        SchemaError
+            Without a map, or where map and file do not match.
+        FormatError
+            Where a file is no HDF5 file.
+        """
+        if map_ is None:
+            raise SchemaError(f"{paths[0].name}: expected --map for an HDF5 file, found none")
+        return import_tables([Archive(p.name, _load_hdf5(p)) for p in paths], map_)
+
+
+def _load_hdf5(path: Path) -> dict[str, Any]:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return {**{_text(k): v for k, v in file.attrs.items()}, **_contents(file, path)}
+    except CodecError:
+        raise
+    except Exception as error:  # h5py raises whatever the damaged part leads its library to
+        found = str(error) or type(error).__name__
+        raise FormatError(f"{path.name}: expected an HDF5 file, found: {found}") from error
+
+
+def _contents(group: Any, path: Path) -> dict[str, Any]:
+    """Return a group's data sets and groups by name, read into memory."""
+    return {
+        _text(name): _contents(item, path) if hasattr(item, "keys") else _values(item, path)
+        for name, item in group.items()
+    }
+
+
+def _text(name: str | bytes) -> str:
+    """Return a name; h5py gives the bytes of one that is no UTF-8."""
+    return name if isinstance(name, str) else name.decode("utf-8", "replace")
+
+
+def _values(item: Any, path: Path) -> Any:
+    """Return a data set's values; one that claims more than the file can hold is refused."""
+    size = int(item.size or 0) * item.dtype.itemsize
+    if size > _DENSEST * path.stat().st_size:
+        raise FormatError(
+            f"{path.name}: {item.name}: expected no more values than the file can hold, "
+            f"found {size} bytes of them"
+        )
+    return item[()]
+
+
+_NPY = b"\x93NUMPY"
+_ZIP = b"PK\x03\x04"
+
+
+class NumpyImporter:
+    """Reads arrays a map names by path; the one array of a .npy file is called ``data``."""
+
+    name = "npz"
+    description = "NumPy archives (.npy, .npz) with a map"
+
+    def sniff(self, path: Path) -> float:
+        """Return 1 for NumPy's header, or a zip archive whose first member is an array."""
+        with path.open("rb") as file:
+            head = file.read(30 + 1024)
+        name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+        archive = head[:4] == _ZIP and (name.endswith(b".npy") or path.suffix == ".npz")
+        return 1.0 if head.startswith(_NPY) or archive else 0.0
+
+    def read(self, paths: Sequence[Path], map_: ImportMap | None) -> Imported:
+        """Read archives; several are laid one after the other.
+
+        Raises
+        ------
+        SchemaError
+            Without a map, or where map and file do not match.
+        FormatError
+            Where a file is no NumPy archive, or holds pickled objects.
+        """
+        if map_ is None:
+            raise SchemaError(f"{paths[0].name}: expected --map for a NumPy archive, found none")
+        return import_tables([Archive(p.name, _load_npz(p)) for p in paths], map_)
+
+
+def _load_npz(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return {"data": loaded}
+            return {name: loaded[name] for name in loaded.files}
+    except Exception as error:  # zipfile and NumPy raise whatever damaged bytes lead them to
+        found = str(error) or type(error).__name__
+        raise FormatError(
+            f"{path.name}: expected a NumPy archive without pickled objects, found: {found}"
+        ) from error

@@ -1,0 +1,292 @@
+"""Where the bytes of a recording come from: a file, memory, or anything that reads at an offset.
+
+Reading at an offset keeps the memory of a long recording constant; a memory map of a 2 GB file
+counts as 2 GB of resident memory.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any, Protocol
+from urllib.parse import urlsplit
+
+from zlib_ng import zlib_ng
+
+from ..errors import CodecError, MissingReaderError
+
+_BLOCK_BYTES = 1 << 18
+
+
+class ByteSource(Protocol):
+    """Random access to bytes that do not change while they are read.
+
+    Attributes
+    ----------
+    name
+        What errors call the source.
+    size
+        Number of bytes.
+    """
+
+    @property
+    def name(self) -> str:
+        """What errors call the source."""
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Give the ``length`` bytes at ``offset``; fewer at the end of the source."""
+
+    def close(self) -> None:
+        """Release what the source holds; a second call does nothing."""
+
+
+class FileBytes:
+    """A local file, opened for reading only.
+
+    Parameters
+    ----------
+    path
+        File to read.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be opened.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.name = str(path)
+        self._file = Path(path).open("rb", buffering=0)  # noqa: SIM115 - closed by close()
+        self.size = os.fstat(self._file.fileno()).st_size
+
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Give the ``length`` bytes at ``offset``; fewer at the end of the file.
+
+        The length is cut to the size of the file first, since pread allocates what it is asked for.
+        """
+        wanted = min(length, self.size - offset)
+        return os.pread(self._file.fileno(), wanted, offset) if wanted > 0 else b""
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+class Window:
+    """Small reads that run forward, served from one block of the source.
+
+    Parameters
+    ----------
+    source
+        What is read.
+    """
+
+    def __init__(self, source: ByteSource) -> None:
+        self._source = source
+        self._start = 0
+        self._block = memoryview(b"")
+
+    def view(self, offset: int, length: int) -> memoryview:
+        """Give the ``length`` bytes at ``offset`` without a copy; fewer at the end."""
+        inside = offset - self._start
+        if inside < 0 or inside + length > len(self._block):
+            self._block = memoryview(self._source.read_at(offset, max(length, _BLOCK_BYTES)))
+            self._start, inside = offset, 0
+        return self._block[inside : inside + length]
+
+
+def crc32_of(source: ByteSource, start: int, stop: int) -> int:
+    """Compute the CRC-32 of the bytes ``[start, stop)``, a block at a time."""
+    crc = 0
+    for offset in range(start, stop, _BLOCK_BYTES):
+        crc = zlib_ng.crc32(source.read_at(offset, min(_BLOCK_BYTES, stop - offset)), crc)
+    return crc
+
+
+_URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:/")
+#: What is fetched, kept and forgotten together; a request costs more than these bytes.
+BLOCK_BYTES = 1 << 18
+#: Reads that run forward fetch up to so many blocks at once.
+MOST_AHEAD = 16
+KEPT_BLOCKS = 64
+
+
+def is_url(place: str | Path) -> bool:
+    """Tell whether a place is a URL, also after a path made one slash of its two."""
+    return _URL.match(str(place)) is not None
+
+
+def as_url(place: str | Path) -> str:
+    """Return the URL that a place is, with both its slashes."""
+    scheme, _, rest = str(place).partition(":")
+    if rest.startswith("//"):
+        return str(place)
+    return f"{scheme}://{rest if scheme == 'file' else rest[1:]}"
+
+
+def public_url(url: str) -> str:
+    """Return a URL without what may be secret in it: user, password, query."""
+    parts = urlsplit(url)
+    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
+
+
+def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
+    """Open a local file or what is behind a URL.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be opened.
+    CodecError
+        If what is behind a URL cannot be read.
+    """
+    return RemoteBytes(as_url(place)) if is_url(place) else FileBytes(place)
+
+
+class RemoteBytes:
+    """A file behind a URL, read in ranges of whole blocks of which the last ones are kept.
+
+    Parameters
+    ----------
+    url
+        What fsspec opens: ``s3://``, ``gs://``, ``https://``, ``memory://``, ...
+    hashed
+        Compute the SHA-256 of the file from what is read anyway; see `sha256`.
+
+    Attributes
+    ----------
+    fetched_bytes, requests
+        How much was fetched, in how many ranges.
+
+    Raises
+    ------
+    CodecError
+        Where there is no such file, or it cannot be reached.
+    MissingReaderError
+        Without fsspec.
+    """
+
+    def __init__(self, url: str, *, hashed: bool = False) -> None:
+        self.name = public_url(url)
+        self.fetched_bytes = self.requests = 0
+        self._system, self._path = file_system(url)
+        self.size = self._size()
+        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        self._ahead, self._next = 1, -1
+        self._digest = hashlib.sha256() if hashed else None
+        self._hashed = 0
+
+    def read_at(self, offset: int, length: int) -> bytes:
+        """Give the ``length`` bytes at ``offset``; fewer at the end of the file."""
+        stop = min(offset + length, self.size)
+        if stop <= offset:
+            return b""
+        first, last = offset // BLOCK_BYTES, (stop - 1) // BLOCK_BYTES
+        blocks = self._blocks(first, last)
+        start = offset - first * BLOCK_BYTES
+        return b"".join(blocks)[start : start + stop - offset]
+
+    def close(self) -> None:
+        """Forget what was kept."""
+        self._kept.clear()
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the whole file; what was not read yet is fetched now."""
+        if self._digest is None:
+            raise ValueError("expected a source made with hashed=True")
+        while self._hashed * BLOCK_BYTES < self.size:
+            before = self._hashed
+            self._blocks(before, before)
+            if self._hashed == before:  # the block was kept: nothing was fetched
+                self._hash()
+        return self._digest.hexdigest()
+
+    def _blocks(self, first: int, last: int) -> list[bytes]:
+        found: list[bytes] = []
+        for number in range(first, last + 1):
+            if number not in self._kept:
+                # blocks that were found already may be forgotten to make place for new ones
+                self._fetch(number, last)
+            self._kept.move_to_end(number)
+            found.append(self._kept[number])
+        return found
+
+    def _fetch(self, first: int, last: int) -> None:
+        """Fetch a block and those after it: as far as asked for, or further where reads run on."""
+        self._ahead = min(2 * self._ahead, MOST_AHEAD) if first == self._next else 1
+        wanted = max(min(last - first + 1, MOST_AHEAD), self._ahead)
+        stop = next((n for n in range(first, first + wanted) if n in self._kept), first + wanted)
+        data = self._range(first * BLOCK_BYTES, min(stop * BLOCK_BYTES, self.size))
+        for at in range(0, len(data), BLOCK_BYTES):
+            self._kept[first + at // BLOCK_BYTES] = data[at : at + BLOCK_BYTES]
+        self._next = stop
+        self._hash()
+        while len(self._kept) > KEPT_BLOCKS:
+            self._kept.popitem(last=False)
+
+    def _hash(self) -> None:
+        """Take the kept blocks that come next into the hash."""
+        while self._digest is not None and self._hashed in self._kept:
+            self._digest.update(self._kept[self._hashed])
+            self._hashed += 1
+
+    def _size(self) -> int:
+        try:
+            size = self._system.size(self._path)
+        except Exception as error:  # a file system raises whatever its packages raise
+            raise _unreachable(self.name, "size", error) from error
+        if size is None:
+            raise CodecError(f"{self.name}: expected a server that says the size, found none")
+        return int(size)
+
+    def _range(self, start: int, stop: int) -> bytes:
+        place = f"bytes {start} to {stop}"
+        try:
+            data = bytes(self._system.cat_file(self._path, start=start, end=stop))
+        except Exception as error:  # as above
+            raise _unreachable(self.name, place, error) from error
+        self.requests += 1
+        self.fetched_bytes += len(data)
+        if len(data) != stop - start:
+            raise CodecError(
+                f"{self.name}: {place}: expected a server that gives ranges, "
+                f"found {len(data)} bytes"
+            )
+        return data
+
+
+def file_system(url: str) -> tuple[Any, str]:
+    """Return the file system of a URL, and the path in it.
+
+    Raises
+    ------
+    MissingReaderError
+        Without fsspec.
+    CodecError
+        Where fsspec knows no such kind of URL, or lacks a package for it.
+    """
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError:
+        raise MissingReaderError(public_url(url), "fsspec", "fleet") from None
+    try:
+        system, path = url_to_fs(url)
+    except (ImportError, ValueError) as error:
+        raise CodecError(f"{public_url(url)}: expected a URL to read, found: {error}") from error
+    return system, str(path)
+
+
+def _unreachable(name: str, place: str, error: Exception) -> CodecError:
+    said = str(error).splitlines()[0] if str(error) else ""
+    if isinstance(error, FileNotFoundError):
+        said = "no such file"
+    return CodecError(
+        f"{name}: {place}: expected bytes to read, found: {said or type(error).__name__}"
+    )

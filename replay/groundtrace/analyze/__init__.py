@@ -1,1 +1,0 @@
-"""What a layout of sensors can do, told before anyone records."""

@@ -1,0 +1,168 @@
+"""What commands print: one JSON document on stdout, or lines for people."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from ..api import known_truth
+from ..api.files import writable
+from ..api.tables import plain_document
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from groundtrace_codecs.annotations import Annotation
+    from groundtrace_codecs.events import Label
+    from groundtrace_codecs.recording import Recording
+
+    from ..evaluation.truth import ScoredTruth
+    from ..pipeline.results import Results
+    from ..pipeline.warned import Warned
+
+
+def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
+    """Print one JSON document on stdout; a number that is not finite is null.
+
+    Parameters
+    ----------
+    document
+        An object.
+    warnings
+        What a replay warned of: becomes its property ``warnings``, unless None.
+    """
+    plain = plain_document(document, warnings)
+    print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
+
+
+def say(text: str) -> None:
+    """Print a line of progress or a remark on stderr."""
+    print(text, file=sys.stderr)
+
+
+def print_warnings(warnings: Iterable[Warned]) -> None:
+    """Print what a replay warned of, a line each, on stdout: before what rests on it."""
+    for warned in warnings:
+        print(f"warning: {warned.line}")
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print aligned columns on stdout."""
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+    for row in [header, *rows]:
+        line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        print(line.rstrip())
+
+
+class Show(Protocol):
+    """Shows how much is done."""
+
+    def __call__(self, done: float, total: float | None = None, /) -> None:
+        """Take what is done, and of how much where that was not known before."""
+
+
+@contextmanager
+def progress(
+    total: float | None, what: str, unit: str = "s", *, quiet: bool = False
+) -> Iterator[Show]:
+    """Show how much of ``total`` is done, how fast, and the time left, on a terminal only.
+
+    Parameters
+    ----------
+    total
+        Seconds of recording, or another unit; None where it is not known yet.
+    what
+        What goes on.
+    unit
+        Of ``total``; a rate in seconds a second is that of real time.
+    quiet
+        Show nothing.
+    """
+    if quiet or not sys.stderr.isatty():
+        yield lambda _done, _total=None: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            rate = task.finished_speed or task.speed
+            known = "" if rate is None else f"{rate:.3g} " + ("x" if unit == "s" else f"{unit}/s")
+            return Text(known.rjust(10))
+
+    class Done(ProgressColumn):
+        def render(self, task: Any) -> Text:
+            of = "" if task.total is None else f" of {task.total:.0f}"
+            return Text(f"{task.completed:.0f}{of} {unit}")
+
+    columns = (TextColumn(what), BarColumn(), Done(), Rate(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda done, of=None: bar.update(task, completed=done, total=of)
+
+
+def truth_of(
+    result: Results, path: Path, truth: Path | None, author: str | None = None
+) -> tuple[Label, ...]:
+    """Return the labels of :func:`scored_truth_of`."""
+    return scored_truth_of(result, path, truth, author).labels
+
+
+def scored_truth_of(
+    result: Results, path: Path, truth: Path | None, author: str | None = None
+) -> ScoredTruth:
+    """Return the truth of a result; annotations are looked for beside its file, ``path``."""
+    recording = path.parent / Path(result.provenance.recording).name
+    return known_truth.scored_truth_of(result, recording, truth, author, say)
+
+
+def truth_of_recording(
+    recording: Recording, path: Path, truth: Path | None, author: str | None = None
+) -> tuple[Label, ...]:
+    """Return the truth of a recording that was not replayed."""
+    return known_truth.truth_of_recording(recording, path, truth, author, say)
+
+
+def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
+    """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
+    return known_truth.annotations_to_show(recording, path, say)
+
+
+def has_display() -> bool:
+    """Whether a window can open here."""
+    if sys.platform in {"win32", "darwin"}:
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def where_to_show(
+    rrd: Path | None, fallback: Path, *, spawn: bool, force: bool, sources: list[Path]
+) -> tuple[bool, Path | None]:
+    """Return whether to open the viewer, and which file to write.
+
+    Parameters
+    ----------
+    rrd
+        The file asked for.
+    fallback
+        The file that is written where a viewer was asked for and there is no display.
+    spawn
+        Whether a viewer was asked for.
+    force
+        Overwrite an existing file.
+    sources
+        What is read, and never overwritten.
+    """
+    if rrd is not None:
+        writable(rrd, force=force, sources=sources)
+    if spawn and not has_display():
+        say("no display: the viewer's file is written instead")
+        return False, rrd or writable(fallback, force=force, sources=sources)
+    return spawn, rrd

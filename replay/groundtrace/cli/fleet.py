@@ -1,0 +1,302 @@
+"""``groundtrace fleet`` and ``groundtrace fleet-report``."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter, validators
+
+from ..api.files import writable
+from ..errors import RecordingError
+from ..fleet.engines import engine_of
+from ..fleet.report import change_cells, changes, fleet_page, pairs_of
+from ..fleet.run import (
+    Count,
+    join_parts,
+    recipes_of,
+    recordings_of,
+    run,
+    shard_of,
+    tasks_of,
+    truth_beside,
+)
+from ..fleet.run import shard as shard_tasks
+from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
+from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
+from ..pipeline.results import write_text
+from .console import print_json, print_table, progress, say
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from ..fleet.report import Change
+    from ..fleet.run import Task
+    from ..fleet.table import FleetTable
+
+FLAG = Parameter(negative="")
+POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
+
+
+@dataclass(frozen=True, slots=True)
+class FleetReport:
+    """What a run left, as JSON."""
+
+    table: str | None
+    steps_table: str | None
+    parts: str
+    recordings: int
+    rows: int
+    steps: int
+    errors: int
+    warnings: int
+    done: int
+    known: int
+    failed: int
+    digest: str | None
+    wall_s: float
+
+
+def fleet(
+    *recordings: str,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    pipeline: Annotated[list[str] | None, Parameter(negative="")] = None,
+    set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
+    truth: Path | None = None,
+    tolerance: Annotated[float, POSITIVE] = 0.12,
+    engine: str = "local",
+    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    shard: str = "",
+    join_: Annotated[bool, Parameter(name="--join", negative="")] = False,
+    resume: Annotated[bool, FLAG] = False,
+    force: Annotated[bool, FLAG] = False,
+    json: Annotated[bool, FLAG] = False,
+) -> None:
+    """Take many recordings through some pipelines, into one table.
+
+    OUT holds a row for each recording and pipeline, and beside it NAME.steps.parquet one for each
+    step. A recording that cannot be replayed is a row with its error. What is done is kept in
+    NAME.parts at once, so that a run can be ended at any time and gone on with.
+
+    Parameters
+    ----------
+    recordings
+        Recordings, folders of them, patterns, and URLs of those (s3://, gs://, https://).
+    out
+        The table to write, Parquet.
+    pipeline
+        Name or TOML file; may be given several times. Without it each recording goes through what
+        fits it, as with replay.
+    set_
+        A parameter of a stage of every pipeline, as stage.param=value; may be given several times.
+    truth
+        Truth instead of that of the one recording; or a folder with NAME.csv for NAME.mcap.
+    tolerance
+        Largest distance between a step and its detection [s].
+    engine
+        Where to compute: local, dask, dask:ADDRESS, ray, ray:ADDRESS.
+    workers
+        Processes; one for each processor without it. A cluster has its own.
+    shard
+        Do only the part I/N of the recordings, from 1/N to N/N; then join them with --join.
+    join_
+        Compute nothing: write the table of the parts that shards made.
+    resume
+        Leave out what is done already: same recording, truth, pipeline and versions.
+    force
+        Overwrite an existing table.
+    json
+        Print one JSON document.
+    """
+    began = time.perf_counter()
+    part = shard_of(shard) if shard else None
+    if part is not None and join_:
+        raise RecordingError("--shard: expected it without --join, found both")
+    recipes = recipes_of(pipeline or [], set_ or [], tolerance)
+    locations = recordings_of(recordings)
+    _check_target(out, force=force or resume or join_ or part is not None)
+    tasks = tasks_of(locations, recipes, tolerance, truth_beside(truth, locations))
+    parts, count = Parts(out.with_suffix(".parts")), Count()
+    joined: Joined | None = None
+    if join_:
+        joined = join_parts(tasks, parts, out)
+    else:
+        mine = tasks if part is None else shard_tasks(tasks, *part)
+        runs = engine_of(engine, workers or os.cpu_count() or 1)
+        with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
+            listed = run(mine, runs, parts, count, show, resume=resume)
+        joined = join(parts, listed, out) if part is None else None
+    said = _report(out, parts, len(locations), count, joined, time.perf_counter() - began)
+    if json:
+        print_json(said)
+    else:
+        _print(said)
+
+
+def _check_target(out: Path, *, force: bool) -> None:
+    """Refuse a table that is not Parquet, or to overwrite one unasked."""
+    if out.suffix.lower() not in (".parquet", ".pq"):
+        raise RecordingError(f"{out}: expected a name that ends in .parquet, found {out.name}")
+    for path in (out, steps_path(out)):
+        writable(path, force=force)
+
+
+@contextmanager
+def _resumable(tasks: Sequence[Task], count: Count, parts: Parts) -> Iterator[None]:
+    """Say how to go on where a run is interrupted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        again = [a for a in sys.argv[1:] if a != "--resume"]
+        say(
+            f"\ninterrupted: {count.total} of {len(tasks)} are done and kept in {parts.folder}; "
+            f"go on with: {shlex.join(['groundtrace', *again, '--resume'])}"
+        )
+        raise
+
+
+def _report(
+    out: Path, parts: Parts, recordings: int, count: Count, joined: Joined | None, wall_s: float
+) -> FleetReport:
+    return FleetReport(
+        str(out) if joined is not None else None,
+        str(steps_path(out)) if joined is not None else None,
+        str(parts.folder),
+        recordings,
+        joined.rows if joined is not None else 0,
+        joined.steps if joined is not None else 0,
+        joined.errors if joined is not None else 0,
+        joined.warnings if joined is not None else 0,
+        count.done,
+        count.known,
+        count.failed,
+        joined.digest if joined is not None else None,
+        wall_s,
+    )
+
+
+def _print(said: FleetReport) -> None:
+    known = f", {said.known} were done before" if said.known else ""
+    print(f"{said.done} replayed, {said.failed} failed{known}; {said.wall_s:.1f} s")
+    if said.table is None:
+        print(f"parts: {said.parts} (when all shards are there, join them with --join)")
+        return
+    print(f"table: {said.table}, {said.rows} rows of {said.recordings} recordings")
+    print(f"steps: {said.steps_table}, {said.steps} rows")
+    if said.errors:
+        print(f"errors: {said.errors} rows have one, in the column error")
+    if said.warnings:
+        print(f"warnings: {said.warnings} rows have some, in the column warnings")
+    print(f"decided: {said.digest} (the same wherever it is computed)")
+    print(f"look at it with: groundtrace fleet-report {said.table} -o fleet.html")
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeInfo:
+    """A figure before and after."""
+
+    figure: str
+    unit: str
+    pipeline: str
+    recordings: int
+    before: float
+    after: float
+    interval: tuple[float, float] | None
+    verdict: str
+
+
+@dataclass(frozen=True, slots=True)
+class FleetReportInfo:
+    """What a report says, as JSON."""
+
+    report: str
+    table: str
+    rows: int
+    errors: int
+    against: str | None
+    paired: int
+    changes: list[ChangeInfo]
+
+
+def fleet_report(
+    table: Path,
+    *,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    against: Path | None = None,
+    force: Annotated[bool, FLAG] = False,
+    json: Annotated[bool, FLAG] = False,
+) -> None:
+    """Show a fleet's table as a page that opens in any browser, offline.
+
+    It names recordings as the table does. A pipeline that is none of those that ship is written
+    beside it, for the commands on the page.
+
+    Parameters
+    ----------
+    table
+        Parquet that groundtrace fleet wrote; its misses are read from NAME.steps.parquet beside it.
+    out
+        The page to write, HTML.
+    against
+        An earlier table: each figure is judged better, worse or undecided on all recordings that
+        both have.
+    force
+        Overwrite an existing page.
+    json
+        Print one JSON document.
+    """
+    writable(out, force=force, sources=[table])
+    fleet = read_table(table)
+    old = None if against is None else read_table(against)
+    page = fleet_page(fleet, missed_steps(table), _pipeline_files(fleet, out), old)
+    write_text(out, page)
+    found = [] if old is None else changes(old, fleet)
+    if json:
+        errors = sum(bool(error) for error in fleet.of("error"))
+        paired = 0 if old is None else len(pairs_of(old, fleet))
+        told = [_info(change) for change in found]
+        compared = None if against is None else against.name
+        print_json(
+            FleetReportInfo(str(out), table.name, len(fleet), errors, compared, paired, told)
+        )
+    elif old is not None:
+        header = ("figure", "pipeline", "recordings", "before", "now", "change", "interval", "")
+        print_table(header, [(*change_cells(c), c.verdict) for c in found])
+    say(f"page: {out}")
+
+
+def _info(change: Change) -> ChangeInfo:
+    interval = change.interval
+    return ChangeInfo(
+        change.measure.name,
+        change.measure.unit,
+        change.pipeline,
+        change.recordings,
+        change.before,
+        change.after,
+        None if interval is None else (interval.low, interval.high),
+        change.verdict,
+    )
+
+
+def _pipeline_files(fleet: FleetTable, out: Path) -> dict[str, str]:
+    """Return what each pipeline is called on the command line; write those that do not ship."""
+    shipped = named_pipelines()
+    files: dict[str, str] = {}
+    for name, recipe in zip(fleet.of("pipeline"), fleet.of("parameters"), strict=True):
+        if not recipe or name in files:
+            continue
+        files[name] = name
+        if name not in shipped or build_pipeline(load_pipeline(name)).recipe() != recipe:
+            path = out.with_name(f"{out.stem}.{name}.toml")
+            write_text(path, recipe)
+            say(f"pipeline: {path}")
+            files[name] = str(path)
+    return files

@@ -1,0 +1,155 @@
+"""``groundtrace info``."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from groundtrace_codecs.mcap.byte_source import is_url
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..api.files import existing
+from ..api.inspection import examine, summary
+from .console import annotations_to_show, print_json, print_table, progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..api.inspection import FaultInfo, GapInfo, RecordingInfo, StreamInfo
+
+
+def info(
+    recording: Path,
+    *,
+    quick: Annotated[bool, Parameter(negative="")] = False,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Say what a recording holds: topics, rates, gaps, units, faults, geometry, truth, damage.
+
+    Parameters
+    ----------
+    recording
+        MCAP file, or its URL.
+    quick
+        Read the summary and no signal: nothing is said of gaps, units, faults and placements. So
+        it is for a URL.
+    json
+        Print one JSON document.
+    """
+    existing(recording)
+    with Recording.open(recording) as opened:
+        size = opened.file.size
+        duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
+        if is_url(recording):  # all of a remote recording is not fetched for this
+            found = summary(opened, size, labels=False)
+        elif quick:
+            found = summary(opened, size)
+        else:
+            with progress(duration_s, "reading") as show:
+                found = examine(opened, size, show)
+        marked = Counter(a.label.kind for a in annotations_to_show(opened, recording))
+        found = replace(found, annotations=dict(marked))
+    if json:
+        print_json(found)
+        return
+    _print(found)
+
+
+def _print(found: RecordingInfo) -> None:
+    when = f", began {found.start}" if found.start else ""
+    print(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
+    rows = [stream_row(s) for s in found.streams]
+    print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
+    print_guesses(found.streams)
+    for line in found.clocks:
+        print(f"time: {line}")
+    for warning in found.unit_warnings:
+        print(f"unit: {warning}")
+    for check in found.axes:
+        print(f"axes: {check.topic} against {check.against}: {check.text}")
+    print_faults(found.faults)
+    for other in found.others:
+        print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
+    print_gaps(found.gaps)
+    if not found.signals_read:
+        print("signals: not read, so nothing about gaps, units, faults (without --quick they are)")
+    for damage in found.damage:
+        lost = "?" if damage.messages is None else damage.messages
+        print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
+    if found.truth:
+        print("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
+    if found.annotations:
+        marks = ", ".join(f"{n} {kind}" for kind, n in found.annotations.items())
+        print(f"annotations: {marks} (groundtrace annotate lists them)")
+    if found.geometry is not None:
+        unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
+        print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit)
+
+
+#: So many channels with one kind of fault are told one by one.
+MOST_LINES = 4
+
+
+def print_faults(faults: Sequence[FaultInfo]) -> None:
+    """Print one line for each fault, of many channels alike the first few."""
+    kinds = dict.fromkeys((fault.topic, fault.kind) for fault in faults)
+    for kind in kinds:
+        alike = [fault for fault in faults if (fault.topic, fault.kind) == kind]
+        shown = alike if len(alike) <= MOST_LINES else alike[: MOST_LINES - 1]
+        for fault in shown:
+            where = " ".join(filter(None, (fault.topic, fault.channel)))
+            print(
+                f"fault: {where}: {fault.what}, first at {fault.start_s:.3f} s: "
+                f"{fault.effect}; {fault.remedy}"
+            )
+        rest = alike[len(shown) :]
+        if rest:
+            names = ", ".join(fault.channel for fault in rest)
+            print(f"fault: {kind[0]}: {kind[1]} on {len(rest)} more channels: {names}")
+
+
+def print_guesses(streams: Sequence[StreamInfo]) -> None:
+    """Print where each sensor may be worn."""
+    for stream in streams:
+        guess = stream.placement_guess
+        if guess is not None:
+            but = f"; stated: {stream.placement}, which is taken" if guess.contradicts else ""
+            print(f"placement of {stream.topic}, a guess: {guess.text}{but}")
+
+
+def stream_row(s: StreamInfo) -> tuple[str, ...]:
+    """Return the cells of one stream."""
+    kinds: dict[str, list[str]] = {}
+    for channel in s.channels:
+        kinds.setdefault(f"{channel['quantity']} [{channel['unit']}]", []).append(channel["name"])
+    text = "; ".join(f"{_names(names)}: {kind}" for kind, names in kinds.items())
+    rate = f"{s.rate_hz:g}" + (" irregular" if s.irregular else "")
+    return (s.topic, "-" if s.samples is None else str(s.samples), rate, s.placement, text)
+
+
+def _names(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 4 else f"{names[0]} ... {names[-1]} ({len(names)})"
+
+
+def _cut(steps: int) -> str:
+    return f", cuts or swallows {steps} true step{'s' * (steps > 1)}" if steps else ""
+
+
+def print_gaps(gaps: Sequence[GapInfo]) -> None:
+    """Print unbridged gaps one by one, the bridged ones as counts."""
+    for gap in [g for g in gaps if not g.bridged][:20]:
+        print(
+            f"gap: {gap.topic} {gap.start_s:.3f} to {gap.end_s:.3f} s, {gap.reason}, "
+            f"{gap.lost} samples{_cut(gap.steps)}"
+        )
+    more = sum(not g.bridged for g in gaps) - 20
+    if more > 0:
+        print(f"gap: and {more} more")
+    bridged = Counter((g.topic, g.reason) for g in gaps if g.bridged)
+    for (topic, reason), count in bridged.items():
+        print(f"bridged: {topic} {count} times {reason}")

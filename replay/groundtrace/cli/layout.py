@@ -1,0 +1,359 @@
+"""``groundtrace analyze`` and ``groundtrace calibrate``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import msgspec
+from cyclopts import Parameter, validators
+
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..api.files import existing, writable
+from ..errors import RecordingError
+from ..layout.attenuation import Attenuation, amplitudes, fit_attenuation, impacts_of
+from ..layout.report import NAMES, assumed, findings, report
+from ..pipeline.config import checked_pipeline
+from ..pipeline.plugins import load
+from ..pipeline.results import RUN, read_results, write_text
+from .console import (
+    print_json,
+    print_table,
+    progress,
+    say,
+    truth_of,
+    truth_of_recording,
+    where_to_show,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from groundtrace_codecs.events import Event, Label
+
+    from ..layout.analysis import RoomAnalysis
+    from ..layout.calibrate import Calibration
+    from ..layout.report import RoomReport
+    from ..pipeline.config import PipelineConfig
+
+FLAG = Parameter(negative="")
+POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
+
+
+def room(
+    geometry: Path,
+    *,
+    sigma_ms: Annotated[float, POSITIVE] = 0.5,
+    theta_s: Annotated[float | None, POSITIVE] = None,
+    localizer: Literal["so-tdoa", "hyperbolic", "power-law"] = "power-law",
+    lattice: Annotated[int, Parameter(validator=validators.Number(gte=3, lte=201))] = 21,
+    draws: Annotated[int, Parameter(validator=validators.Number(gte=2, lte=10_000))] = 50,
+    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    png: Path | None = None,
+    rrd: Path | None = None,
+    spawn: Annotated[bool, FLAG] = False,
+    force: Annotated[bool, FLAG] = False,
+    json: Annotated[bool, FLAG] = False,
+) -> None:
+    """Tell how well a layout of sensors will locate, before anyone records.
+
+    Parameters
+    ----------
+    geometry
+        TOML with sensors, outline and medium.
+    sigma_ms
+        Standard deviation of each sensor's arrivals [ms].
+    theta_s
+        Time scale of the velocity law instead of the medium's [s].
+    localizer
+        Which one the advice is for.
+    lattice
+        Places along the longer side of the room.
+    draws
+        Random errors at each place.
+    seed
+        Of everything random.
+    png
+        Write the figure here, as PNG.
+    rrd
+        Write a viewer's file with the maps.
+    spawn
+        Open the viewer with the same.
+    force
+        Overwrite existing outputs.
+    json
+        Print one JSON document.
+    """
+    from ..layout.analysis import Settings, analyze_room, layout_of
+
+    if png is not None:
+        writable(png, force=force, sources=[geometry])
+    fallback = Path(f"{geometry.stem}.analysis.rrd")
+    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[geometry])
+    site = Geometry.from_toml(existing(geometry, "a geometry"))
+    layout, remarks = layout_of(site, geometry.name, sigma_ms * 1e-3, theta_s)
+    how = Settings(lattice, draws, seed, localizer)
+    with progress(100.0, "analysing", "%") as show:
+        found = analyze_room(layout, remarks, how, lambda part: show(100.0 * part))
+    if json:
+        print_json(report(found))
+    else:
+        _print_room(found)
+    for remark in remarks:
+        say(f"remark: {remark}")
+    _write(found, png, rrd, spawn=spawn)
+
+
+def _print_room(found: RoomAnalysis) -> None:
+    print(f"{found.layout.name}: {assumed(found.layout)}")
+    for line in findings(found):
+        print(f"  {line}")
+    if found.contributions:
+        print("\nmean error without each sensor, rise [m]")
+        _print_sensors(report(found))
+
+
+def _print_sensors(document: RoomReport) -> None:
+    rows = [
+        (s.name, f"{s.x_m:.2f}", f"{s.y_m:.2f}", *(f"{v:+.3f}" for v in s.contribution_m.values()))
+        for s in document.sensors
+        if s.contribution_m is not None
+    ]
+    print_table(("sensor", "x [m]", "y [m]", *NAMES.values()), rows)
+
+
+def _write(found: RoomAnalysis, png: Path | None, rrd: Path | None, *, spawn: bool) -> None:
+    if png is not None:
+        from ..layout.report import save
+
+        save(found, png)
+        say(f"figure: {png}")
+    if rrd is not None or spawn:
+        load("views", "room-analysis")(found, path=rrd, spawn=spawn)
+    if rrd is not None:
+        say(f"maps: {rrd} (open it with: rerun {rrd})")
+
+
+def attenuation(
+    recording: Path,
+    *,
+    geometry: Path | None = None,
+    truth: Path | None = None,
+    json: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Fit how amplitude falls with distance, out of impacts whose places are known.
+
+    Parameters
+    ----------
+    recording
+        With steps or impacts of known place, as truth of its own or by --truth.
+    geometry
+        Another geometry than the recording's.
+    truth
+        Places as CSV: time_s, kind (step or impact), x_m, y_m.
+    json
+        Print one JSON document.
+    """
+    path = existing(recording)
+    with Recording.open(path) as opened:
+        site = Geometry.from_toml(existing(geometry, "a geometry")) if geometry else opened.geometry
+        impacts = impacts_of(truth_of_recording(opened, path, truth))
+        if site is None or len(site.sensors) < 2:
+            raise RecordingError(f"{path.name}: expected a geometry with sensors, found none")
+        if not impacts:
+            raise RecordingError(
+                f"{path.name}: expected steps or impacts of known place (its truth, or --truth "
+                f"FILE), found none"
+            )
+        found = fit_attenuation(*amplitudes(opened, site, impacts))
+    if found is None:
+        raise RecordingError(
+            f"{path.name}: expected two sensors or more above the noise at several distances, "
+            f"found {len(impacts)} impacts that tell too little"
+        )
+    if json:
+        print_json({"recording": path.name, "impacts": len(impacts), **asdict(found)})
+    else:
+        _print_attenuation(path.name, len(impacts), found)
+
+
+def _print_attenuation(name: str, impacts: int, law: Attenuation) -> None:
+    print(f"{name}: {impacts} impacts, {law.samples} amplitudes above the noise")
+    print("  amplitude = strength * d^-n * exp(-alpha d), each impact with its own strength")
+    print(f"  n {law.exponent:.3f} +- {law.exponent_sigma:.3f}")
+    print(f"  alpha {law.loss_per_m:.4f} +- {law.loss_sigma:.4f} 1/m")
+    print(f"  scatter about it: a factor of {math.exp(law.scatter):.2f}")
+    if law.correlation < -0.95:
+        print("  n and alpha are hard to tell apart here: they hold together, not each alone")
+
+
+@dataclass(frozen=True, slots=True)
+class _Subject:
+    """What is calibrated: events and truth of a recording, and its geometry.
+
+    ``replayed`` gives the events with a geometry; where they come out of results, always the same.
+    """
+
+    name: str
+    replayed: Callable[[Geometry], Sequence[Event]]
+    again: bool
+    pipeline: PipelineConfig
+    geometry: Geometry | None
+    labels: Sequence[Label]
+
+    def exponent(self) -> float:
+        """Return the exponent that the pipeline's localizers reckon with."""
+        given = [
+            s.parameters["exponent"] for s in self.pipeline.stage if "exponent" in s.parameters
+        ]
+        return float(given[-1]) if given else 4 / 3
+
+
+def calibrate(
+    source: Path,
+    *,
+    pipeline: str = "room-footsteps",
+    geometry: Path | None = None,
+    truth: Path | None = None,
+    ignore_places: Annotated[bool, FLAG] = False,
+    offsets: Literal["auto", "yes", "no"] = "auto",
+    exponent: Annotated[float | None, Parameter(validator=validators.Number(gt=0, lte=2))] = None,
+    geometry_out: Path | None = None,
+    force: Annotated[bool, FLAG] = False,
+    json: Annotated[bool, FLAG] = False,
+) -> None:
+    """Estimate from all impacts how waves travel over the floor and how far the clocks differ.
+
+    Parameters
+    ----------
+    source
+        A recording, which is replayed, with clocks that are off again until they settle; or results
+        that groundtrace replay wrote, taken as they are.
+    pipeline
+        Name or TOML file to replay a recording with.
+    geometry
+        Geometry TOML instead of the recording's own.
+    truth
+        Truth instead of the recording's own: CSV or MCAP; steps and impacts with places count.
+    ignore_places
+        Take no notice of known places of impacts.
+    offsets
+        Whether the sensors' clocks are told: no takes them as the geometry has them; auto tells
+        them where places of impacts are known and places held out of the fit show the offsets; yes
+        is an error where they do not.
+    exponent
+        Of arrivals over distance, where they do not tell it: 4/3 for onsets on a thin plate, 1 for
+        arrivals that are corrected for dispersion. Without it that of the pipeline's localizers.
+    geometry_out
+        Write the geometry with what was found here, as TOML for groundtrace replay --geometry.
+    force
+        Overwrite an existing file.
+    json
+        Print one JSON document.
+    """
+    from ..layout.calibrate import Choices, calibrate_once, calibrate_replaying, calibrated_geometry
+
+    checked_pipeline(pipeline)
+    if geometry_out is not None:
+        sources = [path for path in (source, geometry, truth) if path is not None]
+        writable(geometry_out, force=force, sources=sources)
+    subject = _subject(existing(source), pipeline, truth)
+    site = subject.geometry if geometry is None else Geometry.from_toml(geometry)
+    if site is None:
+        raise RecordingError(
+            f"{subject.name}: geometry: expected one in the recording or --geometry FILE, "
+            f"found none"
+        )
+    presumed = subject.exponent() if exponent is None else exponent
+    choices = Choices(ignore_places, offsets, presumed)
+    if subject.again:
+        found, site = calibrate_replaying(subject.replayed, site, subject.labels, choices)
+    else:
+        found = calibrate_once(subject.replayed(site), site, subject.labels, choices)
+    if geometry_out is not None:
+        text = calibrated_geometry(site, found).to_toml()
+        write_text(geometry_out, text)
+    if json:
+        written = None if geometry_out is None else str(geometry_out)
+        document = msgspec.to_builtins(found)
+        print_json({"recording": subject.name} | document | {"geometry": written})
+        return
+    _print_calibration(found)
+    if geometry_out is not None:
+        print(f"geometry: {geometry_out} (use it with: groundtrace replay --geometry)")
+
+
+def _subject(path: Path, pipeline: str, truth: Path | None) -> _Subject:
+    from ..pipeline.config import load_pipeline, parse_pipeline
+
+    with Recording.open(path) as opened:
+        if RUN not in opened.metadata:
+            labels = truth_of_recording(opened, path, truth)
+            config, site = load_pipeline(pipeline), opened.geometry
+            return _Subject(path.name, _replayer(path, config), True, config, site, labels)
+    result = read_results(path)
+    labels = truth_of(result, path, truth)
+    config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
+    return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)
+
+
+def _replayer(path: Path, config: PipelineConfig) -> Callable[[Geometry], Sequence[Event]]:
+    """Return what replays a recording with a geometry."""
+    from ..explain.sweep import EventList
+    from ..pipeline.config import build_pipeline
+    from ..pipeline.engine import replay
+    from ..pipeline.source import Source
+
+    def replayed(geometry: Geometry) -> Sequence[Event]:
+        kept = EventList()
+        with Recording.open(path) as opened:
+            chain = build_pipeline(config, geometry)
+            first = opened.start_ns
+            with progress((opened.end_ns - first) / NS_PER_S, "replaying") as show:
+                replay(
+                    Source(opened),
+                    chain,
+                    [kept],
+                    progress=lambda time_ns: show((time_ns - first) / NS_PER_S),
+                )
+        return kept.events
+
+    return replayed
+
+
+def _print_calibration(c: Calibration) -> None:
+    places = "known" if c.known_places else "unknown"
+    print(f"{c.impacts} impacts of {places} places, {c.arrivals} arrivals at {c.sensors} sensors")
+    u = c.unit.removesuffix("s")
+    rows = [
+        ("scale k", f"{c.scale.value:.4g}", f"{c.scale.deviation:.2g}", f"s/{u}^p"),
+        ("exponent p", f"{c.exponent.value:.3f}", f"{c.exponent.deviation:.2g}", "1"),
+        ("velocity", "-" if c.velocity is None else f"{c.velocity:.0f}", "", f"{c.unit}/s"),
+        ("error of an arrival", f"{c.arrival_sigma_s * 1e3:.3f}", "", "ms"),
+    ]
+    print_table(("", "value", "deviation", "unit"), rows)
+    spread = " ".join(f"{x.loss} {x.scale:.4g}/{x.exponent:.3f}" for x in c.losses)
+    print(f"k/p by loss: {spread}")
+    if c.offsets_estimated:
+        clocks = [
+            (o.channel, f"{o.offset_s * 1e3:+.3f}", f"{o.deviation_s * 1e3:.3f}") for o in c.offsets
+        ]
+        print_table(("clock", "ahead [ms]", "deviation"), clocks)
+    if c.held_out_gain is not None and c.held_out_error is not None:
+        print(
+            f"held-out places: log likelihood {c.held_out_gain:+.1f} with offsets of the clocks, "
+            f"standard error {c.held_out_error:.1f}"
+        )
+    if c.positions is not None:
+        p = c.positions
+        print(
+            f"places: RMSE {p.rmse_before:.2f} {c.unit} before, {p.rmse_after:.2f} {c.unit} after, "
+            f"n {p.n}"
+        )
+    for note in c.notes:
+        say(f"warning: {note}")

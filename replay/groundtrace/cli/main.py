@@ -1,0 +1,265 @@
+"""The command line. Commands are imported when called, so that ``--help`` needs nothing heavy."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from cyclopts import App, CycloptsError
+
+from ..runtime import keep_freed_memory, one_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+HERE = "groundtrace.cli"
+#: Name, function and help of each command; here, so that listing them imports none.
+COMMANDS = {
+    "import": (
+        f"{HERE}.recordings:import_",
+        "Turn files of another tool into a recording.\n\n"
+        "Example: groundtrace import shots/*.dat -o line.mcap --truth picks.sgt",
+    ),
+    "info": (
+        f"{HERE}.info:info",
+        "Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.\n\n"
+        "Example: groundtrace info walk.mcap",
+    ),
+    "replay": (
+        f"{HERE}.replay:replay",
+        "Stream a recording through a pipeline; show and store what was decided.\n\n"
+        "Without a recording, the bundled walk through a room is replayed. Without options it "
+        "leaves NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present "
+        "folder.\n\n"
+        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.swing=0.3",
+    ),
+    "score": (
+        f"{HERE}.score:score",
+        "Score a result against the truth, with the level of chance beside it.\n\n"
+        "Example: groundtrace score walk.results.mcap --tolerance 0.1",
+    ),
+    "why": (
+        f"{HERE}.why:why",
+        "Explain every missed and false step: the first gate that failed, by how much, and the "
+        "smallest change of one parameter that mends it, with what else it changes.\n\n"
+        "Example: groundtrace why walk.results.mcap --step 30 --rrd step30.rrd",
+    ),
+    "compare": (
+        f"{HERE}.score:compare",
+        "Compare two results of one recording, decision by decision: the gate that set each "
+        "difference, the parameters that differ, and whether chance explains as much.\n\n"
+        "Example: groundtrace compare before.results.mcap after.results.mcap",
+    ),
+    "sweep": (
+        f"{HERE}.score:sweep",
+        "Try many settings of the gates, without the signal, and say which are best, how sure that "
+        "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
+        "again. With several recordings each is left out in turn.\n\n"
+        "Example: groundtrace sweep walk.results.mcap --grid steps.dominance=0.4:0.8:17 "
+        "--grid steps.swing=0.1:1:19 --write best.toml --figure sweep.svg",
+    ),
+    "calibrate": (
+        f"{HERE}.layout:calibrate",
+        "Estimate from all impacts how waves travel over the floor and how far the sensors' clocks "
+        "differ, with or without known places; say what cannot be told.\n\n"
+        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
+    ),
+    "annotate": (
+        f"{HERE}.annotate:annotate",
+        "Mark what happened in a recording: missed and false steps, steps, picks, notes, spans; "
+        "on the command line, or on a page in the browser. Kept beside the recording at once, "
+        "shown by replay, and truth for score where the recording has none.\n\n"
+        "Example: groundtrace annotate walk.mcap --add missed@12.34 --note 'left foot, soft'",
+    ),
+    "share": (
+        f"{HERE}.share:share",
+        "Write a folder, a .zip or one .html page that shows a result to others, offline and "
+        "without groundtrace: replay, summary with figures, score, annotations, pipeline.\n\n"
+        "Example: groundtrace share walk.results.mcap -o for-bea",
+    ),
+    "export": (
+        f"{HERE}.recordings:export_",
+        "Write events of a result for other tools: CSV, Parquet, QuakeML, GeoJSON, GPX, Audacity "
+        "labels; the signals of a recording as miniSEED, CSV or Parquet.\n\n"
+        "Example: groundtrace export walk.results.mcap -o steps.csv --kind steps",
+    ),
+    "cut": (
+        f"{HERE}.recordings:cut_",
+        "Copy a span of a recording, cut to the sample; labels, geometry, attachments stay.\n\n"
+        "Example: groundtrace cut walk.mcap -o turn.mcap --from 12.5 --to 20",
+    ),
+    "filter": (
+        f"{HERE}.recordings:filter_",
+        "Copy some topics of a recording, message by message as they are.\n\n"
+        "Example: groundtrace filter walk.mcap -o small.mcap --without '/baro/*'",
+    ),
+    "convert": (
+        f"{HERE}.recordings:convert",
+        "Copy a recording with another compression, chunks or blocks; no sample changes.\n\n"
+        "Example: groundtrace convert walk.mcap -o walk-lz4.mcap --compression lz4 --chunk-kb 1024",
+    ),
+    "fleet": (
+        f"{HERE}.fleet:fleet",
+        "Take many recordings through some pipelines, into one table: a row for each recording, "
+        "and one for each step; on this computer, on a cluster, in shards; resumable.\n\n"
+        "Example: groundtrace fleet walks/ --pipeline waist-steps -o walks.parquet",
+    ),
+    "fleet-report": (
+        f"{HERE}.fleet:fleet_report",
+        "Show a fleet's table as a page: distributions, the worst recordings first with what "
+        "opens each miss, causes of misses, errors, and what changed against an earlier table.\n\n"
+        "Example: groundtrace fleet-report walks.parquet -o walks.html --against before.parquet",
+    ),
+    "merge": (
+        f"{HERE}.merge:merge",
+        "Put several recordings into one file on one clock, e.g. a seismic and an IMU recording of "
+        "the same walk: offset and drift of the clocks given, or found by the steps in both.\n\n"
+        "Example: groundtrace merge room.mcap walk.mcap -o both.mcap",
+    ),
+    "doctor": (
+        f"{HERE}.doctor:doctor",
+        "Say what of a damaged recording can be read and exactly what is missing; write a sound "
+        "copy of all that can be read. Without a recording: what is installed, and what is "
+        "missing.\n\n"
+        "Example: groundtrace doctor torn.mcap --repair mended.mcap",
+    ),
+    "plugins": (
+        f"{HERE}.doctor:plugins",
+        "List what is installed: detectors, associators, importers, sinks.\n\n"
+        "Example: groundtrace plugins --parameters",
+    ),
+    "pipelines": (
+        f"{HERE}.doctor:pipelines",
+        "List the shipped pipelines, or print one with all its parameters.\n\n"
+        "Example: groundtrace pipelines waist-steps > mine.toml",
+    ),
+}
+SIMULATIONS = {
+    "room": (
+        f"{HERE}.simulate:room",
+        "Footsteps on a concrete floor with seismic sensors; steps, places, arrivals known.\n\n"
+        "Example: groundtrace simulate room -o room.mcap --seed 7 --steps 40",
+    ),
+    "walk": (
+        f"{HERE}.simulate:walk",
+        "A walker with an IMU; steps of four types, turns, stops, places and headings known.\n\n"
+        "Example: groundtrace simulate walk -o walk.mcap --path loop --types --seed 7",
+    ),
+    "vehicle": (
+        f"{HERE}.simulate:vehicle",
+        "Vehicles that pass geophones beside a road; passes, ways and speeds known.\n\n"
+        "Example: groundtrace simulate vehicle -o cars.mcap --layout stations --passes 5 --overlap",
+    ),
+}
+ANALYSES = {
+    "room": (
+        f"{HERE}.layout:room",
+        "Tell how well a layout of sensors will locate: errors over the room, wrong signs, "
+        "ambiguous regions, what each sensor contributes, where one more would help.\n\n"
+        "Example: groundtrace analyze room room.toml --sigma-ms 0.5 --png room.png",
+    ),
+    "attenuation": (
+        f"{HERE}.layout:attenuation",
+        "Fit how amplitude falls with distance, out of steps or impacts of known place.\n\n"
+        "Example: groundtrace analyze attenuation walk.mcap",
+    ),
+}
+
+
+def application() -> App:
+    """Return the command line's application."""
+    app = App(
+        name="groundtrace",
+        version=_version,
+        help_format="plaintext",  # markdown would need 70 ms more to start
+        help="Replay field recordings of footsteps and vehicles, "
+        "and see why every detector decided as it did.",
+    )
+    for name, (target, text) in COMMANDS.items():
+        app.command(target, name=name, help=text)
+    simulate = App(
+        name="simulate",
+        help="Make a recording with known truth.\n\n"
+        "Example: groundtrace simulate room -o room.mcap --seed 7",
+    )
+    for name, (target, text) in SIMULATIONS.items():
+        simulate.command(target, name=name, help=text)
+    app.command(simulate)
+    analyze = App(
+        name="analyze",
+        help="Tell what a layout of sensors can do, and what a floor does to waves.\n\n"
+        "Example: groundtrace analyze room room.toml",
+    )
+    for name, (target, text) in ANALYSES.items():
+        analyze.command(target, name=name, help=text)
+    app.command(analyze)
+    return app
+
+
+def _version() -> str:
+    from ..runtime import installed_version
+
+    return installed_version()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
+    one_thread()  # before a command imports numpy
+    keep_freed_memory()
+    try:
+        code = _run(arguments)
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:  # None where the caller has closed it
+                stream.flush()
+    except BrokenPipeError:  # who reads our output, as head does, has seen enough
+        _hush()
+        code = 1
+    except OSError as error:
+        from ..pipeline.results import NO_ROOM
+
+        if error.errno not in NO_ROOM:
+            raise
+        _hush()
+        reason = f"expected room to write, found: {error.strerror}"
+        print(f"groundtrace: output: {reason}", file=sys.stderr)
+        code = 1
+    if code:
+        sys.exit(code)
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    """Run the command line; say known errors in one line, and return the exit code."""
+    try:
+        application()(arguments, exit_on_error=False, result_action="return_value")
+    except CycloptsError:
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except OSError as error:
+        if error.filename is None:
+            raise
+        said = f"{error.filename}: expected a file to use, found: {error.strerror}"
+    except Exception as error:
+        if not is_known(error):
+            raise
+        said = str(error)
+    else:
+        return 0
+    print(f"groundtrace: {said}", file=sys.stderr)
+    return 1
+
+
+def _hush() -> None:
+    """Drop what a stream still holds where it takes no more: the interpreter's end would say so."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def is_known(error: Exception) -> bool:
+    """Tell whether an error is one that is said in one line."""
+    errors = sys.modules.get("groundtrace_codecs.errors")  # not loaded, none was raised
+    return errors is not None and isinstance(error, errors.Error)

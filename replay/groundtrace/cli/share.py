@@ -1,0 +1,93 @@
+"""``groundtrace share``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ..api import files
+from ..api.files import existing
+from ..errors import RecordingError
+from ..pipeline.plugins import load
+from ..pipeline.results import read_results
+from .console import print_warnings, say
+
+FLAG = Parameter(negative="")
+
+
+def share(
+    results: Path,
+    *,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    zip_: Annotated[bool, Parameter(name="--zip", negative="")] = False,
+    single_file: Annotated[bool, FLAG] = False,
+    light: Annotated[bool, FLAG] = False,
+    recording: Path | None = None,
+    rrd: Path | None = None,
+    force: Annotated[bool, FLAG] = False,
+) -> None:
+    """Write a folder that shows a result to others, who need neither groundtrace nor a network.
+
+    It holds the replay with the viewer, a summary with figures, the score, the annotations and the
+    pipeline. It names no folder, user or machine.
+
+    Parameters
+    ----------
+    results
+        Results MCAP that groundtrace replay wrote.
+    out
+        The folder to write.
+    zip_
+        Write one .zip of the folder instead.
+    single_file
+        Write one .html instead, with everything inside, that opens by a double click.
+    light
+        Leave out the samples of fast signals; envelopes, spectrograms and all events stay.
+    recording
+        The recording, where it does not lie beside the results.
+    rrd
+        A timeline that groundtrace replay wrote, instead of replaying the recording.
+    force
+        Replace what was shared there before.
+    """
+    if zip_ and single_file:
+        raise RecordingError("--zip: expected it without --single-file, found both")
+    form = "zip" if zip_ else "html" if single_file else "folder"
+    if form != "folder" and out.suffix.lower() != f".{form}":
+        raise RecordingError(f"{out}: expected a name that ends in .{form}, found {out.name}")
+    existing(results, "results")
+    timeline = None if rrd is None else existing(rrd, "a viewer's file")
+    found = recording_of(results, recording)
+    write = load("views", "share")
+    options = {"light": light, "force": force, "report": say}
+    write(results, out, form=form, recording=found, rrd=timeline, **options)
+    print_warnings(read_results(results, blocks=False).warnings)
+    _report(out, form)
+
+
+def recording_of(results: Path, given: Path | None = None) -> Path | None:
+    """Return the recording of results; say where one of its name has other bytes."""
+    return files.recording_of(results, given, say)
+
+
+def _report(out: Path, form: str) -> None:
+    """Say what was written, how large it is and how to open it."""
+    if form == "folder":
+        files = [path for path in out.rglob("*") if path.is_file()]
+        size = sum(path.stat().st_size for path in files)
+        replay = (out / "replay.rrd").stat().st_size
+        print(f"shared: {out}, {len(files)} files, {_mb(size)} ({_mb(replay)} of it the replay)")
+        print(f"open it with: python -m http.server 8000 --bind 127.0.0.1 --directory {out}")
+        print(f"then http://localhost:8000 in a browser; {out / 'summary.html'} opens by itself")
+        return
+    print(f"shared: {out}, {_mb(out.stat().st_size)}")
+    if form == "zip":
+        print("unpack it, run python -m http.server 8000 in its folder, open http://localhost:8000")
+    else:
+        print("open it by a double click: it needs no server and no network")
+
+
+def _mb(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"

@@ -1,1 +1,0 @@
-"""Comparisons: what several localizers say of the same step."""

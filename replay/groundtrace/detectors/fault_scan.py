@@ -1,0 +1,135 @@
+"""The scan for faults: hears the blocks of one stream and asks every kind of fault."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.events import Gap
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from ..pipeline.source import BRIDGE_S
+from .clipping import Limits, Repeats
+from .held_values import Held
+from .interference import Hum, Offsets, Spikes
+from .signal_faults import NonFinite, Rate, Windows
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator
+
+    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from ..pipeline.source import Readable
+    from .signal_faults import Finding, Watcher, Window
+
+#: Quantities that move all the time: what stands still or jumps in them is a fault.
+MOVING = SEISMIC_QUANTITIES | {"acceleration", "acceleration_magnitude", "angular_velocity"}
+#: These stand still for no longer than a moment, but are stale for that long now and then.
+SLOW = frozenset({"magnetic_field"})
+
+
+class HealthWatch:
+    """Looks for faults in one stream, block by block, in constant memory.
+
+    A stream of a constant rate is judged as the source gives it, one whose samples carry their own
+    times as it was recorded: interpolated, no two samples would be equal any more.
+
+    Parameters
+    ----------
+    stream
+        A stream of a recording.
+    """
+
+    def __init__(self, stream: Stream) -> None:
+        self.stream = stream
+        moving = stream.columns_of(MOVING)
+        seismic = stream.columns_of(SEISMIC_QUANTITIES)
+        self._windows = Windows(stream.rate_hz)
+        self._rate = None if stream.irregular else Rate(stream)
+        self._last_ns: int | None = None
+        self._longest_ns = max(BRIDGE_S * NS_PER_S, 2.5 * stream.period_ns)
+        self._watchers: tuple[Watcher, ...] = (
+            NonFinite(stream),
+            Held(stream, [*moving, *stream.columns_of(SLOW)], moving),
+            Limits(stream, MOVING),
+            Repeats(stream),
+            Spikes(stream, moving),
+            Offsets(stream, seismic),
+            Hum(stream, seismic),
+        )
+
+    def recorded(self, block: SignalBlock) -> None:
+        """Take the next block as it was recorded."""
+        if self._rate is not None:
+            self._rate.hear(block)
+        elif len(block):
+            step_ns = 0 if self._last_ns is None else block.start_ns - self._last_ns
+            if not 0 <= step_ns <= self._longest_ns:
+                self._end()
+            self._last_ns = block.last_ns
+            self._tell(self._windows.add(block))
+
+    def hear(self, item: SignalBlock | Gap) -> None:
+        """Take what the source gives next."""
+        if self._rate is None:
+            return
+        if not isinstance(item, Gap):
+            self._tell(self._windows.add(item) if len(item) else ())
+        elif not item.bridged:
+            self._end()
+
+    def findings(self) -> Iterator[Finding]:
+        """End the last run and yield all that was found."""
+        self._end()
+        clipped = set()
+        for watcher in self._watchers:
+            for found in watcher.findings():
+                if found.kind != "clipped" or found.channel not in clipped:
+                    yield found
+                clipped |= {found.channel} if found.kind == "clipped" else set()
+        if self._rate is not None:
+            yield from self._rate.findings()
+
+    def _end(self) -> None:
+        """End the run."""
+        self._tell(self._windows.finish())
+        for watcher in self._watchers:
+            watcher.gap()
+
+    def _tell(self, windows: Iterable[Window]) -> None:
+        for window in windows:
+            for watcher in self._watchers:
+                watcher.hear(window)
+
+
+class Listened:
+    """A recording that tells watches what it gives a source.
+
+    Parameters
+    ----------
+    recording
+        What is read.
+    watches
+        By topic.
+    """
+
+    def __init__(self, recording: Readable, watches: dict[str, HealthWatch]) -> None:
+        self.recording = recording
+        self.watches = watches
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        """The sampled streams."""
+        return self.recording.streams
+
+    def blocks(
+        self,
+        topics: Collection[str] | None = None,
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+        joined_ns: int = 0,
+    ) -> Iterator[Stamped]:
+        """Yield recorded blocks in the order of the file."""
+        for stamped in self.recording.blocks(topics, start_ns, stop_ns, joined_ns):
+            self.watches[stamped[1].topic].recorded(stamped[1])
+            yield stamped

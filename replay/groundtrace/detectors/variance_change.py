@@ -1,0 +1,191 @@
+"""TOA-CV: arrivals by detection of a change of variance, refined by AIC.
+
+Source: thesis on footstep localisation, equations (3.9) and (3.15): the decision function is the
+geometric moving average q_k = (1 - alpha) q_(k-1) + alpha y_k^2, q_0 = 0, and an arrival is where
+it exceeds a multiple of its maximum over noise. Corrected against the print: t_1/10 of 10 samples
+belongs to alpha = 0.2 (3.3 samples for the printed 0.5), so the memory is given as a time; (3.14)
+and (3.15) differ by a start-up transient, which is kept out of the noise by the warm-up. The noise
+maximum runs along with the signal, ending a gap before the sample it is compared with. The
+threshold crossing comes late by an amount that depends on the signal-to-noise ratio; the AIC
+refinement takes that out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
+
+from ..dsp.filters import bandpass, planar_as_stored
+from ..dsp.noise import OpenCells, RunningMaximum
+from ..kernels.lanes import in_lanes, zero_rows
+from ..kernels.picker import COEFFICIENTS, SECTIONS, spread, variance_cells, variance_levels
+from ..pipeline.gates import Level, Refractory
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Context, Input, Stage
+from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .trace import trace_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import Stream
+
+    from ..dsp.filters import LaneHistory
+    from ..dsp.noise import Cells
+    from ..pipeline.stage import Curve, Measured
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceChangeParameters:
+    """Parameters of :class:`VarianceChangePicker`."""
+
+    low_hz: Annotated[float, measured("Hz", "Lower corner of the band-pass; 0: none.", ge=0)] = 20.0
+    high_hz: Annotated[float, measured("Hz", "Upper corner of the band-pass; 0: none.", ge=0)] = (
+        2000.0
+    )
+    memory_s: Annotated[float, measured("s", "t_1/10 of the moving average.", gt=0)] = 0.0005
+    noise_s: Annotated[float, measured("s", "Time over which noise is maximal.", gt=0)] = 0.05
+    gap_s: Annotated[float, measured("s", "Time between noise and signal.", ge=0)] = 0.01
+    warm_up_s: Annotated[float, measured("s", "Noise needed to trust its level.", ge=0)] = 0.01
+    floor: Annotated[float, measured("1", "Lowest ratio kept as a candidate.", ge=0)] = 2.0
+    separation_s: Annotated[float, measured("s", "Least time between candidates.", ge=0)] = 0.02
+    ratio: Annotated[float, gate("1", "Lowest multiple of the noise maximum.", ge=0)] = 5.0
+    refractory_s: Annotated[float, gate("s", "Least time between two arrivals.", ge=0)] = 0.25
+
+
+class _Variance:
+    """Band-pass and moving average of the square, in lanes: what the decision function is.
+
+    Parameters
+    ----------
+    stream
+        What is filtered.
+    sos
+        Of the band-pass, at most two sections.
+    alpha
+        Coefficient of the moving average.
+    """
+
+    def __init__(self, stream: Stream, sos: NDArray[np.float64], alpha: float) -> None:
+        unit = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * (SECTIONS - len(sos))
+        self._sos = np.concatenate([sos, np.array(unit).reshape(-1, 6)])
+        self._coefficients = zero_rows(COEFFICIENTS)
+        spread(self._sos, self._coefficients)
+        self._alpha = alpha
+        self._cells = OpenCells(stream.rate_hz, len(stream.channels))
+        groups = self._cells.groups
+        self._scales = in_lanes(stream.scales)
+        self._memory: NDArray[np.float64] | None = None
+        self._mean = zero_rows(groups, 1)
+        self._at_cell = zero_rows(groups, 1)  # the mean at the end of the last cell
+        self._before = self._at_cell  # and at the end of the one before the last block's
+
+    def __call__(self, block: SignalBlock, history: LaneHistory) -> Cells:
+        """Take a block; add it, filtered, to the history and return the cells it completes."""
+        cells, n = self._cells, len(block)
+        history.extend(n)
+        samples = planar_as_stored(block)
+        if self._memory is None:
+            self._memory = self._steady(samples[:, 0] * block.stream.scales)
+        self._before = self._at_cell.copy()
+        found = cells.room(n)
+        variance_cells(
+            samples,
+            self._scales,
+            history.recent(n),
+            self._coefficients,
+            self._memory,
+            self._alpha,
+            self._mean,
+            self._at_cell,
+            cells.cell,
+            cells.filled,
+            cells.length,
+            found,
+        )
+        return cells.done(found, n)
+
+    def level(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the moving average over the filtered samples of the last block's cells.
+
+        Shape (n, n_channels); the samples are shaped (groups, n, LANES).
+        """
+        groups, n, lanes = rows.shape
+        levels = np.empty((n * groups, lanes))
+        variance_levels(rows, self._alpha, self._before, levels)
+        return levels.reshape(n, groups * lanes)[:, : self._cells.channels]
+
+    def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the filter's memory in the steady state of the first samples."""
+        from scipy.signal import sosfilt_zi
+
+        memory = zero_rows(self._cells.groups, 2 * SECTIONS)
+        memory[:] = sosfilt_zi(self._sos).reshape(-1, 1) * in_lanes(first)
+        return memory
+
+
+@dataclass(slots=True)
+class _State:
+    variance: _Variance
+    tracker: ArrivalTracker
+
+
+class VarianceChangePicker(Stage):
+    """An arrival is where the short-time variance rises over all that noise has shown."""
+
+    Parameters = VarianceChangeParameters
+    takes = (Input(SignalBlock, SEISMIC_QUANTITIES),)
+    gives = (Pick,)
+    columns = COLUMNS
+    trace = trace_of(Quantity("ratio", "1"), "signal", "signal")
+    gates = (Level("ratio", "1", "ratio"), Refractory())
+
+    @classmethod
+    def unfiltered(
+        cls, parameters: VarianceChangeParameters
+    ) -> tuple[type[VarianceChangePicker], VarianceChangeParameters]:
+        """Return what measures the same without the band-pass."""
+        return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
+
+    def __init__(self, parameters: VarianceChangeParameters) -> None:
+        self.parameters = parameters
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin a run; every channel is picked on its own."""
+        stream = context.stream
+        p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
+        windows = ((0.010, 0.005),)
+        settings = ArrivalSettings.of(p, "rise", p.gap_s, windows, correlation_s=0.0)
+        alpha = -np.expm1(-np.log(10) / (p.memory_s * rate))
+        variance = _Variance(stream, bandpass(p.low_hz, p.high_hz, rate), alpha)
+        noise = partial(_noise, p.noise_s)
+        self.state = _State(variance, ArrivalTracker(rate, n, settings, noise))
+        return tuple(c.name for c in stream.channels)
+
+    def process(self, block: SignalBlock) -> Measured:
+        """Average the squared signal and look for arrivals."""
+        tracker = self.state.tracker
+        if len(block):
+            tracker.clock.add(block)
+        return tracker.take(self.state.variance(block, tracker.history))
+
+    def curve(self) -> Curve | None:
+        """Return the ratio over the samples that the last ``process`` completed."""
+        variance, tracker = self.state.variance, self.state.tracker
+        return tracker.curve(
+            lambda start, stop: variance.level(tracker.history.between(start, stop))
+        )
+
+    def flush(self) -> Measured:
+        """End the run."""
+        return self.state.tracker.finish()
+
+
+def _noise(noise_s: float, cell_s: float) -> RunningMaximum:
+    return RunningMaximum(max(1, round(noise_s / cell_s)))

@@ -1,1 +1,0 @@
-"""Where a wave comes from, by the motion of the ground at single stations of three axes."""

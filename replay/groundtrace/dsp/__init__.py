@@ -1,0 +1,1 @@
+"""Signal processing: filters, resampling, noise, spectra, periodicity, assignment."""

@@ -1,0 +1,393 @@
+"""Filters that run on blocks of any length and give the same samples as one run over the whole.
+
+scipy.signal is imported by what filters: who decides again, from what was stored, needs none of its
+60 MB.
+
+A signal of which every sample is looked at once its surroundings are there.
+
+What is measured at a sample then depends on the samples around it alone, and not on the blocks
+they came in.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..kernels.lanes import LANES, zero_rows
+from ..kernels.picker import load, times_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
+
+#: Highest usable corner as a part of the sampling rate: a corner at Nyquist cannot be designed.
+HIGHEST_CORNER = 0.45
+
+
+def planar(block: SignalBlock) -> NDArray[np.float64]:
+    """Return a block's values channel by channel, shape (n_channels, n_samples), contiguous."""
+    scales = block.stream.scales
+    return np.ascontiguousarray(block.samples.T, dtype=np.float64) * scales[:, None]
+
+
+def planar_as_stored(block: SignalBlock) -> NDArray[Any]:
+    """Return a block's samples channel by channel, as compiled functions take them: not scaled."""
+    samples = np.ascontiguousarray(block.samples.T, block.samples.dtype.newbyteorder("="))
+    return samples if samples.flags.behaved else samples.copy()
+
+
+def corner(hz: float, rate_hz: float) -> float:
+    """Return a corner frequency that can be designed at ``rate_hz`` [Hz]."""
+    return min(hz, HIGHEST_CORNER * rate_hz)
+
+
+def bandpass(low_hz: float, high_hz: float, rate_hz: float, order: int = 2) -> NDArray[np.float64]:
+    """Design a Butterworth band-pass; a band edge that cannot be had is left out.
+
+    Parameters
+    ----------
+    low_hz
+        Lower corner [Hz]; 0 leaves it out.
+    high_hz
+        Upper corner [Hz]; 0, or one above 0.45 of the rate, leaves it out.
+    rate_hz
+        Sampling rate [Hz].
+    order
+        Order of each edge.
+
+    Returns
+    -------
+    Second-order sections, shape (n_sections, 6); a unit section where both edges are left out.
+    """
+    has_high = 0 < high_hz <= HIGHEST_CORNER * rate_hz
+    has_low = 0 < low_hz < HIGHEST_CORNER * rate_hz
+    if has_low and has_high and low_hz < high_hz:
+        edges: float | list[float] = [low_hz, high_hz]
+        kind = "bandpass"
+    elif has_low:
+        edges, kind = low_hz, "highpass"
+    elif has_high:
+        edges, kind = high_hz, "lowpass"
+    else:
+        return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    from scipy import signal
+
+    sos: NDArray[np.float64] = signal.butter(order, edges, kind, fs=rate_hz, output="sos")
+    return sos
+
+
+def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
+    """Return by how much ``sos`` delays a sinusoid of ``frequency_hz`` [s]."""
+    from scipy import signal
+
+    _, response = signal.freqz_sos(sos, worN=[frequency_hz], fs=rate_hz)
+    return float(-np.angle(response[0]) / (2 * np.pi * frequency_hz))
+
+
+class StreamingFilter:
+    """Second-order sections over blocks, state kept in float64.
+
+    It starts in the steady state of the first sample, so that an offset rings no bell.
+
+    Parameters
+    ----------
+    sos
+        Shape (n_sections, 6).
+    """
+
+    def __init__(self, sos: NDArray[np.float64]) -> None:
+        self.sos = sos
+        self.zi: NDArray[np.float64] | None = None
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Filter a block, shape (n_channels, n_samples); return the same shape."""
+        from scipy import signal
+
+        if x.shape[1] == 0:
+            return x
+        if self.zi is None:
+            steady = signal.sosfilt_zi(self.sos)
+            self.zi = steady[:, None, :] * x[None, :, :1]
+        y, self.zi = signal.sosfilt(self.sos, x, axis=1, zi=self.zi)
+        return np.asarray(y)
+
+
+class ExponentialMean:
+    """Recursive mean ``m += coefficient * (x - m)`` over blocks, one per channel, from 0.
+
+    Parameters
+    ----------
+    coefficient
+        Forgetting factor, 0 < coefficient <= 1.
+    """
+
+    def __init__(self, coefficient: float) -> None:
+        self.coefficient = coefficient
+        self.zi: NDArray[np.float64] | None = None
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Average a block, shape (n_channels, n_samples)."""
+        from scipy import signal
+
+        if x.shape[1] == 0:  # lfilter would lose its state
+            return x
+        if self.zi is None:
+            self.zi = np.zeros((x.shape[0], 1))
+        c = self.coefficient
+        y, self.zi = signal.lfilter([c], [1.0, c - 1.0], x, axis=1, zi=self.zi)
+        return np.asarray(y)
+
+
+class UnbiasedMean:
+    """Exponential mean divided by the sum of its weights: right from the first sample on.
+
+    Parameters
+    ----------
+    memory
+        Number of samples after which a weight has fallen to 1/e.
+    """
+
+    def __init__(self, memory: float) -> None:
+        self._keep = float(np.exp(-1 / memory))
+        self._mean = ExponentialMean(1 - self._keep)
+        self._count = 0
+
+    def __call__(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Average a block, shape (n_channels, n_samples)."""
+        index = np.arange(self._count + 1, self._count + x.shape[1] + 1)
+        self._count += x.shape[1]
+        return self._mean(x) / (1 - self._keep**index)
+
+
+class SmoothedSlope:
+    """Centred slope of a signal smoothed by a Hann window: linear phase, so no delay remains.
+
+    Parameters
+    ----------
+    rate_hz
+        Sampling rate [Hz].
+    smooth_s
+        Full length of the smoothing window [s].
+    slope_s
+        Distance of the two points of the slope [s].
+    """
+
+    def __init__(self, rate_hz: float, smooth_s: float, slope_s: float) -> None:
+        half = round(smooth_s * rate_hz / 2)
+        window = np.hanning(2 * half + 3)[1:-1]
+        reach = max(1, round(slope_s * rate_hz / 2))
+        ends = np.zeros(2 * reach + 1)
+        ends[0], ends[-1] = 1.0, -1.0
+        self.kernel = np.convolve(window / window.sum(), ends / (2 * reach))
+        self.delay = len(self.kernel) // 2
+        self._zi: NDArray[np.float64] | None = None
+        self._offset: NDArray[np.float64] = np.empty(0)
+        self._signal: NDArray[np.float64] = np.empty((0, 0))
+        self._skip = self.delay
+
+    def __call__(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Take a signal, shape (n_channels, n).
+
+        Returns
+        -------
+        Signal and slope of the samples whose slope is complete, aligned; before the run the signal
+        is taken to have been constant.
+        """
+        from scipy import signal
+
+        if x.shape[1] == 0:  # lfilter would lose its state
+            return x, x
+        if self._zi is None:
+            self._offset = x[:, :1]
+            self._zi = np.zeros((x.shape[0], len(self.kernel) - 1))
+            self._signal = np.empty((x.shape[0], 0))
+        # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
+        slope, self._zi = signal.lfilter(
+            self.kernel, [1.0, 0.0], x - self._offset, axis=1, zi=self._zi
+        )
+        skipped = min(self._skip, x.shape[1])
+        self._skip -= skipped
+        slope = slope[:, skipped:]
+        x = np.concatenate([self._signal, x], axis=1)
+        done = slope.shape[1]
+        self._signal = x[:, done:]
+        return x[:, :done], slope
+
+    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what the last samples lack; after the run the signal is taken to be constant."""
+        waiting = self._signal.shape[1]
+        if not waiting:
+            return self._signal, self._signal
+        x, slope = self(np.repeat(self._signal[:, -1:], self.delay, axis=1))
+        return x[:, :waiting], slope[:, :waiting]
+
+
+class SampleClock:
+    """Times of a run's samples by their index from its first block on.
+
+    The anchor of the times may move from block to block: the source follows small steps of a clock.
+
+    Attributes
+    ----------
+    table
+        Anchors, as :func:`~.kernels.picker.times_of` takes them.
+    """
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._period_ns = 0.0
+        self._starts = [0]  # index from which an anchor holds
+        self._anchors = [(0, 0)]  # time of the anchor, and which index before ours it counts from
+        self.table = np.zeros((1, 3), np.int64)  # both, for compiled functions
+
+    def add(self, block: SignalBlock) -> None:
+        """Count in a block of the run."""
+        anchor = (block.anchor_ns, block.first - self._count)
+        self._period_ns = block.stream.period_ns
+        if not self._count or self._anchors[-1] != anchor:
+            kept = len(self._anchors) if self._count else 0
+            self._starts[kept:], self._anchors[kept:] = [self._count], [anchor]
+            self._tabulate()
+        self._count += len(block)
+
+    def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
+        """Return the times of samples [ns], shape (n,), as their blocks have them."""
+        return times_of(np.asarray(index, np.intp), self.table, self._period_ns)
+
+    def time_of(self, index: int) -> int:
+        """Return the time of one sample [ns]."""
+        anchor = self._anchors[max(0, bisect_right(self._starts, index) - 1)]
+        return anchor[0] + round((index + anchor[1]) * self._period_ns)
+
+    def forget_before(self, index: int) -> None:
+        """Forget anchors of samples before one."""
+        while len(self._starts) > 1 and self._starts[1] <= index:
+            del self._starts[0], self._anchors[0]
+            self._tabulate()
+
+    def _tabulate(self) -> None:
+        rows = [(start, *anchor) for start, anchor in zip(self._starts, self._anchors, strict=True)]
+        self.table = np.array(rows, np.int64)
+
+
+class LaneHistory:
+    """The last samples of a few signals, by their index in the run; the memory is used again.
+
+    Parameters
+    ----------
+    signals
+        How many signals each channel has.
+    channels
+        Number of channels.
+
+    Attributes
+    ----------
+    first, end
+        Index of the first sample kept, and just after the last.
+    """
+
+    def __init__(self, signals: int, channels: int) -> None:
+        self.first = 0
+        self.end = 0
+        self._begin = 0  # row of the first sample kept
+        groups = -(-channels // LANES)
+        self._rows = zero_rows(signals, groups, 0)
+
+    def extend(self, samples: int) -> None:
+        """Make room for some more samples; they are written by :meth:`recent`."""
+        kept = self.end - self.first
+        if self._begin + kept + samples > self._rows.shape[2]:
+            signals, groups, room, _ = self._rows.shape
+            # little more than a block stays near in the caches, and yet what is kept moves seldom;
+            # with a row to spare no view of several groups is contiguous: one type to compile for
+            wanted = max(room, 4 * kept + samples + 1)
+            rows = self._rows if wanted == room else zero_rows(signals, groups, wanted)
+            rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept]
+            self._rows, self._begin = rows, 0
+        self.end += samples
+
+    def append(self, *signals: NDArray[np.float64]) -> None:
+        """Take samples of every signal, each (n_channels, n)."""
+        n = signals[0].shape[1]
+        self.extend(n)
+        for index, signal in enumerate(signals):
+            for group, rows in enumerate(self.recent(n, index)):
+                load(np.ascontiguousarray(signal), group * LANES, 0, rows)
+
+    def recent(self, samples: int, signal: int = 0) -> NDArray[np.float64]:
+        """Return the last samples of a signal, shape (n_groups, n, LANES): a view."""
+        stop = self._begin + self.end - self.first
+        return self._rows[signal, :, stop - samples : stop]
+
+    def rows(self, signal: int = 0) -> NDArray[np.float64]:
+        """Return what is kept of a signal, shape (n_groups, n, LANES): a view."""
+        return self._rows[signal, :, self._begin : self._begin + self.end - self.first]
+
+    def between(self, start: int, stop: int, signal: int = 0) -> NDArray[np.float64]:
+        """Return samples ``[start, stop)`` of a signal, shape (n_groups, n, LANES): a view.
+
+        What was dropped is there until more samples come.
+        """
+        begin = self._begin + start - self.first
+        return self._rows[signal, :, begin : begin + stop - start]
+
+    def drop_before(self, index: int) -> None:
+        """Drop the samples before one; they are there until more samples come."""
+        cut = max(0, index - self.first)
+        self.first += cut
+        self._begin += cut
+
+
+class Lookaround:
+    """The last stretch of a few signals on one time axis.
+
+    Parameters
+    ----------
+    rows
+        Number of signals.
+    before, after
+        Samples kept before and after each that is looked at, at least 1; fewer at the ends of a
+        run.
+    """
+
+    def __init__(self, rows: int, before: int, after: int) -> None:
+        self.before, self.after = before, after
+        self.times: NDArray[np.int64] = np.empty(0, np.int64)
+        self.values: NDArray[np.float64] = np.empty((rows, 0))
+        self._next = 0  # column of the first sample that was not looked at
+
+    def add(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> range:
+        """Take samples, shapes (n,) and (n_rows, n); return the columns to look at now."""
+        start = max(0, self._next - self.before)  # what no sample looks back to is dropped
+        self.times = np.concatenate([self.times[start:], times])
+        self.values = np.concatenate([self.values[:, start:], values], axis=1)
+        first = self._next - start
+        self._next = max(first, len(self.times) - self.after)
+        return range(first, self._next)
+
+    def finish(self) -> range:
+        """Return the columns that are left; nothing comes after them."""
+        first, self._next = self._next, len(self.times)
+        return range(first, self._next)
+
+    def around(self, column: int, reach: int) -> slice:
+        """Return the columns at most ``reach`` away from one, as far as there are any."""
+        return slice(max(0, column - reach), column + reach + 1)
+
+    def maxima(self, columns: range, row: int = 0) -> NDArray[np.intp]:
+        """Return those of the columns at which a signal has a local maximum."""
+        x = self.values[row]
+        low = max(columns.start, 1)
+        high = max(low, min(columns.stop, len(x) - 1))
+        inside = x[low:high]
+        found = (inside > x[low - 1 : high - 1]) & (inside >= x[low + 1 : high + 1])
+        return np.flatnonzero(found) + low
+
+
+def level(values: NDArray[np.float64]) -> float:
+    """Return the root of the mean square of a stretch of signal."""
+    return float(np.sqrt(np.mean(values * values)))

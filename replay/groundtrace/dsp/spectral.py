@@ -1,0 +1,110 @@
+"""Power of short windows by frequency: what spectrograms are made of.
+
+Of a few tens of samples, or of a few frequencies of many, a transform is done fastest as a product
+with a matrix. A window that is symmetric about its middle halves the work: the sums of the samples
+at equal distances from the middle give the real part, their differences the imaginary one. So does
+the transform: at distances that add up to half its length, cosines are the same in even frequencies
+and opposite in odd ones, sines the other way round. As many windows are done at once as a row has
+lanes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..kernels.lanes import LANES, LANES_32
+from ..kernels.picker import put_power
+from ..kernels.tiles import TILE
+
+if TYPE_CHECKING:
+    from numpy.typing import DTypeLike, NDArray
+
+    Real = NDArray[np.floating[Any]]
+
+
+def _folds(
+    taper: NDArray[np.float64], transform: int
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return samples folded upon each other, and what they count, each of shape (2, n).
+
+    Where there is none at half a transform less a sample's distance from the middle, the sample
+    stands for it and counts nothing.
+    """
+    window, half = len(taper), (len(taper) + 1) // 2
+    weight = np.array(taper[:half], np.float64)
+    weight[window // 2 :] *= 0.5  # the middle sample is folded upon itself
+    one = np.arange(half)
+    other = window - 1 - transform // 2 - one if transform % 2 == 0 else np.full(half, -1)
+    one, other = one[one >= other], other[one >= other]
+    alone = other < 0
+    other[alone] = one[alone]
+    weights = np.stack([weight[one], np.where(alone, 0.0, weight[other])])
+    weights[:, (one == other) & ~alone] *= 0.5
+    return np.stack([one, other]), weights
+
+
+class WindowPower:
+    """Power of windows of a signal at the lowest frequencies of a transform.
+
+    Parameters
+    ----------
+    taper
+        Shape (window,): weights of a window's samples, the same from both ends.
+    transform
+        Length of the transform, zeros after the window's samples [samples]; at least the window.
+    frequencies
+        How many, from 0 on; None takes all.
+    mean_removed
+        Whether each window's mean is taken away first.
+    kind
+        What is computed with, float64 or float32.
+    """
+
+    def __init__(
+        self,
+        taper: NDArray[np.float64],
+        transform: int,
+        frequencies: int | None = None,
+        *,
+        mean_removed: bool = False,
+        kind: DTypeLike = np.float64,
+    ) -> None:
+        self.window = len(taper)
+        self.frequencies = transform // 2 + 1 if frequencies is None else frequencies
+        self._pairs, weights = _folds(taper, transform)
+        self._weights = weights.astype(kind)
+        self._share = np.array([2.0 / self.window if mean_removed else 0.0], kind)
+        before = (self.window - 1) / 2 - self._pairs[0]
+        padded = -(-self.frequencies // TILE) * TILE
+        angle = 2 * np.pi / transform * before * np.arange(padded)[:, None]
+        self._cosines, self._sines = np.cos(angle).astype(kind), np.sin(angle).astype(kind)
+
+    def __call__(
+        self,
+        samples: NDArray[Any],
+        start: int,
+        hop: int,
+        count: int,
+        before: NDArray[Any] | None = None,
+    ) -> Real:
+        """Return the power of windows, shape (..., count, frequencies).
+
+        Parameters
+        ----------
+        samples
+            Shape (n,) or (n_channels, n), of any type of integers or of floating point.
+        start, hop, count
+            Where the first window begins, from one to the next [samples], and how many there are.
+        before
+            Samples that these follow, contiguous: there ``start`` may lie, less than 0.
+        """
+        rows = np.ascontiguousarray(np.atleast_2d(samples))
+        before = rows[:, :0].copy() if before is None else before
+        lanes = LANES if self._cosines.itemsize == 8 else LANES_32
+        shape = (len(rows), -(-count // lanes) * lanes, len(self._cosines))
+        power = np.empty(shape, self._cosines.dtype)
+        window = (self._pairs, self._weights, self._share, self._cosines, self._sines)
+        put_power(before, rows, start, self.window, hop, *window, power)
+        return power.reshape(*samples.shape[:-1], *shape[1:])[..., :count, : self.frequencies]

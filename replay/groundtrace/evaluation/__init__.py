@@ -1,0 +1,1 @@
+"""Results against truth, with the level that chance alone would reach."""

@@ -1,0 +1,132 @@
+"""What of a truth a result is scored against: what its pipeline was not given, and could find.
+
+A waypoint that a stage was given is no truth to it any more: it says how well a track was drawn
+through known places, not how well it was found. A sensor on one foot feels the steps of that foot.
+And where truth knows of impacts alone, they are what a detector of steps has to find.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.events import StageSpec, has_vehicles
+
+from .steps import ALONG, FEET, truth_words
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from groundtrace_codecs.events import Label
+
+    from ..pipeline.results import Results
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredTruth:
+    """Truth to score against.
+
+    Attributes
+    ----------
+    labels
+        What is left of it.
+    given
+        How many waypoints were left out because the pipeline was given them.
+    foot
+        Whose steps alone are left, ``left`` or ``right``; empty: everybody's.
+    remarks
+        What a person should know of that.
+    """
+
+    labels: tuple[Label, ...]
+    given: int
+    foot: str
+    remarks: tuple[str, ...]
+
+
+def scored_truth(labels: Sequence[Label], result: Results) -> ScoredTruth:
+    """Return what of a truth a result is scored against."""
+    known = {(x.time_ns, x.x_m, x.y_m) for x in result.given}
+    kept = [x for x in labels if x.kind != "waypoint" or (x.time_ns, x.x_m, x.y_m) not in known]
+    specs = [event for event in result.events if isinstance(event, StageSpec)]
+    found = own_truth(kept, specs, result.provenance.placements)
+    given = len(labels) - len(kept)
+    if not given:
+        return found
+    waypoints = sum(x.kind == "waypoint" for x in labels)
+    said = f"{given} of {waypoints} waypoints were given to the pipeline: not scored"
+    return replace(found, given=given, remarks=(said, *found.remarks))
+
+
+def own_truth(
+    labels: Sequence[Label], specs: Sequence[StageSpec], placements: Mapping[str, str]
+) -> ScoredTruth:
+    """Return what of a truth the sensors can find in which the last stage of steps looks.
+
+    Impacts become steps where truth has no steps of its own and a stage finds some.
+
+    Parameters
+    ----------
+    labels
+        The truth.
+    specs
+        Of the stages.
+    placements
+        Of the topics that state one.
+    """
+    foot, remark = _own_foot(labels, specs, placements)
+    kept = [x for x in labels if not foot or (x.kind != "count" and _may_be(x, foot))]
+    if impacts := _impacts_alone(kept, specs):
+        kept = [replace(x, kind="step") if x.kind == "impact" else x for x in kept]
+        remark = f"{impacts} impacts and no steps: the impacts are what steps are scored against"
+    return ScoredTruth(tuple(kept), 0, foot, (remark,) if remark else ())
+
+
+def _impacts_alone(labels: Sequence[Label], specs: Sequence[StageSpec]) -> int:
+    """Return how many impacts there are to be found as steps: none where truth has steps."""
+    if has_vehicles(labels) or any(x.kind in ("step", "count") for x in labels):
+        return 0
+    if not any(spec.emits in ("step", "impact") for spec in specs):
+        return 0
+    return sum(x.kind == "impact" for x in labels)
+
+
+def foot_of(placement: str) -> str:
+    """Return the foot that a placement names, ``both`` of none, and nothing where it is no foot."""
+    words = set(re.split(r"[^a-z]+", placement.lower()))
+    if not words & {"foot", "shoe", "ankle"}:
+        return ""
+    sides = words & set(FEET)
+    return sides.pop() if len(sides) == 1 else "both"
+
+
+def _own_foot(
+    labels: Sequence[Label], specs: Sequence[StageSpec], placements: Mapping[str, str]
+) -> tuple[str, str]:
+    """Return the foot whose steps a result finds, and what is to be said of it."""
+    true = [x for x in labels if x.kind == "step"]
+    if any(ALONG & set(truth_words(x.label)[1].split()) for x in true):
+        return "", ""  # left and right are types of steps there
+    if {truth_words(x.label)[0] for x in true} < set(FEET):
+        return "", ""
+    stepping = [spec for spec in specs if spec.emits == "step"]
+    topics = [spec.topic for spec in stepping if spec.stage == stepping[-1].stage]
+    stated = [placements.get(topic, "") for topic in topics]
+    worn = set(map(foot_of, stated))
+    if len(worn) != 1 or worn == {""}:
+        return "", ""
+    (foot,) = worn
+    if foot != "both":
+        text = f"{', '.join(topics)} is on the {foot} foot: the truth of that foot alone is scored"
+        return foot, text
+    return "", (
+        f"truth has both feet, and the placement of {', '.join(topics)} does not state which one "
+        f"it is on: expected left foot or right foot, found {', '.join(stated)}; the steps "
+        f"of the other foot count as missed"
+    )
+
+
+def _may_be(label: Label, foot: str) -> bool:
+    """Return whether a step may be one of a foot."""
+    return label.kind != "step" or truth_words(label.label)[0] in ("", foot)

@@ -1,0 +1,216 @@
+"""Whether a recording and a pipeline suit each other: looked at before anything is replayed.
+
+- A pipeline of which no stage finds a signal that it wants is refused, with those that fit.
+- Where a stage asks for the placement of a sensor and nobody states it, it is guessed from the
+  first minutes of walking. A sure guess is written into the pipeline, and so into the results: who
+  measures again takes it from there. An unsure one leaves the stages their defaults.
+- A geometry and a recording that name different sensors are told.
+- So is what a message of unknown type was taken for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from groundtrace_codecs.events import Note
+from groundtrace_codecs.geometry import geometry_warnings
+from groundtrace_codecs.signals import SignalBlock
+
+from ..errors import PipelineError
+from ..pipeline.config import (
+    Pipeline,
+    PipelineConfig,
+    build_pipeline,
+    load_pipeline,
+    named_pipelines,
+)
+from ..pipeline.plugins import stage_named
+from ..pipeline.stage import StageConfig, allows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from groundtrace_codecs.recording import Recording
+    from groundtrace_codecs.signals import Stream
+
+    from ..inertial.placement import PlacementGuess
+    from ..pipeline.source import Readable
+    from ..pipeline.stage import Stage
+
+#: The pipeline without stages, which fits everything.
+SIGNALS = "signals"
+#: Who says it in a replay.
+GEOMETRY, PLACEMENT, RECORDING = "geometry", "placement", "recording"
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A pipeline made ready for a recording.
+
+    Attributes
+    ----------
+    chain
+        The pipeline; placements that were guessed are in its configuration.
+    asked
+        The configuration that was asked for, without those.
+    notes
+        What to say before the first sample.
+    looked_at
+        Topics whose placement was looked at: nothing more needs to be said of it.
+    """
+
+    chain: Pipeline
+    asked: PipelineConfig
+    notes: tuple[Note, ...]
+    looked_at: tuple[str, ...]
+
+
+def prepared(config: PipelineConfig, recording: Recording) -> Prepared:
+    """Return a pipeline made ready for a recording.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        Where it cannot be built, or none of its stages finds a signal that it wants.
+    """
+    # what is wrong with the pipeline itself is said first
+    build_pipeline(config, recording.geometry, recording.labels)
+    refuse_unsuitable(config, recording.streams, recording.name)
+    placed, told, looked_at = with_placements(config, recording)
+    chain = build_pipeline(placed, recording.geometry, recording.labels)
+    texts = [(GEOMETRY, text) for text in geometry_warnings(recording.geometry, recording.streams)]
+    texts += [(PLACEMENT, text) for text in told]
+    texts += [(RECORDING, text) for text in recording.assumed]
+    notes = tuple(Note(recording.start_ns, text, "WARN", source) for source, text in texts)
+    return Prepared(chain, config, notes, looked_at)
+
+
+def refuse_unsuitable(config: PipelineConfig, streams: Sequence[Stream], name: str) -> None:
+    """Refuse a pipeline of which no stage finds a signal that it wants.
+
+    Raises
+    ------
+    PipelineError
+        Naming what it wants, what there is, and the shipped pipelines that fit.
+    """
+    wanted = _wanted(config)
+    if not wanted or any(_heard(each, streams) for each in wanted):
+        return
+    fitting = [key for key in named_pipelines() if _fits(load_pipeline(key), streams)]
+    there = [
+        f"{s.topic} ({', '.join(dict.fromkeys(c.quantity for c in s.channels))})" for s in streams
+    ]
+    raise PipelineError(
+        f"{name}: pipeline {config.name}: expected {' or '.join(_words(wanted))}, found "
+        f"{', '.join(there) or 'no signals'}; pipelines that fit: {', '.join(fitting) or SIGNALS}"
+    )
+
+
+#: What one stage wants: the stage, and sets of quantities of each of which it needs one.
+_Wanted = tuple[StageConfig, tuple[frozenset[str], ...]]
+
+
+def _wanted(config: PipelineConfig) -> list[_Wanted]:
+    """Return what those stages want that hear signals."""
+    found: list[_Wanted] = []
+    for stage in config.stage:
+        kind = stage_named(stage.use)
+        quantities = _quantities(kind)
+        if quantities:
+            found.append((stage, quantities))
+    return found
+
+
+def _quantities(kind: type[Stage]) -> tuple[frozenset[str], ...]:
+    """Return the sets of quantities of each of which a stage needs a channel."""
+    needs = [need for need in kind.takes if need.kind is SignalBlock and need.required]
+    return tuple(need.quantities for need in needs if need.quantities)
+
+
+def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
+    stage, quantities = wanted
+    heard = [s for s in streams if allows(stage.topics, s.topic)]
+    return all(any(s.columns_of(each) for s in heard) for each in quantities)
+
+
+def _fits(config: PipelineConfig, streams: Sequence[Stream]) -> bool:
+    wanted = _wanted(config)
+    return bool(wanted) and all(_heard(each, streams) for each in wanted)
+
+
+def _words(wanted: Iterable[_Wanted]) -> list[str]:
+    """Return what stages want in words, each once."""
+    told = []
+    for stage, quantities in wanted:
+        text = " and ".join(" or ".join(sorted(each)) for each in quantities)
+        told.append(text + (f" on {' or '.join(stage.topics)}" if stage.topics else ""))
+    return list(dict.fromkeys(told))
+
+
+def with_placements(
+    config: PipelineConfig, recording: Readable
+) -> tuple[PipelineConfig, list[str], tuple[str, ...]]:
+    """Let a pipeline know where sensors are worn whose recording does not say so.
+
+    The whole recording is looked at from its first sample, whatever part of it is replayed, until
+    more would not change the guess: the result does not depend on blocks, parts or pace.
+
+    Returns
+    -------
+    The pipeline; a line for each such sensor that a stage asks for; their topics.
+    """
+    asking = [stage for stage in config.stage if _asks(stage)]
+    unstated = {
+        s.topic: stage.key
+        for s in recording.streams
+        for stage in reversed(asking)
+        if not s.placement and _heard(_wanted_by(stage), (s,))
+    }
+    fresh = [topic for topic in unstated if topic not in config.placements]
+    guesses = _guesses(recording, fresh)
+    placements = dict(config.placements)
+    told = []
+    for topic, key in unstated.items():
+        if topic in guesses:
+            placements[topic], text = _taken(guesses[topic])
+        else:
+            said = placements[topic]
+            text = f"taken for {said} as the pipeline says" if said else "nor does the pipeline"
+        told.append(
+            f"placement of {topic} not stated: {text}; --set {key}.placement=PLACE or placement in "
+            f"the map states it"
+        )
+    return replace(config, placements=placements), told, tuple(unstated)
+
+
+def _asks(stage: StageConfig) -> bool:
+    """Return whether a stage takes a placement and is told none."""
+    kind = stage_named(stage.use)
+    fields: Mapping[str, Any] = kind.Parameters.__dataclass_fields__
+    return "placement" in fields and not stage.parameters.get("placement")
+
+
+def _wanted_by(stage: StageConfig) -> _Wanted:
+    kind = stage_named(stage.use)
+    return stage, _quantities(kind)
+
+
+def _guesses(recording: Readable, topics: Sequence[str]) -> dict[str, PlacementGuess | None]:
+    """Return where the sensors of some topics may be worn; None where that cannot be told."""
+    if not topics:
+        return {}
+    # what filters is not imported before there is something to filter
+    from ..inertial.placement import guessed_placements
+
+    return guessed_placements(recording, topics)
+
+
+def _taken(guess: PlacementGuess | None) -> tuple[str, str]:
+    """Return the placement that a guess stands for, empty where it is not sure, and words."""
+    if guess is None:
+        return "", "too little walking on three axes of acceleration to guess it, default timing"
+    words = f"{guess.words} ({guess.confidence:.2f})"
+    if not guess.sure:
+        return "", f"a guess, {words}, is not sure, default timing"
+    return guess.placement, f"taken for {words}"

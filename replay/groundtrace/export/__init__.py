@@ -1,0 +1,1 @@
+"""Exports: what was decided, and the signals, in the formats of other tools."""

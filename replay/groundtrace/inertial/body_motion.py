@@ -1,0 +1,279 @@
+"""What a worn sensor felt, in axes that stay level and do not turn: acceleration and field.
+
+The orientation is that of :mod:`.` without its compass: level, turned about the
+vertical by an unknown angle, and drifting slowly. What the field says is taken in elsewhere, where
+it can be weighed against everything else that is known.
+
+How far the sensor is turned about the vertical from the way its wearer walks, told by walking.
+
+Source: EPFL, the sensor's place on the trunk is free and only its inclination is taken from the
+accelerometers; here the remaining rotation is taken from the walk. What repeats with every step of
+a walk ahead or back swings along the walking axis, while the sway to the sides repeats with every
+second step. So of the horizontal acceleration the part that goes with the vertical one at the
+frequency of the steps is taken, and its principal axis is the walking axis.
+
+Its sign: the body is slowed down while it rises from double support to mid stance and driven on
+while it falls. The acceleration ahead therefore goes against the velocity upward, a quarter of a
+step before the acceleration upward. Who walks backward does the same the other way round, so that
+of accelerations alone a walk back is a walk ahead in a sensor turned by half a turn. Where a
+nominal direction is known it gives the sign; else people are taken to walk ahead in most of the
+last hundred steps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..later import Later
+from .attitude import GRAVITY_MPS2, Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
+from .heading import HeadingEstimator, joined
+from .rotations import turned
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from ..kernels import navigation as navigation_kernels
+    from .attitude import HeadingFrame
+    from .frames import Samples
+
+    Array = NDArray[np.float64]
+else:
+    navigation_kernels = Later("groundtrace.kernels.navigation")
+
+#: Bias that a gyroscope may have at the start [rad/s]: more lets the turns of a walk pass for it.
+BIAS = 0.004
+#: Steps come no later than this after the signal [s].
+MEMORY_S = 30.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Consecutive samples in level axes.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    orientation
+        Quaternions that turn the sensor's axes into the level ones, shape (n, 4).
+    acceleration
+        Without gravity, in level axes, shape (n, 3) [m/s2].
+    field
+        Magnetic field, shape (n, 3) [T]; NaN where there is none.
+    rested_s
+        How long the sensor has been at rest since the start, shape (n,) [s].
+    """
+
+    time_ns: NDArray[np.int64]
+    orientation: Array
+    acceleration: Array
+    field: Array
+    rested_s: Array
+
+    def __len__(self) -> int:
+        return int(self.time_ns.shape[0])
+
+    def between(self, start_ns: int, stop_ns: int) -> Motion:
+        """Return the samples in ``[start_ns, stop_ns)``; the nearest one where there is none."""
+        rows = slice(*self._rows(start_ns, stop_ns))
+        return Motion(
+            self.time_ns[rows],
+            self.orientation[rows],
+            self.acceleration[rows],
+            self.field[rows],
+            self.rested_s[rows],
+        )
+
+    def rested_by(self, start_ns: int, stop_ns: int) -> float:
+        """Return how long the sensor has been at rest by the end of what is between [s]."""
+        return float(self.rested_s[self._rows(start_ns, stop_ns)[1] - 1])
+
+    def _rows(self, start_ns: int, stop_ns: int) -> tuple[int, int]:
+        return navigation_kernels.rows_between(self.time_ns, start_ns, stop_ns)
+
+
+@dataclass(slots=True)
+class LevelMotion:
+    """Follows one sensor and remembers the last half minute.
+
+    Attributes
+    ----------
+    rate_hz
+        Its sampling rate [Hz].
+    """
+
+    rate_hz: float
+    _estimator: HeadingEstimator = field(init=False)
+    _waiting: list[Samples] = field(default_factory=list)
+    _motion: Motion | None = None
+
+    def __post_init__(self) -> None:
+        self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
+        self._estimator.attitude = Attitude(AttitudeNoise(bias_start=BIAS), free=True)
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last sample; long ago where there is none [ns]."""
+        return -(2**62) if self._motion is None else int(self._motion.time_ns[-1])
+
+    @property
+    def felt(self) -> Motion:
+        """What is remembered; there must be some."""
+        assert self._motion is not None  # a frame was taken
+        return self._motion
+
+    def add(self, samples: Samples) -> None:
+        """Take samples of any number."""
+        self._waiting = [joined([*self._waiting, samples])]
+        self._take(self._estimator.add(_without_field(samples)))
+
+    def finish(self) -> None:
+        """Take in what was held back."""
+        self._take(self._estimator.finish())
+
+    def _take(self, given: Sequence[HeadingFrame]) -> None:
+        if not given:
+            return
+        frames = given if isinstance(given, HeadingFrames) else HeadingFrames.of(given)
+        count = len(frames.time_ns)
+        waiting = self._waiting[0]
+        self._waiting = [waiting.rows(count, len(waiting))]
+        samples = waiting.rows(0, count)
+        force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
+        force[:, 2] -= GRAVITY_MPS2
+        rested_s = self._rested(frames)
+        new = Motion(samples.time_ns, frames.orientation, force, field_, rested_s)
+        self._motion = new if self._motion is None else _joined(self._kept(new), new)
+
+    def _rested(self, frames: HeadingFrames) -> Array:
+        """Return how long the sensor has been at rest by each sample [s]."""
+        before_s = 0.0 if self._motion is None else float(self._motion.rested_s[-1])
+        each_s = np.repeat(frames.resting / self.rate_hz, frames.lengths)
+        return np.cumsum(np.concatenate([[before_s], each_s]))[1:]
+
+    def _kept(self, new: Motion) -> Motion:
+        """Return what is not older than any step to come, by when the newest portion begins."""
+        assert self._motion is not None  # something came before
+        oldest_ns = int(new.time_ns[0]) - round(MEMORY_S * NS_PER_S)
+        return self._motion.between(oldest_ns, 2**62)
+
+
+def _without_field(samples: Samples) -> Samples:
+    return replace(samples, field=np.full_like(samples.field, np.nan))
+
+
+def _joined(before: Motion, after: Motion) -> Motion:
+    return Motion(
+        np.concatenate([before.time_ns, after.time_ns]),
+        np.concatenate([before.orientation, after.orientation]),
+        np.concatenate([before.acceleration, after.acceleration]),
+        np.concatenate([before.field, after.field]),
+        np.concatenate([before.rested_s, after.rested_s]),
+    )
+
+
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+#: What looks ahead: an axis of the sensor, or what the walk tells.
+Ahead = Literal["walk", "x", "-x", "y", "-y", "z", "-z"]
+#: Swing of a step ahead and to the right, as complex parts of the vertical one.
+Swing = tuple[complex, complex]
+#: An axis nearer than the first to the vertical says nothing about ahead; where the walk tells it,
+#: an axis farther than the second is the reference, so that no bow makes it steep [cosine].
+STEEP, LEVEL = 0.9, 0.7
+#: Weight of what was known before a step, for the axis unless said otherwise and for its sign: the
+#: axis follows a sensor that slips, the sign outlasts a walk back of some dozens of steps.
+KEEP, _KEEP_SIGN = 0.97, 0.99
+#: Weight of the nominal direction at the start: that of a step or two whose horizontal swing is
+#: half the vertical one.
+_PRIOR = 0.25
+#: With a nominal direction, a step tells the axis where its swing lies so near to it [rad].
+_REACH_RAD = math.radians(35.0)
+
+
+@dataclass(slots=True)
+class WalkingAxis:
+    """Principal axis of the horizontal swing of the steps so far, and its sign.
+
+    Attributes
+    ----------
+    nominal
+        Whether "ahead" of the swings is the nominal direction, right to 35 degrees or so; else it
+        is any direction, and the walk alone tells axis and sign.
+    keep
+        Weight of what was known of the axis before a step.
+    scatter
+        Weighted sums of the products of the swing: ahead twice, ahead and right, right twice.
+    drive
+        Weighted sums of the swing that goes against the velocity upward, ahead and to the right.
+    """
+
+    nominal: bool = True
+    keep: float = KEEP
+    scatter: tuple[float, float, float] = (_PRIOR, 0.0, 0.0)
+    drive: tuple[float, float] = (_PRIOR, 0.0)
+
+    @property
+    def angle_rad(self) -> float:
+        """Return the walking direction against the nominal one, positive to the right [rad]."""
+        angle = _principal(*self.scatter)
+        ahead = self.drive[0] * math.cos(angle) + self.drive[1] * math.sin(angle)
+        if self.nominal or ahead >= 0:
+            return angle
+        return angle - math.copysign(math.pi, angle)
+
+    def add(self, swing: Swing) -> None:
+        """Take a step's swing."""
+        ahead, right = swing
+        size = 1 + abs(ahead) ** 2 + abs(right) ** 2
+        a, r = ahead.imag / size, right.imag / size
+        if self.nominal and abs(_principal(a * a, a * r, r * r)) > _REACH_RAD:
+            return
+        aa, ar, rr = self.scatter
+        self.scatter = (self.keep * aa + a * a, self.keep * ar + a * r, self.keep * rr + r * r)
+        self.drive = (_KEEP_SIGN * self.drive[0] + a, _KEEP_SIGN * self.drive[1] + r)
+
+    def turned(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return accelerations ahead, to the right and up about the axis, shape (3, n)."""
+        angle, out = self.angle_rad, values.copy()
+        cos, sin = math.cos(angle), math.sin(angle)
+        out[0], out[1] = cos * values[0] + sin * values[1], cos * values[1] - sin * values[0]
+        return out
+
+
+def _principal(aa: float, ar: float, rr: float) -> float:
+    """Return the direction of the principal axis of a symmetric matrix, within a quarter turn."""
+    return 0.5 * math.atan2(2 * ar, aa - rr)
+
+
+def step_swing(values: NDArray[np.float64], phase: NDArray[np.float64]) -> Swing | None:
+    """Return the swing ahead and to the right at the frequency of the steps.
+
+    Parameters
+    ----------
+    values
+        Accelerations ahead, to the right and up, shape (3, n).
+    phase
+        Of each sample, in steps about the one looked at, shape (n,).
+
+    Returns
+    -------
+    Complex parts of the vertical swing, or None where there is no vertical swing.
+    """
+    found, ahead, right = navigation_kernels.swing(np.ascontiguousarray(values), phase)
+    return (ahead, right) if found else None
+
+
+def level_axis(up: Sequence[float] | NDArray[np.float64]) -> Axis:
+    """Return the first axis that is level enough, up being a unit vector, shape (3,)."""
+    if abs(up[0]) < LEVEL:
+        return "x"
+    # of two axes at right angles to an upright one at least this one is level
+    return "y"

@@ -1,0 +1,313 @@
+"""Frames of about 0.1 s: all samples of a frame brought to its start by the gyroscope.
+
+The short-term rotation by the gyroscope is far better than any orientation, so that specific force
+and field can be averaged over a frame however fast the sensor turns.
+
+Angular velocity, specific force and magnetic field of one sensor on one clock.
+
+The gyroscope's samples set the times; the others are interpolated to them. A field may come in a
+stream of its own, at another rate, or not at all.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
+
+from ..later import Later
+from ..pipeline.source import Holder
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from ..kernels import attitude as attitude_kernels
+    from .rotations import Array
+else:
+    attitude_kernels = Later("groundtrace.kernels.attitude")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Consecutive samples of one body-worn sensor.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    rate
+        Angular velocity, shape (n, 3) [rad/s].
+    force
+        Specific force, shape (n, 3) [m/s2].
+    field
+        Magnetic field, shape (n, 3) [T]; NaN where there is none.
+    """
+
+    time_ns: NDArray[np.int64]
+    rate: Array
+    force: Array
+    field: Array
+
+    def __len__(self) -> int:
+        return int(self.time_ns.shape[0])
+
+    def rows(self, start: int, stop: int) -> Samples:
+        """Return samples ``[start, stop)``."""
+        part = slice(start, stop)
+        return Samples(self.time_ns[part], self.rate[part], self.force[part], self.field[part])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InertialFrame:
+    """What one frame says, in the body axes at its start.
+
+    Attributes
+    ----------
+    turns
+        Rotation from the body at the end of each sample to the frame's start, shape (n, 4).
+    mean_turn
+        Mean of these rotations as a matrix, shape (3, 3): what it makes of a constant in the
+        turning body.
+    length_s
+        Length of the frame [s].
+    force, field
+        Means, shape (3,) [m/s2], [T]; the field is NaN where a sample has none.
+    rate
+        Mean angular velocity as measured, in moving body axes, shape (3,) [rad/s].
+    speed
+        Root mean square angular velocity [rad/s].
+    rate_spread, force_spread
+        Root mean square deviation from the mean in the frame [rad/s], [m/s2].
+    delay_sums
+        Products (x y, x x) that tell how late the field is [T^2/s], [T^2/s^2].
+    """
+
+    turns: Array
+    mean_turn: Array
+    length_s: float
+    force: Array
+    field: Array
+    rate: Array
+    speed: float
+    rate_spread: float
+    force_spread: float
+    delay_sums: tuple[float, float]
+
+
+def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> InertialFrame:
+    """Average one frame.
+
+    Parameters
+    ----------
+    samples
+        All samples of the frame.
+    step_s
+        Time between samples [s].
+    bias
+        Bias of the gyroscope, shape (3,) [rad/s].
+    delay_s
+        How much later than the gyroscope the magnetometer answers [s].
+    """
+    turns, said = np.empty((len(samples), 2, 4)), np.empty(attitude_kernels.FRAME)
+    attitude_kernels.sum_up(
+        np.ascontiguousarray(samples.rate),
+        np.ascontiguousarray(samples.force),
+        np.ascontiguousarray(samples.field),
+        bias,
+        delay_s,
+        step_s,
+        turns,
+        np.empty((len(samples) + 1, 6)),
+        said,
+    )
+    field = said[attitude_kernels.FIELD : attitude_kernels.RATE]
+    seen = bool(np.isfinite(field).all())
+    return InertialFrame(
+        turns=np.ascontiguousarray(turns[:, 0]),
+        mean_turn=said[attitude_kernels.MEAN_TURN : attitude_kernels.FORCE].reshape(3, 3),
+        length_s=len(samples) * step_s,
+        force=said[attitude_kernels.FORCE : attitude_kernels.FIELD],
+        field=field,
+        rate=said[attitude_kernels.RATE : attitude_kernels.FRAME_SPEED],
+        speed=float(said[attitude_kernels.FRAME_SPEED]),
+        rate_spread=float(said[attitude_kernels.RATE_SPREAD]),
+        force_spread=float(said[attitude_kernels.FORCE_SPREAD]),
+        # a field that comes late by d is too far on by d (rate x field): in the axes of the
+        # frame's start, where a constant field stands still, its samples move along that
+        delay_sums=(float(said[attitude_kernels.CROSSWISE]), float(said[attitude_kernels.ALONG]))
+        if seen
+        else (0.0, 0.0),
+    )
+
+
+#: What a sensor may measure; only the last may be missing.
+QUANTITIES = ("angular_velocity", "acceleration", "magnetic_field")
+#: After this long without a field the sensor goes on without one [ns].
+PATIENCE_NS = 2 * NS_PER_S
+#: A field is not interpolated over more than this, nor held for longer [ns].
+HOLD_NS = NS_PER_S // 5
+#: Of a field in unknown units, the median length over its first second is taken for this [ns, T]:
+#: the earth's is 22 to 67 uT (IGRF-13), 50 at middle latitudes.
+UNIT_NS, EARTH_T = NS_PER_S, 50e-6
+
+
+@dataclass(slots=True)
+class _Series:
+    """Samples that wait: times, shape (n,), and values, shape (n, 3)."""
+
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    values: Array = field(default_factory=lambda: np.empty((0, 3)))
+    began: bool = False
+
+    def add(self, time_ns: NDArray[np.int64], values: Array) -> None:
+        self.time_ns = np.concatenate([self.time_ns, time_ns])
+        self.values = np.concatenate([self.values, values])
+        self.began = self.began or bool(len(time_ns))
+
+    def forget_before(self, time_ns: int) -> None:
+        """Forget what lies before a time, but for the last sample."""
+        keep = max(int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1, 0)
+        self.time_ns, self.values = self.time_ns[keep:], self.values[keep:]
+
+    @property
+    def until_ns(self) -> int:
+        """Time of the last sample, or long ago [ns]."""
+        return int(self.time_ns[-1]) if len(self.time_ns) else -(2**62)
+
+    def at(self, times: NDArray[np.int64], hold_ns: int | None) -> Array:
+        """Return the values at times by straight lines; NaN farther than ``hold_ns`` from any."""
+        if not len(self.time_ns):
+            return np.full((len(times), 3), np.nan)
+        start = self.time_ns[0]
+        knots, wanted = (self.time_ns - start).astype(float), (times - start).astype(float)
+        values = np.stack([np.interp(wanted, knots, column) for column in self.values.T], axis=1)
+        if hold_ns is not None:
+            place = np.searchsorted(self.time_ns, times)
+            last = len(self.time_ns) - 1
+            before, after = np.clip(place - 1, 0, last), np.clip(place, 0, last)
+            before_ns, after_ns = times - self.time_ns[before], self.time_ns[after] - times
+            # what ends such a gap may be heard of too late to be taken in
+            broken = before_ns + after_ns > PATIENCE_NS
+            nearer = np.where(before_ns <= hold_ns, before, after)
+            values[broken] = self.values[nearer[broken]]
+            far = (np.abs(before_ns) > hold_ns) & (np.abs(after_ns) > hold_ns)
+            values[far] = np.nan
+        return values
+
+
+def columns_of_axes(stream: Stream, quantity: str) -> list[int]:
+    """Return the columns of a quantity's axes x, y, z; none where one of them lacks.
+
+    Of turning and force in unknown units nothing can be integrated: these are none. A field tells
+    its direction in any unit.
+    """
+    columns = {
+        stream.channels[c].axis: c
+        for c in stream.columns_of({quantity})
+        if quantity == "magnetic_field" or stream.channels[c].unit not in UNKNOWN_UNITS
+    }
+    return [columns[axis] for axis in "xyz"] if columns.keys() >= set("xyz") else []
+
+
+def _earth_scale(first: Array) -> float:
+    """Return what takes the median length of the first samples, shape (n, 3), to the earth's."""
+    length = float(np.median(np.linalg.norm(first, axis=1)))
+    return EARTH_T / length if length > 0 else 0.0
+
+
+class Aligner:
+    """Brings the parts of a sensor together; what is complete can be taken, in any portions.
+
+    Attributes
+    ----------
+    remark
+        What was assumed of the field's unit; empty where it is known.
+    """
+
+    def __init__(self) -> None:
+        self.remark = ""
+        self._rate, self._force, self._field = _Series(), _Series(), _Series()
+        self._offered_ns = -(2**62)
+        self._unscaled = _Series()
+        self._field_scale: float | None = None
+        self._holders: dict[str, Holder] = {}
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take the quantities of a block, every sample finite."""
+        held = self._holders.setdefault(block.topic, Holder()).held(block)
+        values, times = held.values, held.sample_times()
+        for quantity in QUANTITIES:
+            if columns := columns_of_axes(block.stream, quantity):
+                unit = block.stream.channels[columns[0]].unit
+                if unit in UNKNOWN_UNITS:
+                    self.remark = (
+                        f"{block.topic}: the magnetic field is in {unit}: its length over the "
+                        f"first second is taken for {EARTH_T * 1e6:g} uT"
+                    )
+                    self._hear_unscaled(times, values[:, columns])
+                else:
+                    self.add(quantity, times, values[:, columns])
+
+    def _hear_unscaled(self, time_ns: NDArray[np.int64], field: Array) -> None:
+        """Take a field in unknown units; it waits until its scale is known."""
+        if self._field_scale is None:
+            self._unscaled.add(time_ns, field)
+            time_ns, field = self._unscaled.time_ns, self._unscaled.values
+            if time_ns[-1] - time_ns[0] >= UNIT_NS:
+                self._field_scale = _earth_scale(field[time_ns - time_ns[0] < UNIT_NS])
+        if self._field_scale is not None:
+            self.add("magnetic_field", time_ns, field * self._field_scale)
+
+    @property
+    def held(self) -> int:
+        """How many samples were not finite."""
+        return sum(holder.count for holder in self._holders.values())
+
+    def add(self, quantity: str, time_ns: NDArray[np.int64], values: Array) -> None:
+        """Take samples of ``angular_velocity``, ``acceleration`` or ``magnetic_field``."""
+        series = {
+            "angular_velocity": self._rate,
+            "acceleration": self._force,
+            "magnetic_field": self._field,
+        }[quantity]
+        if series is self._rate:
+            # what this block brings may get its field from a block that is yet to come
+            self._offered_ns = max(self._offered_ns, series.until_ns)
+        series.add(time_ns, values)
+
+    def take(self) -> Samples:
+        """Return the samples whose force and field are known, or waited for long enough."""
+        complete = self._rate.time_ns <= self._force.until_ns
+        waited = self._rate.time_ns <= self._offered_ns - PATIENCE_NS
+        complete &= (self._rate.time_ns <= self._field.until_ns) | waited
+        return self._taken(int(complete.sum()))
+
+    def finish(self) -> Samples:
+        """Return what still waits."""
+        if self._field_scale is None and self._unscaled.began:
+            waiting = self._unscaled
+            scale = self._field_scale = _earth_scale(waiting.values)
+            self.add("magnetic_field", waiting.time_ns, waiting.values * scale)
+        return self._taken(len(self._rate.time_ns) if self._force.began else 0)
+
+    def _taken(self, count: int) -> Samples:
+        times = self._rate.time_ns[:count]
+        samples = Samples(
+            times,
+            self._rate.values[:count],
+            self._force.at(times, None),
+            self._field.at(times, HOLD_NS),
+        )
+        self._rate.time_ns, self._rate.values = (
+            self._rate.time_ns[count:],
+            self._rate.values[count:],
+        )
+        if count:
+            self._force.forget_before(int(times[-1]))
+            self._field.forget_before(int(times[-1]))
+        return samples

@@ -1,0 +1,556 @@
+"""Inertial navigation of a foot, held by the moments the foot stands still."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.events import SMOOTHED, Note, Quantity, TrackPoint
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..later import Later
+from ..pipeline.gates import Candidates, Level
+from ..pipeline.source import Holder
+from ..pipeline.stage import CannotStart, Context, Input, Stage
+from .frames import columns_of_axes
+from .magnetometer import FootCompass, sigma_of
+from .rotations import levelled
+from .strapdown import (
+    GRAVITY_MPS2,
+    LOST_MPS,
+    PLACE,
+    STATES,
+    ErrorStateFilter,
+    FootNavigatorParameters,
+    Pose,
+    SensorNoise,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_codecs.signals import Stream
+
+    from ..kernels import navigation as navigation_kernels
+    from ..pipeline.stage import Output
+    from .strapdown import Innovation, Segment, SegmentRun, Segments
+
+    Array = NDArray[np.float64]
+else:
+    navigation_kernels = Later("groundtrace.kernels.navigation")
+
+#: Errors of a standing foot's velocity and rate go on for about so long [s].
+CORRELATION_S = 0.1
+#: Where place and velocity of a pose in the plane are, and the place's covariance.
+COLUMNS = [7, 8, 4, 5]
+PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.start + 1] * 2])
+#: Of a point without an update that stands for itself.
+NO_NIS = float("nan")
+
+
+class Walk:
+    """A track from where the foot first stood.
+
+    Parameters
+    ----------
+    parameters
+        Of the navigator.
+    orientation
+        At the start, shape (4,).
+    stage, number
+        Go into the points.
+    """
+
+    def __init__(
+        self, parameters: FootNavigatorParameters, orientation: Array, stage: str, number: int
+    ) -> None:
+        self.parameters = parameters
+        self.filter = ErrorStateFilter(SensorNoise(), orientation)
+        self.stage = stage
+        self.number = number
+        #: How long the foot has stood, and how long before that it was under way [s].
+        self.stood_s = 0.0
+        self.swung_s = 0.0
+        self.rested_s = 0.0
+        self._pointed_ns = 0
+        self._transition = np.eye(STATES)
+        self._knots: list[Knots] = []
+        self._compass = FootCompass()
+        self._told: list[TrackPoint] = []
+
+    @property
+    def place(self) -> Array:
+        """Where the foot is, shape (3,) [m]."""
+        return self.filter.pose.place
+
+    def predict(self, segment: Segment) -> None:
+        """Go on by a segment."""
+        self._transition = self.filter.predict(segment) @ self._transition
+
+    def go_on(self, segments: SegmentRun, start: int, *, stands: bool) -> tuple[int, bool]:
+        """Go on from a segment until one of which it is to be decided whether a stance begins.
+
+        Parameters
+        ----------
+        segments
+            Not predicted yet.
+        start
+            The first of them that counts.
+        stands
+            Whether the foot stood in the segment before.
+
+        Returns
+        -------
+        The segment where that is, or the number of segments; and whether the foot stood before it.
+        Points wait for :meth:`told`.
+        """
+        pose, covariance = self.filter.pose.row, self.filter.covariance.copy()
+        since, at, full = self._transition.copy(), start, True
+        clocks = np.array([self.stood_s, self.swung_s, self.rested_s, float(stands)])
+        s, settings = segments, self._settings()
+        while full:
+            at, self._pointed_ns, *knots = navigation_kernels.walk(
+                *(at, s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
+                *(pose, covariance, since, clocks, self._pointed_ns, settings),
+            )
+            full = len(knots[0]) == navigation_kernels.ROOM
+            self._add(Knots(*(np.array(column) for column in knots)), NO_NIS)
+        if at > start:
+            self.filter.pose, self.filter.covariance = Pose.of(pose), covariance
+            self._transition = since
+            self.stood_s, self.swung_s, self.rested_s, still = clocks.tolist()
+            stands = still > 0
+        return at, stands
+
+    def told(self) -> list[TrackPoint]:
+        """Return the points that are known by now."""
+        told, self._told = self._told, []
+        return told
+
+    def _settings(self) -> Array:
+        """Return the settings as compiled functions lay them out."""
+        n, p = self.filter.noise, self.parameters
+        noise = (n.gyro_walk, n.force_walk, n.gyro_scale, n.force_scale)
+        walks = (n.gyro_bias_walk, n.force_bias_walk)
+        still = (p.sure, p.share, p.sole_m, p.still_mps, p.still_radps, p.rest_s, p.lost_s)
+        last = (p.point_s * NS_PER_S, CORRELATION_S, LOST_MPS, GRAVITY_MPS2, float(p.smooth))
+        return np.array([*noise, *walks, *still, *last])
+
+    def stillness(self, segment: Segment) -> Innovation:
+        """Return what it says of the velocity if the foot stands in a segment just predicted."""
+        p = self.parameters
+        rate = segment.rate[1:] - self.filter.pose.gyro_bias
+        rolling = p.sole_m * float(np.sqrt(np.einsum("ij,ij->i", rate, rate).mean()))
+        return self.filter.still(_lasting(np.hypot(p.still_mps, rolling), segment))
+
+    def follow(self, segment: Segment, stands: bool, accepted: bool | None) -> list[TrackPoint]:
+        """Take it that the foot stands in the segment just predicted, or does not.
+
+        Parameters
+        ----------
+        segment
+            As predicted.
+        stands
+            Whether it does.
+        accepted
+            The verdict on a stance that begins here; None where none does.
+
+        Returns
+        -------
+        The points that are known now.
+        """
+        self._lose(accepted)
+        predicted, spread, nis = self.filter.pose, self.filter.covariance, NO_NIS
+        if stands:
+            seen = self.stillness(segment)
+            nis = _horizontal(seen) if accepted else nis
+            self._stand(segment, seen)
+        due = segment.time_ns - self._pointed_ns >= self.parameters.point_s * NS_PER_S
+        shown = accepted is True or due
+        if shown or stands:
+            self._remember(segment.time_ns, shown, predicted, spread, nis)
+        return self.told()
+
+    def _lose(self, accepted: bool | None) -> None:
+        """Give the velocity up where it must be wrong: no swing is so long, and rest is rest."""
+        p = self.parameters
+        resting = accepted is False and self.rested_s >= p.rest_s
+        if resting or (not accepted and self.swung_s >= p.lost_s):
+            self.filter.lose_velocity()
+            self.swung_s = 0.0
+
+    def finish(self) -> list[TrackPoint]:
+        """Return where the track ends, and the track smoothed, as far as not said yet."""
+        points: list[TrackPoint] = []
+        if self._knots and not self._knots[-1].shown[-1]:
+            last = self._knots[-1]
+            self._knots[-1:] = [last.rows(0, len(last) - 1), _shown(last.rows(len(last) - 1, None))]
+            points += self._points(self._knots[-1], self.stage, NO_NIS)
+        points += self._smoothed()
+        self._knots = []
+        return points
+
+    def _stand(self, segment: Segment, seen: Innovation) -> None:
+        p = self.parameters
+        self.filter.update(seen)
+        self.stood_s += segment.length_s
+        self.swung_s = 0.0
+        if self.stood_s >= p.rest_s:
+            rate = segment.rate[1:].mean(axis=0)
+            turning = float(np.linalg.norm(rate - self.filter.pose.gyro_bias))
+            sigma = _lasting(np.hypot(p.still_radps, turning), segment)
+            self.filter.update(self.filter.not_turning(rate, sigma))
+        if p.magnetometer:
+            angle = self._compass.turned_by(self.filter.pose.orientation, segment.field)
+            if angle is not None:
+                self.filter.update(self.filter.turned(angle, sigma_of(segment.length_s)))
+
+    def _remember(
+        self, time_ns: int, shown: bool, predicted: Pose, spread: Array, nis: float
+    ) -> None:
+        now, sure = self.filter.pose, self.filter.covariance
+        if self.parameters.smooth or shown:
+            columns = (predicted.row, spread, now.row, sure, self._transition)
+            knot = Knots(
+                np.array([time_ns], np.int64),
+                np.array([shown]),
+                *(np.array(column)[None] for column in columns),
+            )
+            self._pointed_ns = time_ns if shown else self._pointed_ns
+            self._add(knot, nis)
+        self._transition = np.eye(STATES)
+
+    def _add(self, knots: Knots, nis: float) -> None:
+        """Keep knots; say the points of those that are shown, and what is smoothed by then."""
+        self._told += self._points(knots, self.stage, nis)
+        if not (self.parameters.smooth and len(knots)):
+            return
+        begin, times, longest_ns = 0, knots.time_ns.tolist(), self.parameters.smooth_s * NS_PER_S
+        for place in np.flatnonzero(knots.shown).tolist():
+            first = int(self._knots[0].time_ns[0]) if self._knots else times[begin]
+            if times[place] - first > longest_ns:
+                self._knots.append(knots.rows(begin, place + 1))
+                self._told += self._smoothed()[:-1]
+                self._knots, begin = [knots.rows(place, place + 1)], place + 1
+        if begin < len(knots):
+            self._knots.append(knots.rows(begin, len(knots)))
+
+    def _smoothed(self) -> list[TrackPoint]:
+        """Return the points of all knots that are kept as all of them tell."""
+        told: list[list[TrackPoint]] = []
+        if not self._knots:
+            return []
+        last = self._knots[-1].rows(len(self._knots[-1]) - 1, None)
+        pose, spread = last.pose[0].copy(), last.spread[0].copy()
+        told.append(self._points(last, self.stage + SMOOTHED, NO_NIS))
+        before = [*self._knots[:-1], self._knots[-1].rows(0, len(self._knots[-1]) - 1)]
+        later = last
+        for part in before[::-1]:
+            if not len(part):
+                continue
+            found, planar = navigation_kernels.smooth(
+                *(part.pose, part.spread, part.predicted, part.predicted_spread, part.transition),
+                *(later.predicted[0], later.predicted_spread[0], later.transition[0]),
+                *(pose, spread),
+            )
+            told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, found, planar))
+            later = part
+        return [point for points in told[::-1] for point in points]
+
+    def _points(
+        self,
+        knots: Knots,
+        stage: str,
+        nis: float,
+        pose: Array | None = None,
+        planar: Array | None = None,
+    ) -> list[TrackPoint]:
+        """Return points where knots are shown, by their own poses or by others."""
+        rows, number = np.flatnonzero(knots.shown), self.number
+        if not len(rows):
+            return []
+        pose = knots.pose if pose is None else pose
+        own = knots.spread[rows[:, None], PLANE[0], PLANE[1]] if planar is None else planar[rows]
+        columns = (knots.time_ns[rows], pose[rows[:, None], COLUMNS], own)
+        return [
+            TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
+            for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(
+                *(column.tolist() for column in columns), strict=True
+            )
+        ]
+
+
+def _shown(knots: Knots) -> Knots:
+    return replace(knots, shown=np.ones(len(knots), np.bool_))
+
+
+def _lasting(sigma: float, segment: Segment) -> float:
+    """Return the deviation that has the same weight over time if segments were independent."""
+    return float(sigma) * math.sqrt(max(1.0, CORRELATION_S / segment.length_s))
+
+
+def _horizontal(seen: Innovation) -> float:
+    """Return the normalised square of an innovation's horizontal part."""
+    value, spread = seen.value[:2], seen.spread[:2, :2]
+    return float(value @ np.linalg.solve(spread, value))
+
+
+#: A sensor that stands and works measures gravity, at least about half of it.
+LEAST_FORCE_MPS2 = 5.0
+#: Sampled slower, the samples do not tell how fast a foot went between them.
+LEAST_RATE_HZ = 25.0
+QUANTITIES = ("angular_velocity", "acceleration")
+#: With the magnetometer's, where the stream has one.
+NAVIGATOR_COLUMNS = 9
+
+
+class FootNavigator(Stage):
+    """ZUPT-INS: integrates a foot's motion, and corrects it by each stance that fits.
+
+    The candidates are the beginnings of stances. ``distance`` and ``speed`` say how far the
+    velocity had strayed from zero, in standard deviations and in m/s; ``swing`` is how long the
+    foot had been under way. A stance that is rejected changes nothing but how sure the velocity
+    is; while it lasts each of its segments is another candidate.
+
+    Streams whose placement is given and is no foot are left alone. A bridged gap changes nothing;
+    any other ends the track, and the next begins at the origin again: nothing says how far the
+    foot came meanwhile.
+    """
+
+    Parameters = FootNavigatorParameters
+    takes = (
+        Input(SignalBlock, frozenset({"angular_velocity"}), hold=False),
+        Input(SignalBlock, frozenset({"acceleration"}), hold=False),
+        Input(SignalBlock, hold=False, required=False),  # a field, or what else it has
+    )
+    gives = (TrackPoint,)
+    feedback = True
+    #: What it takes, in words.
+    needs = "three axes of a foot"
+    columns = (
+        Quantity("stillness", "1"),
+        Quantity("distance", "1"),
+        Quantity("speed", "m/s"),
+        Quantity("swing", "s"),
+        Quantity("x", "m"),
+        Quantity("y", "m"),
+    )
+    gates = (
+        Level("stillness", "1", "stillness"),
+        Level("distance", "1", "max_distance", at_least=False),
+        Level("speed", "m/s", "max_speed_mps", at_least=False),
+    )
+
+    def __init__(self, parameters: FootNavigatorParameters) -> None:
+        self.parameters = parameters
+        self.stage = ""
+        self.number = 0
+        self._walk: Walk | None = None
+        self._standing: list[Segment] = []
+        self._stands = False
+        self._rate_told = False
+
+    @property
+    def pose(self) -> Pose | None:
+        """Where the foot is and how its sensor is biased; None before it first stood."""
+        return None if self._walk is None else self._walk.filter.pose
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin a track where a stream is of a foot and has three axes of each sensor."""
+        stream = context.stream
+        if "foot" not in (stream.placement or "foot"):
+            raise CannotStart
+        columns = inertial_columns(stream)
+        if columns is None:
+            text = f"no track: expected three axes of {' and '.join(QUANTITIES)}, found others"
+            raise CannotStart(text if stream.placement else "")
+        self._columns, self._topic, self._holder = columns, context.topic, Holder()
+        self._segments = segments_of(self.parameters, stream.rate_hz)
+        self.begin(context.stage, context.tracks.next())
+        return ("foot",)
+
+    def process(self, block: SignalBlock) -> Iterator[Output]:
+        """Go on by the samples of a block."""
+        rate_hz = block.stream.rate_hz
+        if rate_hz < LEAST_RATE_HZ and not self._rate_told:
+            text = f"{block.topic}: a swing of a foot needs {LEAST_RATE_HZ:g} Hz to be followed"
+            yield Note(block.start_ns, f"{text}, found {rate_hz:g}", "WARN", self.stage)
+        self._rate_told = True
+        held = self._holder.held(block.select(self._columns))
+        values = held.values
+        if values.shape[1] < NAVIGATOR_COLUMNS:
+            values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
+        yield from self._navigate(self._segments.add(block.sample_times(), values))
+
+    def flush(self) -> Iterator[Output]:
+        """End the track."""
+        for segments in self._segments.finish():
+            yield from self._navigate(segments)
+        yield from self.finish()
+        if self._holder.count:
+            text = f"{self._topic}: {self._holder.count} samples not finite, last value held"
+            yield Note(self._holder.last_ns, text, "WARN", self.stage)
+
+    def decided(self, block: CandidateBlock) -> Sequence[TrackPoint]:
+        """Go on by the segment just decided."""
+        return self.follow(self._segment, bool(block.accepted[0]))
+
+    def _navigate(self, segments: SegmentRun) -> Iterator[Output]:
+        """Go on by segments, each with which a stance may begin decided before the next."""
+        at = 0
+        while at < len(segments):
+            at, points = self.go_on(segments, at)
+            yield from points
+            if at < len(segments):
+                self._segment = segments[at]
+                found = self.measure(self._segment)
+                if len(found):
+                    yield found
+                else:
+                    yield from self.follow(self._segment, None)
+                at += 1
+
+    def begin(self, stage: str, number: int) -> None:
+        """Begin a track of its own; ``stage`` and ``number`` go into its points."""
+        self.stage, self.number = stage, number
+        self._walk, self._standing, self._stands = None, [], False
+
+    def go_on(self, segments: SegmentRun, start: int) -> tuple[int, list[TrackPoint]]:
+        """Go on from a segment until one that is to be measured; return it, and what is known."""
+        walk = self._walk
+        if walk is None or self.parameters.magnetometer:
+            return start, []
+        at, self._stands = walk.go_on(segments, start, stands=self._stands)
+        return at, walk.told()
+
+    def measure(self, segment: Segment) -> Candidates:
+        """Go on by a segment; return the stance that may begin with it, or none."""
+        stillness = 1 / (1 + segment.statistic)
+        still = segment.statistic <= self._limit(segment)
+        none = Candidates.empty(len(self.columns))
+        if self._walk is None:
+            self._standing = [*self._standing, segment] if still else []
+            return none
+        walk = self._walk
+        walk.predict(segment)
+        walk.rested_s = walk.rested_s + segment.length_s if stillness >= 0.5 else 0.0
+        if not still:
+            self._stands, walk.stood_s = False, 0.0
+        if self._stands:
+            return none
+        walk.swung_s += segment.length_s
+        if not still:
+            return none
+        seen = walk.stillness(segment)
+        speed = float(np.linalg.norm(seen.value))
+        row = [stillness, seen.distance, speed, walk.swung_s, *walk.place[:2]]
+        return Candidates(
+            np.array([segment.time_ns], np.int64),
+            np.zeros(1, np.int32),
+            np.array([row], np.float32),
+        )
+
+    def follow(self, segment: Segment, accepted: bool | None) -> list[TrackPoint]:
+        """Take the verdict on what was just measured, None if nothing; return what is known."""
+        if self._walk is None:
+            return self._align(segment)
+        if accepted is not None:
+            self._stands = accepted
+        return self._walk.follow(segment, self._stands, accepted)
+
+    def finish(self) -> list[TrackPoint]:
+        """End the track; return what is still to say of it."""
+        walk, self._walk = self._walk, None
+        return [] if walk is None else walk.finish()
+
+    def _limit(self, segment: Segment) -> float:
+        """Return up to what statistic a foot stands: a fast one rolls on while it does."""
+        return max(self.parameters.sure, self.parameters.share * segment.peak)
+
+    def _align(self, segment: Segment) -> list[TrackPoint]:
+        """Begin the track where the foot has stood for long enough."""
+        if sum(part.length_s for part in self._standing) < self.parameters.align_s:
+            return []
+        force = np.concatenate([part.force[1:] for part in self._standing]).mean(axis=0)
+        if np.linalg.norm(force) < LEAST_FORCE_MPS2:
+            return []
+        self._walk = Walk(self.parameters, levelled(force), self.stage, self.number)
+        self._standing, self._stands = [], True
+        return self._walk.follow(segment, self._stands, None)
+
+
+def inertial_columns(stream: Stream) -> list[int] | None:
+    """Return the columns of rate and force, x, y, z each, and of the magnetic field if it is there.
+
+    None where rate or force do not have three axes.
+    """
+    columns = []
+    for quantity in (*QUANTITIES, "magnetic_field"):
+        found = columns_of_axes(stream, quantity)
+        if not found and quantity in QUANTITIES:
+            return None
+        columns += found
+    return columns
+
+
+def segments_of(p: FootNavigatorParameters, rate_hz: float) -> Segments:
+    """Return what cuts samples into segments in which a foot stands or swings."""
+    # what filters is not imported where pipelines are only listed
+    from ..detectors.zero_velocity import ZeroVelocityParameters
+    from .strapdown import Segments
+
+    statistic = ZeroVelocityParameters(
+        p.window_s, p.acceleration_sigma, p.rotation_sigma, stride_s=p.stride_s
+    )
+    return Segments(rate_hz, statistic)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Knots:
+    """What the filter said at consecutive moments, in columns.
+
+    Attributes
+    ----------
+    time_ns, shown
+        When, and whether a point of the track lies there, shape (n,).
+    predicted, predicted_spread
+        Pose, as :attr:`.strapdown.Pose.row`, before the measurements there, shape (n, 16), and the
+        covariance of its error, shape (n, 15, 15).
+    pose, spread
+        After them.
+    transition
+        From the knot before, shape (n, 15, 15).
+    """
+
+    time_ns: NDArray[np.int64]
+    shown: NDArray[np.bool_]
+    predicted: Array
+    predicted_spread: Array
+    pose: Array
+    spread: Array
+    transition: Array
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+    def __deepcopy__(self, memo: object) -> Knots:
+        return self  # nothing in it changes
+
+    def rows(self, start: int, stop: int | None) -> Knots:
+        """Return some of them."""
+        part = slice(start, stop)
+        return Knots(
+            self.time_ns[part],
+            self.shown[part],
+            self.predicted[part],
+            self.predicted_spread[part],
+            self.pose[part],
+            self.spread[part],
+            self.transition[part],
+        )

@@ -1,0 +1,472 @@
+"""The magnetometer: tests of the field, its calibration, and what is known when they fail.
+
+Source of the tests: Moix, Steiner, Ladetto and Merminod (EPFL), "Detection des perturbations":
+norm, its moving deviation, planimetric norm, difference of the azimuths with a threshold that
+follows the gyroscope's drift, and difference of their derivatives. Inclination, the difference of
+the whole field, and the iron test are ours.
+
+A field that fails need not be useless. What is attached to the sensor adds a field that turns with
+it; once that is known, the compass goes on behind it. So there are two beliefs: the clean one, and
+while tests fail one in which the iron on the sensor has changed. A magnet beside the way is no
+constant in the body's axes: it is blamed anew at every frame, which teaches nothing.
+
+Calibration of a magnetometer: hard and soft iron by an ellipsoid, over the recording so far.
+
+In an undisturbed place the field of a turned sensor lies on a sphere about 0. Iron that turns with
+the sensor moves the sphere (hard iron) and makes it an ellipsoid (soft iron).
+
+The magnetic field as a compass of a foot that stands: only ever the same direction as before.
+
+Indoors the field is another every few steps. So it counts only where strength and dip are those
+of the start, and weighs little.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.events import Disturbance, Quantity
+
+from ..later import Later
+from ..pipeline.gates import Level
+from .rotations import turned, wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from ..kernels import attitude as attitude_kernels
+    from .attitude import Attitude, HeadingParameters
+    from .frames import InertialFrame
+    from .rotations import Array
+
+    #: Centre, shape (3,), and the matrix that undoes the soft iron, shape (3, 3).
+    Fit = tuple[Array, Array]
+else:
+    attitude_kernels = Later("groundtrace.kernels.attitude")
+
+#: What the tests look at.
+TESTS = (
+    Quantity("field", "uT"),
+    Quantity("norm", "uT"),
+    Quantity("deviation", "uT"),
+    Quantity("planimetric", "uT"),
+    Quantity("azimuth", "deg"),
+    Quantity("derivative", "deg/s"),
+    Quantity("dip", "deg"),
+    Quantity("iron", "uT"),
+)
+#: Of each frame: what its tests look at, and its heading by gyroscope alone and by compass alone.
+COLUMNS = (*TESTS, Quantity("gyroscope", "deg"), Quantity("compass", "deg"))
+GATES = (
+    Level("norm", "uT", "norm_ut", at_least=False),
+    Level("deviation", "uT", "deviation_ut", at_least=False),
+    Level("planimetric", "uT", "planimetric_ut", at_least=False),
+    Level("azimuth", "deg", "azimuth_deg", at_least=False),
+    Level("derivative", "deg/s", "derivative_dps", at_least=False),
+    Level("dip", "deg", "dip_deg", at_least=False),
+    Level("field", "uT", "field_ut", at_least=False),
+    Level("iron", "uT", "iron_ut", at_least=False),
+)
+TESLA = 1e-6
+#: Windows of the moving deviation and of the derivative [s].
+DEVIATION_S, DERIVATIVE_S = 0.3, 0.3
+
+
+@dataclass(slots=True)
+class Compass:
+    """What is known of the last fields, as compiled functions lay it out.
+
+    Attributes
+    ----------
+    parameters
+        Thresholds and noise.
+    length_s
+        Of a frame [s].
+    recent, counts
+        Norms and azimuths of the last frames [T], [rad], shape (2, m); how many there are and may
+        be, shape (2, 2).
+    belief, fields
+        What is believed of the sensor's iron, and fields that may be the place's: see
+        :mod:`.kernels.attitude`.
+    """
+
+    parameters: HeadingParameters
+    length_s: float
+    recent: Array = field(init=False)
+    counts: NDArray[np.int64] = field(init=False)
+    belief: Array = field(init=False)
+    fields: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Know nothing yet."""
+        self.counts = np.zeros((2, 2), np.int64)
+        self.last(self.length_s)
+        # the last frame of a run is shorter, so that one more counts
+        self.recent = np.zeros((2, int(self.counts.max()) + 1))
+        self.belief = np.zeros(attitude_kernels.BELIEF)
+        self.fields = np.zeros(
+            (int(attitude_kernels.LEAST_S / self.length_s) + 2, attitude_kernels.WATCH)
+        )
+
+    @property
+    def turn_rad(self) -> float:
+        """The compass's heading over that of the attitude, of the frame examined last [rad]."""
+        return float(self.recent[1, self.counts[1, 0] - 1])
+
+    def last(self, length_s: float) -> None:
+        """Let the windows hold frames of a length [s]."""
+        for row, span_s in enumerate((DEVIATION_S, DERIVATIVE_S)):
+            self.counts[row, 1] = max(round(span_s / length_s), 2)
+
+    def examine(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> Array:
+        """Return what the tests look at; ``axes`` is the rotation matrix at its start."""
+        self.last(frame.length_s)
+        x, y, z = (axes @ (frame.field - frame.mean_turn @ attitude.iron)).tolist()
+        allowed = self.parameters.drift_factor * min(attitude.heading_sigma_rad, math.pi)
+        out = np.zeros(len(TESTS))
+        earth = attitude.earth
+        attitude_kernels.tests(
+            earth, (x, y, z), allowed, self.recent, self.counts, frame.length_s, out
+        )
+        return out
+
+
+#: Least eigenvalue of the directions' second moments, 1/3 where they are all around.
+SPHERE_COVERAGE, ELLIPSOID_COVERAGE = 0.08, 0.15
+#: A field is explained within this part of the radius.
+EXPLAINED = 0.06
+#: Spheres through four fields that the robust fit begins with, and rounds of reweighting.
+SUBSETS, ROUNDS = 100, 6
+#: Norm of the earth's field anywhere, with a margin [T].
+EARTH_T = (18e-6, 72e-6)
+#: Iron that adds less than this part of the field is left to the heading filter.
+SMALL = 0.25
+#: Fields nearer to each other than this part of their norm are one for the fit, and so many of
+#: them are needed.
+APART, LEAST_APART = 0.15, 40
+#: Fields kept of a recording; when there are more, every second one is dropped.
+HISTORY = 2048
+#: Every so many frames a calibration is tried, and from this many on.
+TRY_EVERY, LEAST = 50, 200
+#: It is tried where more of the frames than this fail, and taken where it explains this part.
+FAILING, WHOLE = 0.3, 0.9
+
+TOO_LITTLE = (
+    "the magnetic field does not fit one that only turns, and the sensor turned too little to "
+    "calibrate its magnetometer"
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoid:
+    """What iron makes of a sphere.
+
+    Attributes
+    ----------
+    centre
+        Field of the hard iron, shape (3,), in the unit of the fields.
+    unbend
+        Matrix that undoes the soft iron, shape (3, 3), and keeps the mean radius.
+    radius
+        Norm of the field when corrected.
+    explained
+        Part of the fields that lie within :data:`EXPLAINED` of it.
+    coverage
+        Least eigenvalue of the second moments of the directions, 0 (in a plane) to 1/3.
+    """
+
+    centre: Array
+    unbend: Array
+    radius: float
+    explained: float
+    coverage: float
+
+    def corrected(self, fields: Array) -> Array:
+        """Return fields, shape (..., 3), without what iron adds."""
+        return np.asarray((fields - self.centre) @ self.unbend.T)
+
+
+def fit_ellipsoid(fields: Array) -> Ellipsoid | None:
+    """Fit an ellipsoid, or a sphere where the directions cover too little for one.
+
+    Parameters
+    ----------
+    fields
+        Shape (n, 3), in any unit.
+
+    Returns
+    -------
+    The fit, robust against a minority of fields from elsewhere; None where the sensor turned too
+    little for a sphere.
+    """
+    scale = float(np.median(np.linalg.norm(fields, axis=1)))
+    if len(fields) < 10 or not scale > 0:
+        return None
+    x = fields / scale
+    sphere = _robust(x, _sphere, _start(x))
+    if sphere is None or _coverage(x, sphere[0]) < SPHERE_COVERAGE:
+        return None
+    middle, (shift, unbend) = sphere[0], (np.zeros(3), sphere[1])
+    if _coverage(x, middle) >= ELLIPSOID_COVERAGE:
+        # about the sphere's centre: the quadric's scale is lost where it passes through 0
+        shift, unbend = _robust(x - middle, _quadric, (shift, unbend)) or (shift, unbend)
+    centre = middle + shift
+    corrected = (x - centre) @ unbend.T
+    norms = np.linalg.norm(corrected, axis=1)
+    radius = float(np.median(norms))
+    return Ellipsoid(
+        centre=centre * scale,
+        unbend=unbend,
+        radius=radius * scale,
+        explained=float((np.abs(norms - radius) <= EXPLAINED * radius).mean()),
+        coverage=_coverage(x, centre),
+    )
+
+
+def _robust(x: Array, solve: Callable[[Array, Array], Fit | None], start: Fit) -> Fit | None:
+    """Solve again and again, with less weight on what lies off (Geman and McClure)."""
+    found, failed = start, True
+    for _ in range(ROUNDS):
+        made = solve(x, _weights(x, found))
+        if made is None:
+            return None if failed else found
+        found, failed = made, False
+    return found
+
+
+def _weights(x: Array, fit: Fit) -> Array:
+    """Return the weight of each field by how far off the sphere it comes out."""
+    norms = np.linalg.norm((x - fit[0]) @ fit[1].T, axis=1)
+    off = np.abs(norms / np.median(norms) - 1)
+    width = max(2 * float(np.median(off)), 0.01)
+    return np.asarray(1 / (1 + (off / width) ** 2) ** 2)
+
+
+def _start(x: Array) -> Fit:
+    """Return the sphere through four of the fields that the most lie near to, of many such."""
+    chosen = np.random.default_rng(0).integers(0, len(x), (SUBSETS, 4))
+    four = x[chosen]
+    rows = np.concatenate([2 * four, np.ones((SUBSETS, 4, 1))], axis=2)
+    squares = np.einsum("sij,sij->si", four, four)[..., None]
+    centres = (np.linalg.pinv(rows) @ squares)[:, :3, 0]
+    norms = np.linalg.norm(x[None] - centres[:, None], axis=2)
+    off = np.abs(norms / np.median(norms, axis=1)[:, None] - 1)
+    return centres[int(np.argmin(np.median(off, axis=1)))], np.eye(3)
+
+
+def _sphere(x: Array, weight: Array) -> Fit | None:
+    """Return centre and identity by weighted least squares of |x|^2 = 2 c.x + d."""
+    root = np.sqrt(weight)[:, None]
+    rows = np.concatenate([2 * x, np.ones((len(x), 1))], axis=1)
+    squares = np.einsum("ij,ij->i", x, x)[:, None]
+    found = np.linalg.lstsq(rows * root, squares * root, rcond=None)[0][:, 0]
+    return found[:3], np.eye(3)
+
+
+def _quadric(x: Array, weight: Array) -> Fit | None:
+    """Return centre and shape of the quadric x'Ax + 2b'x = 1; None where it is no ellipsoid."""
+    root = np.sqrt(weight)[:, None]
+    a, b, c = x.T
+    rows = np.stack([a * a, b * b, c * c, 2 * a * b, 2 * a * c, 2 * b * c, 2 * a, 2 * b, 2 * c], 1)
+    v = np.linalg.lstsq(rows * root, root, rcond=None)[0][:, 0]
+    shape = np.array([[v[0], v[3], v[4]], [v[3], v[1], v[5]], [v[4], v[5], v[2]]])
+    values, vectors = np.linalg.eigh(shape)
+    # a quadric that does not enclose its centre comes out with the other sign
+    if values[1] < 0:
+        values, shape, v = -values, -shape, -v
+    if values.min() <= 0 or values.max() > 9 * values.min():
+        return None
+    lengths = np.sqrt(values / np.cbrt(values.prod()))
+    return -np.linalg.solve(shape, v[6:]), (vectors * lengths) @ vectors.T
+
+
+def _coverage(x: Array, centre: Array) -> float:
+    """Return the least eigenvalue of the second moments of the directions from ``centre``."""
+    away = x - centre
+    length = np.linalg.norm(away, axis=1)
+    unit = away[length > 0] / length[length > 0, None]
+    return float(np.linalg.eigvalsh(unit.T @ unit / max(len(unit), 1))[0])
+
+
+@dataclass(slots=True)
+class Calibration:
+    """Watches fields and, where they fit no sphere about 0, finds the ellipsoid that they fit.
+
+    A magnet put on the sensor later is a disturbance, not its calibration: the ellipsoid has to
+    explain nearly all of the recording so far.
+
+    Attributes
+    ----------
+    ellipsoid
+        What fields are corrected by; None where they are taken as they are.
+    wanting
+        Whether a calibration was due and the sensor had turned too little for it.
+    """
+
+    ellipsoid: Ellipsoid | None = None
+    wanting: bool = False
+    _kept: list[Array] = field(default_factory=list)
+    _stride: int = 1
+    _seen: int = 0
+    _failed: int = 0
+
+    def corrected(self, fields: Array) -> Array:
+        """Return fields [T], shape (n, 3), as calibrated so far."""
+        return fields if self.ellipsoid is None else self.ellipsoid.corrected(fields)
+
+    @property
+    def tries(self) -> tuple[int, int, float]:
+        """Every how many fields, from how many on, and where what part fails it is tried."""
+        return TRY_EVERY, LEAST if self.ellipsoid is None else np.iinfo(np.int64).max, FAILING
+
+    @property
+    def watched(self) -> NDArray[np.int64]:
+        """How many fields there were, and how many of them failed."""
+        return np.array([self._seen, self._failed])
+
+    def _keep(self, raws: Array) -> None:
+        while len(raws):
+            first, room = -self._seen % self._stride, HISTORY + 1 - len(self._kept)
+            taken = raws[: first + room * self._stride]
+            self._kept += list(taken[first :: self._stride])
+            self._seen += len(taken)
+            raws = raws[len(taken) :]
+            if len(self._kept) > HISTORY:
+                self._kept, self._stride = self._kept[::2], 2 * self._stride
+
+    def watch(self, raw: Array, *, undisturbed: bool) -> bool:
+        """Take a frame's field as measured, shape (3,) [T]; say whether the calibration changed."""
+        return self.take(raw[None, :], int(not undisturbed))
+
+    def take(self, raws: Array, failed: int) -> bool:
+        """Take fields as measured, shape (n, 3) [T], so many of which failed their tests.
+
+        At the last of them a calibration is tried, where one is due. Returns whether it changed.
+        """
+        self._failed += failed
+        self._keep(raws)
+        every, least, failing = self.tries
+        due = len(raws) and self._seen >= least and self._seen % every == 0
+        if not due or self._failed < failing * self._seen:
+            return False
+        kept = np.array(self._kept)
+        turned = apart(kept)
+        found = fit_ellipsoid(turned) if len(turned) >= LEAST_APART else None
+        self.wanting = found is None and self._failed > 2 * FAILING * self._seen
+        if found is None or not EARTH_T[0] < found.radius < EARTH_T[1]:
+            return False
+        if float(np.linalg.norm(found.centre)) < SMALL * found.radius:
+            return False
+        off = np.abs(np.linalg.norm(found.corrected(kept), axis=1) / found.radius - 1)
+        if float((off <= EXPLAINED).mean()) < WHOLE:
+            return False
+        self.ellipsoid = found
+        return True
+
+
+def apart(fields: Array) -> Array:
+    """Return fields, shape (n, 3), without those near to the one kept before."""
+    least = APART * float(np.median(np.linalg.norm(fields, axis=1)))
+    return np.asarray(fields[attitude_kernels.far_apart(fields, least)])
+
+
+@dataclass(slots=True)
+class DisturbedSpans:
+    """Joins disturbed frames; an undisturbed time shorter than ``join_ns`` between them is part.
+
+    Attributes
+    ----------
+    stage
+        Name of the stage that finds them.
+    join_ns
+        How far apart two disturbances are at least [ns].
+    """
+
+    stage: str
+    join_ns: int
+    _open: Disturbance | None = None
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a disturbance may go on."""
+        return self._open is not None
+
+    def add(
+        self, start_ns: int, end_ns: int, value: float, *, disturbed: bool
+    ) -> Iterator[Disturbance]:
+        """Take a frame [start, end) and how much it is off; yield a disturbance that is over."""
+        span = self._open
+        if span is not None and start_ns - span.end_ns > self.join_ns:
+            self._open = None
+            yield span
+            span = None
+        if not disturbed:
+            return
+        if span is None:
+            self._open = Disturbance(start_ns, end_ns, value, self.stage)
+        else:
+            self._open = Disturbance(span.time_ns, end_ns, max(span.value, value), self.stage)
+
+    def finish(self) -> Iterator[Disturbance]:
+        """End: yield the disturbance that is still open."""
+        span, self._open = self._open, None
+        if span is not None:
+            yield span
+
+
+#: Largest difference from the field of the start: of strength as a part, and of dip [rad].
+STRENGTH, DIP_RAD = 0.1, 0.1
+#: Deviation of an undisturbed heading [rad], and how long it goes on [s].
+SIGMA_RAD, LASTING_S = 0.1, 1.0
+
+
+@dataclass(slots=True)
+class FootCompass:
+    """The field where the foot first stood, in the frame of the track.
+
+    Attributes
+    ----------
+    field
+        Shape (3,) [T]; None before the first.
+    """
+
+    field: Array | None = None
+
+    def turned_by(self, orientation: Array, field: Array) -> float | None:
+        """Return how far the frame seems to have turned since the start [rad].
+
+        Parameters
+        ----------
+        orientation
+            Body to earth, shape (4,).
+        field
+            In the sensor's axes, shape (3,) [T]; NaN where there is none.
+
+        Returns
+        -------
+        What to turn the orientation by; None where the field is new or not that of the start.
+        """
+        if not np.isfinite(field).all() or not field.any():
+            return None
+        now = turned(orientation, field)
+        if self.field is None:
+            self.field = now
+            return None
+        strengths = [float(np.linalg.norm(one)) for one in (now, self.field)]
+        dips = [math.atan2(one[2], math.hypot(one[0], one[1])) for one in (now, self.field)]
+        other = abs(strengths[0] / strengths[1] - 1) > STRENGTH
+        if other or abs(dips[0] - dips[1]) > DIP_RAD:
+            return None
+        headings = [math.atan2(one[1], one[0]) for one in (now, self.field)]
+        return wrapped(headings[1] - headings[0])
+
+
+def sigma_of(length_s: float) -> float:
+    """Return the deviation of one segment's heading as if segments were independent [rad]."""
+    return SIGMA_RAD * math.sqrt(max(1.0, LASTING_S / length_s))

@@ -1,0 +1,504 @@
+"""Pedestrian dead reckoning: steps and the signal of a worn sensor become a track.
+
+Magnetic azimuths of steps, each with what it may be off by.
+
+Iron in a building turns the field as often as it makes it stronger or steeper, so that a field
+whose horizontal and vertical parts are not the usual ones is doubted by just as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from groundtrace_codecs.events import Gap, Heading, Label, Note, Quantity, StepEvent, TrackPoint
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..later import Later
+from ..pipeline.gates import Candidates, Level
+from ..pipeline.stage import Context, Input, Stage
+from .body_motion import LevelMotion
+from .frames import PATIENCE_NS, QUANTITIES, Aligner, columns_of_axes
+from .pdr_filter import ReckoningFilter, ReckoningNoise, Sight, Stride, Track
+from .rotations import wrapped
+from .steps import (
+    Barometer,
+    Facing,
+    ReckoningParameters,
+    TangentPlane,
+    satellite_columns,
+    satellite_fixes,
+    shape_of,
+    step_length,
+    waypoints_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.signals import Stream
+
+    from ..kernels import navigation as navigation_kernels
+    from ..pipeline.stage import Output
+    from .body_motion import Ahead, Motion
+    from .steps import KnownPlace
+else:
+    navigation_kernels = Later("groundtrace.kernels.navigation")
+
+#: Time of a step that follows none [s].
+USUAL_STEP_S = 0.55
+#: Direction of a step against the way the walker looks, counter-clockwise [rad].
+ASIDE = {"backward": math.pi, "left": math.pi / 2, "right": -math.pi / 2}
+#: How fast a walker may have come from where they were seen first [m/s].
+WALK_MPS = 1.5
+#: An azimuth that the compass alone is to tell may have changed by this since the last step [rad].
+ANYHOW = 0.9
+
+
+class _Measured(NamedTuple):
+    """A step as measured: where it goes, and when it began, not before there was a sample [ns]."""
+
+    stride: Stride
+    begin_ns: int
+
+
+class DeadReckoner:
+    """Steps times length along their azimuth, a filter's errors with them.
+
+    The candidates are the steps. ``cadence`` and ``speed`` are what a step taken for one would
+    mean; one that is no walk is not taken. ``swing`` and ``rise`` are what the models of length
+    look at, ``azimuth`` is the step's, counter-clockwise from x, ``off`` how far its magnetic
+    field is from the usual one, ``height`` that over the start by the barometer.
+    """
+
+    columns = (
+        Quantity("cadence", "Hz"),
+        Quantity("speed", "m/s"),
+        Quantity("length", "m"),
+        Quantity("swing", "m/s2"),
+        Quantity("rise", "m"),
+        Quantity("azimuth", "deg"),
+        Quantity("off", "uT"),
+        Quantity("height", "m"),
+        Quantity("mounting", "deg"),
+    )
+    gates = (
+        Level("cadence", "Hz", "cadence_hz", at_least=False),
+        Level("speed", "m/s", "speed_mps", at_least=False),
+    )
+
+    def __init__(self, parameters: ReckoningParameters) -> None:
+        self.parameters = parameters
+        self.stage = ""
+        self.number = 0
+        self.origin = (0.0, 0.0)
+        self._north = North(parameters)
+        self._facing = Facing(parameters.axis or "walk")
+        self._track: Track | None = None
+        self._places: list[KnownPlace] = []
+        self._measured: _Measured | None = None
+        self._last_ns: int | None = None
+        self._rested_s = 0.0
+        self._went = False  # a track before
+
+    def start(self, stage: str, number: int, origin: tuple[float, float]) -> None:
+        """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
+        self.stage, self.number, self.origin = stage, number, origin
+        self._track, self._measured, self._last_ns = None, None, None
+        self._rested_s, self._north = 0.0, North(self.parameters)
+
+    def know(self, places: Sequence[KnownPlace]) -> None:
+        """Take known places, in order of time; they count with the step after them."""
+        self._places += places
+
+    def measure(self, step: StepEvent, motion: Motion, height_m: float) -> Candidates:
+        """Return a step as a candidate, by what the sensor felt; the step is remembered."""
+        p = self.parameters
+        interval_s = self._interval_s(step.time_ns)
+        span = step.time_ns - round(interval_s * NS_PER_S), step.time_ns
+        shape = shape_of(motion, *span)
+        length_m = step_length(shape, step.type, p)
+        self._facing.watch(step, interval_s, motion)
+        heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
+        sight, off = self._north.sight(motion, *span, length_m)
+        sight = None if p.azimuth == "gyroscope" else sight
+        stride = Stride(step.time_ns, length_m, heading, sight, motion.rested_by(*span))
+        # a walk may be under way when a recording begins
+        self._measured = _Measured(stride, max(span[0], min(int(motion.time_ns[0]), step.time_ns)))
+        turn = self._facing.turn_rad
+        azimuth = math.degrees(wrapped(self._azimuth(stride, turn)))
+        row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
+        row += [off * 1e6, height_m, math.degrees(turn)]
+        return Candidates(
+            np.array([step.time_ns], np.int64),
+            np.zeros(1, np.int32),
+            np.array([row], np.float32),
+        )
+
+    def follow(self, accepted: bool) -> list[TrackPoint | Heading | Note]:
+        """Take the verdict on the step just measured; return what is known."""
+        step, self._measured = self._measured, None
+        if step is None or not accepted:
+            return []
+        stride = step.stride
+        said: list[TrackPoint | Heading | Note] = []
+        if self._track is None:
+            said += self._begin(step.begin_ns)
+        track = self._track
+        assert track is not None  # begun by now
+        said += self._take_places(track, stride.time_ns)
+        rested_s = stride.rested_s - self._rested_s
+        self._last_ns, self._rested_s = stride.time_ns, stride.rested_s
+        stride = Stride(stride.time_ns, stride.length_m, stride.heading_rad, stride.sight, rested_s)
+        facing = self._facing
+        said += track.step(stride, facing.turn_rad, settled=facing.settled)
+        azimuth = wrapped(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
+        sigma = track.filter.azimuth_sigma_rad
+        said.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
+        if facing.news:
+            said.append(Note(stride.time_ns, facing.news, source=self.stage))
+        return said
+
+    def finish(self, until_ns: int = 2**63) -> list[TrackPoint]:
+        """End the track with what is known until a time; return what is still to say of it."""
+        track, self._track = self._track, None
+        if track is None:
+            return []
+        points = self._take_places(track, until_ns)
+        x, y = track.filter.state[:2].tolist()
+        self.origin, self._went = (x, y), True
+        return points + track.finish()
+
+    def _interval_s(self, time_ns: int) -> float:
+        """Return the time since the last step of the walk, or that of a first one [s]."""
+        if self._last_ns is None:
+            return USUAL_STEP_S
+        apart_s = max(time_ns - self._last_ns, 1) / NS_PER_S
+        return apart_s if apart_s <= self.parameters.pause_s else USUAL_STEP_S
+
+    def _azimuth(self, stride: Stride, turn_rad: float) -> float:
+        heading = stride.heading_rad + turn_rad
+        if self._track is not None and not self._track.filter.lost:
+            return self._track.filter.azimuth(heading)
+        return heading + (0.0 if stride.sight is None else stride.sight.offset_rad)
+
+    def _begin(self, time_ns: int) -> list[TrackPoint]:
+        """Begin where the last track ended, or where the walker was seen first, or at the origin.
+
+        The first and last of these are sure.
+        """
+        p = self.parameters
+        noise = ReckoningNoise(
+            drift=math.radians(p.drift_dps),
+            mount=math.radians(p.mount_deg),
+            length=p.length_error,
+            scale=p.scale_error,
+            way=math.radians(p.way_deg),
+            wander=ANYHOW if p.azimuth == "compass" else 0.0,
+        )
+        place, sigma_m = self.origin, 0.0
+        if self._places and not self._went:
+            seen = next((k for k in self._places[::-1] if k.time_ns <= time_ns), self._places[0])
+            away_m = WALK_MPS * abs(seen.time_ns - time_ns) / NS_PER_S
+            place, sigma_m = (seen.x_m, seen.y_m), math.hypot(seen.sigma_m, away_m)
+            self._places = [k for k in self._places if k.time_ns > time_ns]
+        learns = p.updates in ("waypoints", "gnss")
+        walker = ReckoningFilter(noise, np.array(place), sigma_m, learns_scale=learns)
+        smooth_s = p.smooth_s if p.smooth else 0.0
+        self._track = Track(walker, time_ns, self.stage, self.number, smooth_s)
+        return self._track.begin()
+
+    def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
+        """Take in the known places up to a time."""
+        points = []
+        while self._places and self._places[0].time_ns <= until_ns:
+            known = self._places.pop(0)
+            points += track.fix(known.time_ns, np.array([known.x_m, known.y_m]), known.sigma_m)
+        return points
+
+
+TURNING = "angular_velocity"
+
+
+@dataclass(slots=True)
+class WornSensor:
+    """Follows the motion of one sensor.
+
+    Attributes
+    ----------
+    motion
+        What it felt; None before the gyroscope is heard of.
+    topic
+        Of the gyroscope.
+    """
+
+    motion: LevelMotion | None = None
+    topic: str = ""
+    _aligner: Aligner = field(default_factory=Aligner)
+    _early: list[SignalBlock] = field(default_factory=list)
+
+    @property
+    def end_ns(self) -> int:
+        """Time until which the motion is known; long ago where nothing is [ns]."""
+        return -(2**62) if self.motion is None else self.motion.end_ns
+
+    @property
+    def held(self) -> int:
+        """How many samples were not finite."""
+        return self._aligner.held
+
+    @property
+    def remark(self) -> str:
+        """What was assumed of the field's unit; empty where it is known."""
+        return self._aligner.remark
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take a block of one of the sensor's streams."""
+        if self.motion is None and not columns_of_axes(block.stream, TURNING):
+            self._early.append(block)
+            return
+        if self.motion is None:
+            self.topic = block.topic
+            self.motion = LevelMotion(block.stream.rate_hz)
+            for early in self._early:
+                self._aligner.hear(early)
+            self._early = []
+        self._aligner.hear(block)
+        self.motion.add(self._aligner.take())
+
+    def forget(self) -> None:
+        """Forget what lies too long before a gyroscope that is yet to be heard of."""
+        if self._early:
+            oldest_ns = self._early[-1].start_ns - PATIENCE_NS
+            self._early = [block for block in self._early if block.last_ns >= oldest_ns]
+
+    def finish(self) -> None:
+        """Take in what waited for more."""
+        if self.motion is not None:
+            self.motion.add(self._aligner.finish())
+            self.motion.finish()
+
+
+#: A step counts satellite fixes up to so long after it.
+LATE_NS = NS_PER_S
+#: It waits until the signal is so far beyond it: streams come in portions, and late.
+WAIT_NS = 3 * NS_PER_S // 2
+#: Fixes from so long ago are remembered.
+KEPT_NS = 60 * NS_PER_S
+#: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
+AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
+
+
+class DeadReckoning(Stage):
+    """Steps times length along their azimuth, a filter's errors with them.
+
+    The steps are those of one stage, with a sensor that has a gyroscope, see :mod:`.pdr`.
+    Streams of the placement of the steps' topic are one sensor; the last of the sensors is heard
+    now. A gap of that topic, or of its gyroscope, that is not bridged ends the track; the next
+    begins where it ended, in a direction that is to be found anew. Of the labels only waypoints are
+    looked at, and only as ``updates`` says.
+    """
+
+    Parameters = ReckoningParameters
+    takes = (
+        Input(StepEvent),
+        Input(SignalBlock, frozenset({"angular_velocity"}), anywhere=True, hold=False),
+        Input(SignalBlock, frozenset({"acceleration"}), anywhere=True, hold=False),
+        # a field, pressure and positions, and what tells how far the steps' topic was heard of
+        Input(SignalBlock, anywhere=True, hold=False, required=False),
+        Input(Gap, anywhere=True),
+        Input(Label, required=False),
+    )
+    gives = (TrackPoint, Heading)
+    columns = DeadReckoner.columns
+    gates = DeadReckoner.gates
+    ends_at = "clock step"
+    rounds = ("latitude", TURNING)
+    feedback = True
+
+    def __init__(self, parameters: ReckoningParameters) -> None:
+        self.parameters = parameters
+        self._steps: list[StepEvent] = []
+        self._sensors = [WornSensor()]
+        self._barometer = Barometer()
+        self._fixes: list[KnownPlace] = []  # in order of time
+        self._received_ns = -(2**62)  # how far the topic of the steps was heard of
+        self._known_ns = -(2**62)  # until when the reckoner knows fixes
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin a track where the geometry says that walks begin."""
+        p, self._context = self.parameters, context
+        self._placement = context.stream.placement
+        worn = next((axis for word, axis in AXES.items() if word in self._placement), None)
+        axis: Ahead = p.axis or worn or "walk"  # a left foot is a foot
+        origin = context.geometry.start or (0.0, 0.0)
+        self._plane = TangentPlane(origin)
+        self._reckoner = DeadReckoner(replace(p, axis=axis))
+        self._reckoner.start(context.stage, context.tracks.next(), origin)
+        self._reckoner.know(waypoints_of(context.labels, p.waypoint_m))
+        return ("walker",)
+
+    def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:
+        """Take signal and steps; give the track as far as it is known."""
+        if isinstance(item, StepEvent):
+            self._steps.append(item)
+        elif isinstance(item, Gap):
+            self._interrupted(item)
+        else:
+            self._take_fixes(item)
+            self._take_motion(item)
+            yield from self._reckon()
+            self._sensors[-1].forget()
+
+    def flush(self) -> Iterator[Output]:
+        """End the track."""
+        self._sensors[-1].finish()
+        yield from self._reckon(final=True)
+        self._know(2**62)
+        yield from self._reckoner.finish()
+        yield from self._notes()
+
+    def decided(self, block: CandidateBlock) -> list[Event]:
+        """Go on by the step just decided."""
+        return [*self._reckoner.follow(bool(block.accepted[0]))]
+
+    def _take_fixes(self, block: SignalBlock) -> None:
+        """Remember the satellite fixes of a block, back to those of the last minute."""
+        if self.parameters.updates != "gnss" or satellite_columns(block.stream) is None:
+            return
+        self._fixes += satellite_fixes(block, self._plane, self.parameters.gnss_m)
+        self._fixes.sort(key=lambda fix: fix.time_ns)
+        oldest_ns = min(block.start_ns - KEPT_NS, self._known_ns)
+        past = sum(fix.time_ns <= oldest_ns for fix in self._fixes)
+        del self._fixes[: max(past - 1, 0)]
+
+    def _know(self, until_ns: int) -> None:
+        """Give the reckoner the fixes up to a time."""
+        known_ns, self._known_ns = self._known_ns, max(until_ns, self._known_ns)
+        self._reckoner.know([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
+
+    def _interrupted(self, gap: Gap) -> None:
+        """Begin with a new sensor after a gap."""
+        sensor = self._sensors[-1]
+        if not gap.bridged and gap.topic in (self._context.topic, sensor.topic):
+            sensor.finish()
+            self._sensors.append(WornSensor())
+
+    def _take_motion(self, block: SignalBlock) -> None:
+        """Take what a stream of the sensor measures."""
+        if block.topic == self._context.topic:
+            self._received_ns = block.last_ns
+        if block.stream.placement != self._placement:
+            return
+        if _has_pressure(block.stream):
+            self._barometer.hear(block)
+        if any(columns_of_axes(block.stream, quantity) for quantity in QUANTITIES):
+            self._sensors[-1].hear(block)
+
+    def _reckon(self, *, final: bool = False) -> Iterator[Output]:
+        """Take the steps around which everything is known."""
+        while self._steps:
+            step = self._steps[0]
+            while len(self._sensors) > 1 and step.time_ns > self._sensors[0].end_ns:
+                yield from self._interrupt(step.time_ns)
+            sensor = self._sensors[0]
+            known = final or self._complete(step.time_ns)
+            if sensor.motion is None or not known or sensor.end_ns < 0:
+                return
+            self._steps.pop(0)
+            self._know(step.time_ns + LATE_NS)
+            height_m = self._barometer.height_m(step.time_ns)
+            yield self._reckoner.measure(step, sensor.motion.felt, height_m)
+
+    def _complete(self, time_ns: int) -> bool:
+        """Return whether no stream can bring more of what counts for a step."""
+        over = len(self._sensors) > 1
+        went_back = over and self._received_ns < self._sensors[0].end_ns
+        if self._received_ns < time_ns + WAIT_NS and not went_back:
+            return False
+        return over or self._sensors[0].end_ns >= time_ns + LATE_NS
+
+    def _interrupt(self, time_ns: int) -> Iterator[Output]:
+        """Go on with the next sensor: the end of a track, and the beginning of another."""
+        self._sensors.pop(0)
+        self._know(time_ns)
+        yield from self._reckoner.finish(time_ns)
+        number = self._context.tracks.next()
+        self._reckoner.start(self._context.stage, number, self._reckoner.origin)
+
+    def _notes(self) -> Iterator[Note]:
+        """Say what a person should know."""
+        topic, stage = self._context.topic, self._context.stage
+        if self._steps:
+            expected = "expected a gyroscope and an accelerometer of three axes"
+            text = f"{topic}: {len(self._steps)} steps lead nowhere: {expected}, found none"
+            yield Note(self._steps[0].time_ns, text, "WARN", stage)
+        for remark in dict.fromkeys(sensor.remark for sensor in self._sensors if sensor.remark):
+            yield Note(self._sensors[-1].end_ns, remark, "WARN", stage)
+        if held := sum(sensor.held for sensor in self._sensors):
+            text = f"{topic}: {held} samples not finite, last value held"
+            yield Note(self._sensors[-1].end_ns, text, "WARN", stage)
+
+
+def _has_pressure(stream: Stream) -> bool:
+    return any(c.quantity == "pressure" and c.unit == "Pa" for c in stream.channels)
+
+
+#: Weight of a step's field in the usual one, once there were some.
+NEWEST = 0.02
+#: The earth's field has a horizontal part of at least about this, where a compass works [T].
+LEAST_T = 5e-6
+
+
+@dataclass(slots=True)
+class North:
+    """Compares the field of each step with the usual one.
+
+    Attributes
+    ----------
+    parameters
+        Of the reckoning.
+    usual
+        Horizontal and vertical part of the field so far [T]; None before the first step.
+    steps
+        How many steps that rests on.
+    """
+
+    parameters: ReckoningParameters
+    usual: tuple[float, float] | None = None
+    steps: int = 0
+
+    def sight(
+        self, motion: Motion, start_ns: int, stop_ns: int, length_m: float
+    ) -> tuple[Sight | None, float]:
+        """Return the azimuth that a step's field tells, and how far that field is off [T].
+
+        Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
+        """
+        east, north, up = navigation_kernels.mean_vector(
+            motion.time_ns, motion.field, start_ns, stop_ns
+        )
+        flat = math.hypot(east, north)
+        if not math.isfinite(flat + up) or flat == 0:
+            return None, math.nan
+        before = (flat, up) if self.usual is None else self.usual
+        off = math.hypot(flat - before[0], up - before[1])
+        self._learn(flat, up, before)
+        p = self.parameters
+        sigma = math.hypot(math.radians(p.compass_deg), off / max(before[0], LEAST_T))
+        # the level frame's magnetic north, against the map's
+        offset = math.pi / 2 - math.radians(p.declination_deg) - math.atan2(north, east)
+        repeats = 2 * p.compass_memory_m / max(length_m, 0.1)
+        return Sight(offset, sigma, repeats), off
+
+    def _learn(self, flat: float, up: float, before: tuple[float, float]) -> None:
+        self.steps += 1
+        weight = max(NEWEST, 1 / self.steps)
+        self.usual = (
+            before[0] + weight * (flat - before[0]),
+            before[1] + weight * (up - before[1]),
+        )

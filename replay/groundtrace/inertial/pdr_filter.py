@@ -1,0 +1,535 @@
+"""The filter of dead reckoning: one track, its points, and what smoothing needs.
+
+The filter of dead reckoning: place, azimuth and scale, step by step.
+
+A step goes ``length * exp(scale)`` along ``heading + offset + mount``, where the heading is the
+gyroscope's. What the filter estimates besides the place is the offset of the gyroscope's frame
+from the map's, how fast that drifts, how far the sensor looks away from the way, and by how much
+all lengths are off. A magnetic azimuth tells the offset alone; a known place tells everything that
+led there, by the covariances that steps have built up.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from groundtrace_codecs.events import SMOOTHED, TrackPoint
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..later import Later
+from .rotations import wrapped
+
+if TYPE_CHECKING:
+    from ..kernels import navigation as navigation_kernels
+else:
+    navigation_kernels = Later("groundtrace.kernels.navigation")
+
+#: Of a point without an update by a known place.
+NO_NIS = float("nan")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fix:
+    """A known place, shape (2,) [m], when, and its standard deviation per axis [m]."""
+
+    time_ns: int
+    place: Array
+    sigma_m: float
+
+
+class Track:
+    """One track from its beginning: steps and known places in, points out.
+
+    Parameters
+    ----------
+    filter_
+        At the beginning.
+    time_ns
+        When that is.
+    stage, number
+        Go into the points.
+    smooth_s
+        Longest piece that is smoothed at once [s]; 0 smooths nothing.
+    """
+
+    def __init__(
+        self, filter_: ReckoningFilter, time_ns: int, stage: str, number: int, smooth_s: float
+    ) -> None:
+        self.filter = filter_
+        self.stage = stage
+        self.number = number
+        self.smooth_s = smooth_s
+        self._begun = (filter_.copy(), time_ns)
+        self._turn_rad = 0.0
+        self._settled = False
+        # what may have to be gone again: strides, and after how many of them fixes came
+        self._strides = Strides()
+        self._fixes: list[tuple[int, Fix]] = []
+        self._knots = Knots()
+        self._knots.begin(time_ns, filter_.state, filter_.covariance)
+
+    @property
+    def time_ns(self) -> int:
+        """Until when the track goes."""
+        return int(self._knots.time_ns[self._knots.count - 1])
+
+    def begin(self) -> list[TrackPoint]:
+        """Return the point where the track begins."""
+        return [self._point(self._knots.moment(-1), None, self.stage)]
+
+    def step(self, stride: Stride, turn_rad: float, *, settled: bool) -> list[TrackPoint]:
+        """Go a step, after what the compass says of it; return its point.
+
+        Parameters
+        ----------
+        stride
+            The step.
+        turn_rad
+            The way ahead against the sensor's axis, counter-clockwise [rad].
+        settled
+            Whether that will hardly change. Until then the steps before are gone again with it.
+        """
+        if self._settled:
+            self._strides.count = 0
+        self._strides.add(stride)
+        if not self._settled and turn_rad != self._turn_rad:
+            before = self._again(turn_rad)
+        else:
+            self._turn_rad = turn_rad
+            before = self._go(self._strides.count - 1, self._strides.count)
+        if settled:
+            self._settled, self._fixes = True, []
+        return [self._point(self._knots.moment(-1), before, self.stage), *self._due()]
+
+    def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
+        """Take in where the walker was at a time, shape (2,) [m]; return the point."""
+        fix = Fix(time_ns, place, sigma_m)
+        self._aim(fix)
+        before = self._knots.moment(-1)
+        nis = self._meet(fix)
+        if not self._settled:
+            self._fixes.append((self._strides.count, fix))
+        return [self._point(self._knots.moment(-1), before, self.stage, nis), *self._due()]
+
+    def finish(self) -> list[TrackPoint]:
+        """Return the track smoothed, as far as not said yet."""
+        points = self._smoothed() if self.smooth_s else []
+        self._knots.keep_last()
+        return points
+
+    def _again(self, turn_rad: float) -> Moment:
+        """Go the track again from its beginning, as the sensor is known to be turned by now.
+
+        Return where the walker was before the last step.
+        """
+        self._turn_rad, (filter_, time_ns) = turn_rad, self._begun
+        self.filter = filter_.copy()
+        self._knots.begin(time_ns, filter_.state, filter_.covariance)
+        gone = 0
+        for count, fix in self._fixes:
+            if count > gone:
+                self._go(gone, count)
+            self._aim(fix)
+            self._meet(fix)
+            gone = count
+        return self._go(gone, self._strides.count)
+
+    def _aim(self, fix: Fix) -> None:
+        """Turn a track that is lost, and all that is remembered of it, towards a known place."""
+        one, knots = self.filter, self._knots
+        if one.lost:
+            angle_rad = one.angle_to(fix.place, fix.sigma_m) or 0.0
+            state = (one.state, one.covariance, one.origin)
+            navigation_kernels.turn(*state, angle_rad, knots.columns, knots.count)
+
+    def _go(self, start: int, stop: int) -> Moment:
+        """Go some of the strides, at least one; return where the walker was before the last.
+
+        A track that is lost is turned as the compass says first.
+        """
+        one, knots, noise, rows = self.filter, self._knots, self.filter.noise, slice(start, stop)
+        more = 2 * (stop - start)
+        knots.make_room(more)
+        navigation_kernels.strides(
+            *(one.state, one.covariance, one.origin),
+            *(self._strides.time_ns[rows], self._strides.rows[rows]),
+            *(self._turn_rad, LOST_RAD),
+            (noise.drift, noise.wander, noise.length, noise.way),
+            knots.columns,
+            knots.count,
+            NS_PER_S,
+        )
+        knots.count += more
+        before = knots.moment(-3)
+        if not self.smooth_s:
+            knots.keep_last()
+        return before
+
+    def _meet(self, fix: Fix) -> float:
+        """Take a known place in; return the NIS."""
+        one, knots = self.filter, self._knots
+        waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
+        knots.add(fix.time_ns, one.state, one.covariance, waited)
+        nis = one.fix(fix.place, fix.sigma_m)
+        knots.pose[knots.count - 1], knots.spread[knots.count - 1] = one.state, one.covariance
+        if not self.smooth_s:
+            knots.keep_last()
+        return nis
+
+    def _due(self) -> list[TrackPoint]:
+        """Return smoothed points once there are enough."""
+        if not self._settled:
+            return []
+        if self.time_ns - int(self._knots.time_ns[0]) <= self.smooth_s * NS_PER_S:
+            return []
+        points = self._smoothed()[:-1]
+        self._knots.keep_last()
+        return points
+
+    def _smoothed(self) -> list[TrackPoint]:
+        stage, found = self.stage + SMOOTHED, self._knots.smoothed()
+        return [
+            self._point(now, before, stage)
+            for before, now in zip([None, *found[:-1]], found, strict=True)
+        ]
+
+    def _point(
+        self, now: Moment, before: Moment | None, stage: str, nis: float = NO_NIS
+    ) -> TrackPoint:
+        time_ns, x, y, spread = now
+        vx = vy = math.nan
+        if before is not None and time_ns > before.time_ns:
+            elapsed_s = (time_ns - before.time_ns) / NS_PER_S
+            vx, vy = (x - before.x_m) / elapsed_s, (y - before.y_m) / elapsed_s
+        return TrackPoint(time_ns, self.number, x, y, vx, vy, spread, stage, nis)
+
+
+Array = NDArray[np.float64]
+
+#: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale.
+PLACE, OFFSET, DRIFT, MOUNT, SCALE = slice(0, 2), 2, 3, 4, 5
+SIZE = 6
+#: An offset less sure than this is not known at all: nothing can be linearised about it [rad].
+LOST_RAD = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ReckoningNoise:
+    """What the filter takes steps and sensors for, as standard deviations.
+
+    Attributes
+    ----------
+    drift
+        Of the gyroscope at the start [rad/s].
+    mount
+        Of the sensor's axis from the way [rad].
+    length, scale
+        Of one length, and of all of them together, as parts.
+    way
+        Of a single step from the azimuth [rad].
+    wander
+        Of the gyroscope's heading from step to step [rad]; not 0 where it is not to be trusted.
+    """
+
+    drift: float
+    mount: float
+    length: float
+    scale: float
+    way: float
+    wander: float = 0.0
+
+
+class ReckoningFilter:
+    """Follows one walker.
+
+    Parameters
+    ----------
+    noise
+        What steps and sensors are taken for.
+    place
+        Where the walk begins, shape (2,) [m].
+    sigma_m
+        How sure that is, per axis [m].
+    learns_scale
+        Whether known places calibrate the lengths.
+    """
+
+    def __init__(
+        self, noise: ReckoningNoise, place: Array, sigma_m: float, *, learns_scale: bool
+    ) -> None:
+        self.noise = noise
+        self.learns_scale = learns_scale
+        self.state = np.zeros(SIZE)
+        self.state[PLACE] = place
+        sigmas = [sigma_m, sigma_m, math.pi, noise.drift, noise.mount, noise.scale]
+        self.covariance = np.diag(np.square(sigmas))
+        self.origin = self.state[PLACE].copy()
+
+    def copy(self) -> ReckoningFilter:
+        """Return an independent copy."""
+        made = copy.copy(self)
+        made.state, made.covariance = self.state.copy(), self.covariance.copy()
+        made.origin = self.origin.copy()
+        return made
+
+    @property
+    def lost(self) -> bool:
+        """Whether nothing has told the offset yet."""
+        return float(self.covariance[OFFSET, OFFSET]) > LOST_RAD**2
+
+    def azimuth(self, heading_rad: float) -> float:
+        """Return the azimuth of a step whose heading the gyroscope says [rad]."""
+        return heading_rad + float(self.state[OFFSET] + self.state[MOUNT])
+
+    @property
+    def azimuth_sigma_rad(self) -> float:
+        """Standard deviation of an azimuth [rad]."""
+        p = self.covariance
+        variance = p[OFFSET, OFFSET] + p[OFFSET, MOUNT] + p[MOUNT, OFFSET] + p[MOUNT, MOUNT]
+        return min(math.sqrt(max(float(variance), 0.0)), math.pi)
+
+    def wait(self, elapsed_s: float) -> Array:
+        """Let time pass; return the transition, shape (6, 6)."""
+        step = np.empty((SIZE, SIZE))
+        navigation_kernels.wait(
+            self.state, self.covariance, elapsed_s, self.noise.wander, step, _room()
+        )
+        return step
+
+    def rest(self, rested_s: float) -> None:
+        """Take it that the gyroscope was zeroed at rest."""
+        navigation_kernels.rest(self.state, self.covariance, rested_s, self.noise.drift)
+
+    def step(self, length_m: float, heading_rad: float) -> Array:
+        """Go a step; return the transition, shape (6, 6)."""
+        step, errors = np.empty((SIZE, SIZE)), (self.noise.length, self.noise.way)
+        navigation_kernels.go(
+            self.state, self.covariance, length_m, heading_rad, *errors, step, _room()
+        )
+        return step
+
+    def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
+        """Take a magnetic azimuth in, as the offset it asks for.
+
+        Parameters
+        ----------
+        offset_rad, sigma_rad
+            The offset, and its standard deviation [rad].
+        repeats
+            How many sights in a row err alike.
+        """
+        navigation_kernels.sight(
+            self.state, self.covariance, offset_rad, sigma_rad, repeats, _room()
+        )
+
+    def fix(self, place: Array, sigma_m: float) -> float:
+        """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
+        spread = self.covariance[PLACE, PLACE] + sigma_m**2 * np.eye(2)
+        off = place - self.state[PLACE]
+        gain = np.linalg.solve(spread, self.covariance[PLACE, :]).T
+        if not self.learns_scale:
+            gain[SCALE] = 0.0
+        keep = np.eye(SIZE)
+        keep[:, PLACE] -= gain
+        self.state = self.state + gain @ off
+        self.covariance = keep @ self.covariance @ keep.T + sigma_m**2 * gain @ gain.T
+        return float(off @ np.linalg.solve(spread, off))
+
+    def angle_to(self, place: Array, sigma_m: float) -> float | None:
+        """Return by how much the walk must turn to lead towards a place [rad].
+
+        None where walk and place are too near the beginning to tell.
+        """
+        gone, seen = self.state[PLACE] - self.origin, place - self.origin
+        if min(float(np.linalg.norm(gone)), float(np.linalg.norm(seen))) < sigma_m:
+            return None
+        return wrapped(math.atan2(seen[1], seen[0]) - math.atan2(gone[1], gone[0]))
+
+
+def _room() -> Array:
+    """Return what compiled functions write over."""
+    return np.empty((2, SIZE, SIZE))
+
+
+_MATRIX = (SIZE, SIZE)
+#: Rows that there is room for at least, once there is for any.
+_LEAST = 64
+
+
+class Moment(NamedTuple):
+    """Where a walker was: time [ns], place [m], and its covariance (xx, xy, yy) [m2]."""
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    spread: tuple[float, float, float]
+
+
+@dataclass(slots=True)
+class Knots:
+    """Knots of a track in columns that have room for more.
+
+    Attributes
+    ----------
+    count
+        How many there are.
+    time_ns, shown
+        When, and whether a point of the track lies there, shape (m,).
+    predicted, predicted_spread
+        State before the measurements there, shape (m, 6), and covariance of its error, (m, 6, 6).
+    pose, spread
+        After them.
+    transition
+        From the knot before, shape (m, 6, 6).
+    """
+
+    count: int = 0
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    shown: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+    predicted: Array = field(default_factory=lambda: np.empty((0, SIZE)))
+    predicted_spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+    pose: Array = field(default_factory=lambda: np.empty((0, SIZE)))
+    spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+    transition: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
+
+    @property
+    def columns(self) -> Columns:
+        """All columns, as compiled functions take them."""
+        states = (self.predicted, self.predicted_spread, self.pose, self.spread)
+        return self.time_ns, self.shown, *states, self.transition
+
+    def begin(self, time_ns: int, state: Array, covariance: Array) -> None:
+        """Forget all, and begin with the knot where a track does."""
+        self.count = 0
+        self.add(time_ns, state, covariance, np.eye(SIZE))
+
+    def make_room(self, more: int) -> None:
+        """Have room for some more."""
+        count = self.count
+        if count + more <= len(self.time_ns):
+            return
+        wider = []
+        for column in self.columns:
+            made = np.empty((max(2 * count + more, _LEAST), *column.shape[1:]), column.dtype)
+            made[:count] = column[:count]
+            wider.append(made)
+        self.time_ns, self.shown, self.predicted, self.predicted_spread = wider[:4]
+        self.pose, self.spread, self.transition = wider[4:]
+
+    def keep_last(self) -> None:
+        """Forget all but the last."""
+        for column in self.columns:
+            column[0] = column[self.count - 1]
+        self.count = 1
+
+    def add(self, time_ns: int, state: Array, covariance: Array, transition: Array) -> None:
+        """Add a shown one that is as it was predicted."""
+        self.make_room(1)
+        at, self.count = self.count, self.count + 1
+        self.time_ns[at], self.shown[at], self.transition[at] = time_ns, True, transition
+        self.predicted[at], self.predicted_spread[at] = state, covariance
+        self.pose[at], self.spread[at] = state, covariance
+
+    def moment(self, index: int) -> Moment:
+        """Return where the walker was at one, counted from behind where negative."""
+        at = index if index >= 0 else self.count + index
+        place, spread = self.pose.item, self.spread.item
+        covariance = spread(at, 0, 0), spread(at, 0, 1), spread(at, 1, 1)
+        return Moment(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
+
+    def smoothed(self) -> list[Moment]:
+        """Return the shown ones as all knots tell them; the last is the filter's."""
+        shown = self.shown[: self.count]
+        poses, spreads = navigation_kernels.smooth_track(
+            *(column[: self.count] for column in self.columns[2:])
+        )
+        places, times = poses[shown, PLACE].tolist(), self.time_ns[: self.count][shown].tolist()
+        found = spreads[shown][:, (0, 0, 1), (0, 1, 1)].tolist()
+        return [
+            Moment(time_ns, x, y, (xx, xy, yy))
+            for time_ns, (x, y), (xx, xy, yy) in zip(times, places, found, strict=True)
+        ]
+
+
+if TYPE_CHECKING:
+    Columns = tuple[NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]
+
+
+class Sight(NamedTuple):
+    """A magnetic azimuth, as the offset of the gyroscope's frame that it asks for.
+
+    Attributes
+    ----------
+    offset_rad, sigma_rad
+        The offset and its standard deviation [rad].
+    repeats
+        How many sights in a row err alike.
+    """
+
+    offset_rad: float
+    sigma_rad: float
+    repeats: float
+
+
+class Stride(NamedTuple):
+    """A step as the track takes it.
+
+    Attributes
+    ----------
+    time_ns
+        When it ends.
+    length_m
+        Its length [m].
+    heading_rad
+        Direction by the gyroscope, but for what the way is turned from the sensor [rad].
+    sight
+        What the compass says of it.
+    rested_s
+        How long the sensor has been at rest since the step before [s].
+    """
+
+    time_ns: int
+    length_m: float
+    heading_rad: float
+    sight: Sight | None
+    rested_s: float
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """All but the time, as compiled functions lay it out."""
+        return self.length_m, self.heading_rad, *(self.sight or UNSEEN), self.rested_s
+
+
+#: Of a step of which the compass says nothing.
+UNSEEN = Sight(math.nan, math.nan, math.nan)
+
+
+@dataclass(slots=True)
+class Strides:
+    """Strides in columns that have room for more.
+
+    Attributes
+    ----------
+    count
+        How many there are.
+    time_ns, rows
+        When they end, shape (m,), and what else is known of them, shape (m, STRIDE).
+    """
+
+    count: int = 0
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(1, np.int64))
+    rows: Array = field(default_factory=lambda: np.empty((1, navigation_kernels.STRIDE)))
+
+    def add(self, stride: Stride) -> None:
+        """Add one."""
+        if self.count == len(self.time_ns):
+            self.time_ns = np.resize(self.time_ns, 2 * self.count)
+            self.rows = np.resize(self.rows, (2 * self.count, navigation_kernels.STRIDE))
+        self.time_ns[self.count], self.rows[self.count] = stride.time_ns, stride.row
+        self.count += 1

@@ -1,0 +1,775 @@
+"""Types of steps: forward, backward, left or right, by accelerations in the body's axes.
+
+Up is against gravity. Ahead is what a reference axis of the sensor leaves in the horizontal plane;
+how far the way is turned from it is found by :mod:`.body_motion`. The reference
+is the axis that the wearer says looks ahead, or any that is horizontal enough.
+
+Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
+and the specific force only corrects what drifts (a complementary filter, linear in the small
+turns within its time constant), so that the nodding and rolling of the trunk within a step do not
+turn gravity into acceleration. All is causal, and the same whatever the blocks.
+
+The patterns of one step: in the frontal chain, in the lateral chain, and what they measure.
+
+Source: EPFL, sections on preprocessing and recognition, figures 2 and 3. On either axis a step is
+what lies between two minima. The frontal ones are looked for in windows that the vertical signal
+gives, from where it rises through its mean to where it falls through it; the lateral ones lie deep
+in a window centred on them. What the document leaves open is ours: thresholds, and that the
+lateral window follows the signal instead of having a fixed length, so that cadence does not matter.
+
+All is measured on a strip: the three accelerations around a step on a grid of step times, smoothed
+so that slow steps show as many harmonics as fast ones.
+
+Types of steps: what is measured of each step, and the gates its four possible types must pass.
+
+Source: EPFL, sections on preprocessing, recognition of steps, and corrections. Every step has four
+candidates, one for each type; a candidate is accepted where it passes all tests of its chain:
+
+- both chains: the lateral swing against the frontal and vertical ones, which leaves one chain where
+  a step has a pattern in both (the document compares amplitudes for the lateral axis alone);
+- frontal chain: the vertical window, the area density, the order of the maxima (forward: the
+  frontal before the vertical one; backward: after it);
+- lateral chain: the lobe, the slopes (left: the rise to the right is the steeper one, which ends
+  the push to the left; right: the fall is), and whether the contact ends the push. The second
+  contact of a side step, with which the feet are closed, is no step of its own.
+
+The late corrections of the document work on the frontal chain, with two steps before and two after
+in the same walk: a degenerate pattern begins or ends with a neighbour's, so that its density is
+that of the neighbour; and where a step is ordered otherwise than both steps before it or both
+after it, its slopes are asked, and where they do not confirm it, it is ordered as the others.
+
+Late corrections: what the steps before and after one say of it.
+
+Source: EPFL, last part of the section on the recognition of steps. A step that is ordered otherwise
+than both steps before it or both after it is looked at again: its slopes are asked, and where they
+do not confirm it, it is ordered as the others. The document corrects the frontal chain alone; that
+one step among others of its walk does not go aside by itself is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import numpy as np
+from scipy import signal
+
+from groundtrace_codecs.events import Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..detectors.body_signals import NOMINAL_CADENCE_HZ
+from ..dsp.filters import StreamingFilter, corner, phase_delay_s, planar
+from ..later import Later
+from ..pipeline.gates import Candidates, Level
+from ..pipeline.parameters import gate, measured
+from ..pipeline.source import Holder
+from ..pipeline.stage import CannotStart, Context, Input, Stage
+from .body_motion import STEEP, Ahead, WalkingAxis, level_axis, step_swing
+from .frames import columns_of_axes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import CandidateBlock
+    from groundtrace_codecs.signals import Stream
+
+    from ..kernels import steps as steps_kernels
+    from ..pipeline.gates import Carry
+    from .body_motion import Axis, Swing
+
+    Array = NDArray[np.float64]
+else:
+    steps_kernels = Later("groundtrace.kernels.steps")
+
+#: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
+_OFFSET_S = 20.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyPart:
+    """Consecutive samples in the body's axes.
+
+    Attributes
+    ----------
+    time_ns
+        Shape (n,), int64.
+    values
+        Acceleration ahead, to the right and up, without gravity, shape (3, n) [m/s2].
+    """
+
+    time_ns: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def axis_vector(axis: Axis) -> NDArray[np.float64]:
+    """Return the unit vector of an axis' name, shape (3,)."""
+    vector = np.zeros(3)
+    vector["xyz".index(axis[-1])] = -1.0 if axis[0] == "-" else 1.0
+    return vector
+
+
+class BodyAxes:
+    """Turns the samples of one sensor into the body's axes.
+
+    Parameters
+    ----------
+    stream
+        Three axes of acceleration, by their names x, y and z; those of angular velocity are used
+        where there are three.
+    forward
+        The sensor's axis that looks ahead, up to the mounting; ``walk``: the first of x, y, z that
+        is level enough at the start. Where it turns out to be vertical, the axis that follows it
+        in x, y, z takes its place.
+    gravity_s
+        Time constant of gravity [s].
+
+    Attributes
+    ----------
+    forward
+        The reference; ``walk`` until the first sample.
+    """
+
+    def __init__(self, stream: Stream, forward: Ahead = "x", gravity_s: float = 2.0) -> None:
+        self._force = columns_of_axes(stream, "acceleration")
+        self._turning = columns_of_axes(stream, "angular_velocity")
+        self.forward = forward
+        self._gravity_s = gravity_s
+        self._keep = math.exp(-1 / (gravity_s * stream.rate_hz))
+        self._keep_offset = math.exp(-1 / (_OFFSET_S * stream.rate_hz))
+        self._state = np.zeros((4, 3))
+
+    @staticmethod
+    def fits(stream: Stream) -> bool:
+        """Return whether a stream has three axes of acceleration."""
+        return bool(columns_of_axes(stream, "acceleration"))
+
+    def __call__(self, block: SignalBlock) -> BodyPart:
+        """Take a block; return its samples in the body's axes."""
+        values = planar(block)
+        force = np.ascontiguousarray(values[self._force])
+        rate = np.ascontiguousarray(values[self._turning])
+        keeps = (self._keep, self._keep_offset, self._gravity_s)
+        gravity = steps_kernels.directions(force, rate, self._state, keeps)
+        if self.forward == "walk":
+            self.forward = level_axis(gravity[:, 0] / max(math.hypot(*gravity[:, 0]), 1e-300))
+        nominal = axis_vector(self.forward)
+        return BodyPart(
+            block.sample_times(), steps_kernels.resolved(force, gravity, nominal, STEEP)
+        )
+
+
+#: Points of the grid per step time; how far it reaches before and after the contact [steps]. With
+#: the two steps that follow it, a step is then known within four.
+POINTS, BEFORE, AFTER = 32, 2.5, 1.5625
+#: Phase of the points of the grid, in steps about the contact.
+PHASE: Array = np.arange(-BEFORE * POINTS, AFTER * POINTS + 1) / POINTS
+#: Place of the contact on the grid.
+CONTACT = round(BEFORE * POINTS)
+#: Standard deviation of the Gaussian that smooths a strip [steps].
+_SMOOTH = 0.1
+#: The vertical maximum of a step lies in this span of its contact [steps].
+_TOP = (-0.35, 0.65)
+#: The frontal maximum of a step is looked for this near to its vertical maximum [steps].
+_NEAR = 0.5
+#: Lateral minima and maxima lie in this part of the range, from its ends.
+_DEEP = 0.3
+#: Where ranges are compared, and where the vertical mean is taken: first and last place.
+_NEAR_CONTACT = (CONTACT - round(1.5 * POINTS), CONTACT + round(1.5 * POINTS))
+_ABOUT = (CONTACT - POINTS, CONTACT + POINTS)
+#: Weights of a point's neighbours.
+_HALF = round(3 * _SMOOTH * POINTS)
+_WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINTS)) ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Frontal:
+    """The frontal pattern of a step.
+
+    Attributes
+    ----------
+    window
+        Length of the vertical signal's stay above its mean [steps].
+    lead
+        By how much its maximum comes before the vertical one [steps]; NaN where it has none.
+    density
+        Area of its triangle per length of its base, as a part of the vertical range.
+    slopes
+        Logarithm of the fall's mean slope over the rise's: positive where it falls faster.
+    """
+
+    window: float
+    lead: float
+    density: float
+    slopes: float
+
+
+@dataclass(frozen=True, slots=True)
+class Lateral:
+    """The lateral pattern of a step.
+
+    Attributes
+    ----------
+    share
+        Geometric mean of the lateral range over the frontal and over the vertical one.
+    lobe
+        Distance of its maximum from its middle, as a part of its length.
+    slopes
+        Logarithm of the fall's mean slope over the rise's: positive where it falls faster.
+    inside
+        How far on the steep side of the maximum the contact lies, as a part of its length.
+    """
+
+    share: float
+    lobe: float
+    slopes: float
+    inside: float
+
+
+def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
+    """Return accelerations on the grid, smoothed, shape (3, n).
+
+    Parameters
+    ----------
+    times_s
+        Of the samples, about the contact [s], shape (m,).
+    values
+        Accelerations ahead, to the right and up, shape (3, m).
+    step_s
+        Time of a step [s].
+    """
+    out = np.empty((len(values), len(PHASE)))
+    steps_kernels.strip(times_s, np.ascontiguousarray(values), PHASE * step_s, _WEIGHTS, out)
+    return out
+
+
+def frontal(strip: Array, swing: Swing | None) -> Frontal:
+    """Measure the frontal pattern of a strip.
+
+    Parameters
+    ----------
+    strip
+        Shape (3, n).
+    swing
+        Of the step (:func:`.body_motion.step_swing`); its phase is the lead of
+        a step without a frontal maximum of its own.
+    """
+    window, lead, density, slopes = steps_kernels.frontal(
+        strip, PHASE, CONTACT, _TOP, _NEAR, _ABOUT, POINTS, _NEAR_CONTACT
+    )
+    if np.isnan(lead):
+        lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
+    return Frontal(window, lead, density, slopes)
+
+
+def lateral(strip: Array) -> Lateral:
+    """Measure the lateral pattern of a strip."""
+    # over two steps the mean is what a turn adds to the lateral acceleration
+    found = steps_kernels.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
+    return Lateral(*found)
+
+
+#: Steps further apart than this many step times are of two walks.
+LINKED = 1.8
+#: Slopes confirm an order where they differ by at least this logarithm; not that of a maximum
+#: about half a step away, which may be a neighbour's [steps].
+_CONFIRMS, _FAR = 0.3, 0.4
+
+
+class Shape(NamedTuple):
+    """What one step looks like by itself.
+
+    Attributes
+    ----------
+    time_ns
+        Contact [ns].
+    step_s
+        Step time around it [s].
+    frontal, lateral
+        Its patterns.
+    mounting_rad
+        How far the sensor is turned, as known then [rad].
+    """
+
+    time_ns: int
+    step_s: float
+    frontal: Frontal
+    lateral: Lateral
+    mounting_rad: float
+
+
+def linked(step: Shape, others: Sequence[Shape]) -> list[Shape]:
+    """Return those of the next steps that belong to the same walk as ``step``."""
+    found: list[Shape] = []
+    last = step
+    for other in others:
+        apart_s = abs(other.time_ns - last.time_ns) / NS_PER_S
+        if apart_s > LINKED * min(last.step_s, other.step_s):
+            break
+        found.append(other)
+        last = other
+    return found
+
+
+def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Lateral]) -> float:
+    """Return the median lateral share of three neighbouring steps, the own one in the middle.
+
+    At the ends of a walk it is the first or last of them; with fewer than three steps the share
+    is its own.
+
+    Parameters
+    ----------
+    before, after
+        The nearest first, up to two.
+    own
+        The step's own pattern.
+    """
+    three = [*before[:1], own, *after[:1]]
+    if len(three) < 3:
+        three = [own, *(before or after)]
+    return median(x.share for x in three) if len(three) == 3 else own.share
+
+
+def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Frontal]) -> float:
+    """Return by how much a step's frontal maximum leads, put right by its neighbours [steps].
+
+    Parameters
+    ----------
+    before, after
+        The nearest first, up to two.
+    own
+        The step's own pattern.
+    """
+    against = [pair for pair in (before, after) if _agree_against(pair, own.lead)]
+    confirmed = own.lead * own.slopes > 0 and abs(own.slopes) >= _CONFIRMS
+    if not against or (confirmed and abs(own.lead) <= _FAR):
+        return own.lead
+    return median(x.lead for pair in against for x in pair)
+
+
+def _agree_against(pair: Sequence[Frontal], lead: float) -> bool:
+    """Return whether two neighbours agree on an order that is not that of ``lead``."""
+    signs = {_sign(x.lead) for x in pair}
+    return len(pair) == 2 and len(signs) == 1 and _sign(lead) not in signs
+
+
+def _sign(value: float) -> int:
+    return (value > 0) - (value < 0)
+
+
+#: Order of the low-pass (EPFL).
+ORDER = 3
+#: Steps nearer or further apart say nothing of the step time [s].
+SHORTEST_STEP_S, LONGEST_STEP_S = 0.2, 2.0
+#: Step time before anything tells it [s].
+USUAL_STEP_S = 0.6
+
+
+def smoothing(cutoff_hz: float, rate_hz: float) -> NDArray[np.float64]:
+    """Design the low-pass of all three axes, a Butterworth filter of order 3.
+
+    Source: EPFL, 4 Hz at 30 Hz. It delays by 2.3 to 3.4 samples there, not by "its 4 coefficients"
+    as printed; here the delay at the usual cadence is taken out of the times.
+
+    Returns
+    -------
+    Second-order sections, shape (2, 6).
+    """
+    hz = corner(cutoff_hz, rate_hz)
+    return np.asarray(signal.butter(ORDER, hz, fs=rate_hz, output="sos"))
+
+
+@dataclass(slots=True)
+class _Signal:
+    """The body's accelerations, low-passed, as far back as steps may ask."""
+
+    axes: BodyAxes
+    filter: StreamingFilter
+    delay_ns: int
+    holder: Holder = field(default_factory=Holder)
+    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    values: NDArray[np.float64] = field(default_factory=lambda: np.empty((3, 0)))
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last sample [ns]."""
+        return int(self.time_ns[-1])
+
+    def add(self, block: SignalBlock) -> None:
+        """Take a block."""
+        part = self.axes(self.holder.held(block))
+        self.time_ns = np.concatenate([self.time_ns, part.time_ns - self.delay_ns])
+        self.values = np.concatenate([self.values, self.filter(part.values)], axis=1)
+
+    def forget_before(self, time_ns: int) -> None:
+        """Drop the samples before a time."""
+        first = int(np.searchsorted(self.time_ns, time_ns))
+        self.time_ns, self.values = self.time_ns[first:], self.values[:, first:]
+
+
+class Follower:
+    """Takes signal and steps of one stream in any order; gives each step's candidates in time.
+
+    A step's candidates need the two steps after it, measured, or to be sure that none follow.
+
+    Parameters
+    ----------
+    worker
+        Measures steps.
+    """
+
+    def __init__(self, worker: StepTypes) -> None:
+        self.worker = worker
+        self._forward = worker.parameters.forward
+        self._signal: _Signal | None = None
+        self._steps: list[StepEvent] = []  # not measured
+        self._waiting: list[StepEvent] = []  # measured, not told
+        self._shapes: list[Shape] = []  # of up to two that were told, and of those that wait
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take the next block of the run."""
+        if self._signal is None:
+            self._signal = self._begin(block.stream)
+        self._signal.add(block)
+        self._forward = self._signal.axes.forward
+
+    def step(self, step: StepEvent) -> None:
+        """Take the next step."""
+        self._steps.append(step)
+
+    def told(self, *, final: bool = False) -> Iterator[tuple[StepEvent, list[tuple[float, ...]]]]:
+        """Yield the steps whose candidates are known by now, and these row by row.
+
+        That is all steps where the run ends.
+        """
+        run = self._signal
+        if run is None or not len(run.time_ns):
+            return
+        while (step_s := self._measurable(run, final=final)) is not None:
+            self._measure(run, step_s)
+        while self._waiting and (final or self._surrounded(run)):
+            place = len(self._shapes) - len(self._waiting)
+            shapes = self._shapes
+            found = self.worker.rows(shapes[:place], shapes[place], shapes[place + 1 :])
+            del shapes[: max(0, place - 1)]
+            yield self._waiting.pop(0), found
+        self._forget(run)
+
+    def end(self) -> None:
+        """Forget the signal and the steps; what is known of the mounting stays."""
+        self._signal = None
+        self._steps, self._waiting, self._shapes = [], [], []
+
+    def _begin(self, stream: Stream) -> _Signal:
+        p = self.worker.parameters
+        sos = smoothing(p.cutoff_hz, stream.rate_hz)
+        delay_s = phase_delay_s(sos, NOMINAL_CADENCE_HZ, stream.rate_hz)
+        axes = BodyAxes(stream, self._forward, p.gravity_s)
+        return _Signal(axes, StreamingFilter(sos), round(delay_s * NS_PER_S))
+
+    def _measurable(self, run: _Signal, *, final: bool) -> float | None:
+        """Return the step time around the next step [s]; None while it must wait."""
+        if not self._steps:
+            return None
+        time_ns = self._steps[0].time_ns
+        if not (final or len(self._steps) > 1 or run.end_ns >= time_ns + self._late_ns):
+            return None
+        near = [shape.time_ns for shape in self._shapes[-1:]]
+        near += [step.time_ns for step in self._steps[1:2]]
+        apart = [abs(other_ns - time_ns) / NS_PER_S for other_ns in near]
+        step_s = min((s for s in apart if SHORTEST_STEP_S <= s <= LONGEST_STEP_S), default=None)
+        if step_s is None:
+            step_s = self._shapes[-1].step_s if self._shapes else USUAL_STEP_S
+        needed_ns = time_ns + round(AFTER * step_s * NS_PER_S)
+        return step_s if final or run.end_ns >= needed_ns else None
+
+    def _measure(self, run: _Signal, step_s: float) -> None:
+        step = self._steps.pop(0)
+        reach_ns = round((BEFORE + 0.5) * step_s * NS_PER_S)
+        low = run.time_ns.searchsorted(step.time_ns - reach_ns)
+        high = run.time_ns.searchsorted(step.time_ns + reach_ns)
+        near = slice(max(0, min(int(low), len(run.time_ns) - 1)), max(int(high), 1))
+        times_s = (run.time_ns[near] - step.time_ns) / NS_PER_S
+        shape = self.worker.shape(step.time_ns, step_s, times_s, run.values[:, near])
+        self._shapes.append(shape)
+        self._waiting.append(step)
+
+    def _surrounded(self, run: _Signal) -> bool:
+        """Return whether all steps that count after the first that waits are measured."""
+        place = len(self._shapes) - len(self._waiting)
+        step, after = self._shapes[place], self._shapes[place + 1 :]
+        if len(after) >= 2 or len(linked(step, after)) < len(after):
+            return True
+        last = self._shapes[-1]
+        if self._steps:
+            return self._steps[0].time_ns - last.time_ns > LINKED * last.step_s * NS_PER_S
+        return run.end_ns >= last.time_ns + self._late_ns
+
+    @property
+    def _late_ns(self) -> int:
+        return round(self.worker.parameters.late_s * NS_PER_S)
+
+    def _forget(self, run: _Signal) -> None:
+        """Drop signal that no step can ask for any more."""
+        oldest_ns = run.end_ns - self._late_ns
+        if self._steps:
+            oldest_ns = min(oldest_ns, self._steps[0].time_ns)
+        run.forget_before(oldest_ns - round((BEFORE + 0.5) * LONGEST_STEP_S * NS_PER_S))
+
+
+TYPES = ("forward", "backward", "left", "right")
+FRONTAL, LATERAL = frozenset({0, 1}), frozenset({2, 3})
+
+
+def _which(types: frozenset[int]) -> NDArray[np.bool_]:
+    """Return of each type whether it is one of some."""
+    return np.array([place in types for place in range(len(TYPES))])
+
+
+@dataclass(frozen=True, slots=True)
+class Applies:
+    """A level that only some types must reach; the others pass whatever it is."""
+
+    level: Level
+    types: frozenset[int]
+
+    @property
+    def name(self) -> str:
+        """Name of the level."""
+        return self.level.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of the level."""
+        return self.level.unit
+
+    @property
+    def parameter(self) -> str:
+        """Parameter of the level."""
+        return self.level.parameter
+
+    @property
+    def at_least(self) -> bool:
+        """Whether the level must be reached, or not exceeded."""
+        return self.level.at_least
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,
+        carry: Carry,
+    ) -> NDArray[np.float64]:
+        """Return the measured column; infinitely good where the level does not apply."""
+        seen = self.level.values(candidates, columns, alive, threshold, carry)
+        applies = _which(self.types)[candidates.channel]
+        return np.where(applies, seen, np.inf if self.at_least else -np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class Duplicate:
+    """Where a step has a pattern in both chains, the lateral one is its own."""
+
+    parameter: str = "share"
+    name: str = "duplicate"
+    unit: str = "1"
+    at_least: bool = False
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,  # noqa: ARG002
+        carry: Carry,  # noqa: ARG002
+    ) -> NDArray[np.float64]:
+        """Return the lateral share of frontal candidates whose step passed the lateral tests."""
+        share = candidates.value[:, [c.name for c in columns].index("share")]
+        aside = _which(LATERAL)[candidates.channel]
+        times = candidates.time_ns[aside & alive]
+        # a step's candidates have one time, and come in order
+        place = np.searchsorted(times, candidates.time_ns)
+        twice = np.append(times, -1)[place] == candidates.time_ns
+        # just the threshold would pass
+        return np.where(twice & ~aside, np.nextafter(share, np.float32(np.inf)), -np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class StepTypeParameters:
+    """Parameters of :class:`StepTypes`."""
+
+    forward: Annotated[
+        Ahead,
+        measured("", "Sensor axis that looks ahead to 35 degrees; walk: the walk tells."),
+    ] = "walk"
+    gravity_s: Annotated[float, measured("s", "Time constant of gravity.", gt=0)] = 2.0
+    cutoff_hz: Annotated[float, measured("Hz", "Corner of the low-pass.", gt=0)] = 4.0
+    late_s: Annotated[
+        float, measured("s", "Longest time by which steps are announced late.", ge=2)
+    ] = 20.0
+    share: Annotated[
+        float,
+        gate(
+            "1", "Lateral range over the frontal and vertical from which on steps go aside.", ge=0
+        ),
+    ] = 1.8
+    window: Annotated[
+        float, gate("steps", "Least time that the vertical signal is above its mean.", ge=0)
+    ] = 0.15
+    density: Annotated[float, gate("1", "Least area density of the frontal pattern.", ge=0)] = 0.01
+    order: Annotated[float, gate("steps", "Least distance of the two maxima.", ge=0)] = 0.0
+    lobe: Annotated[
+        float, gate("1", "Least distance of the lateral maximum from the middle.", ge=0)
+    ] = 0.02
+    slope: Annotated[float, gate("1", "Least logarithm of the steeper slope's excess.", ge=0)] = 0.0
+    leading: Annotated[
+        float, gate("1", "Least distance of the contact into the lateral pattern's steep side.")
+    ] = -0.05
+
+
+class StepTypes(Stage):
+    """A step is forward, backward, to the left or to the right by the order of its movements.
+
+    Each step has one candidate for each type. That of the accepted one is given as a step again,
+    with its type and of this stage; a step without an accepted type is not given again. Steps come
+    out in the order of time. A gap that is not bridged ends all walks.
+    """
+
+    Parameters = StepTypeParameters
+    takes = (Input(SignalBlock, hold=False), Input(StepEvent))
+    gives = (StepEvent,)
+    columns = (
+        Quantity("evidence", "1"),
+        Quantity("share", "1"),
+        Quantity("window", "steps"),
+        Quantity("density", "1"),
+        Quantity("order", "steps"),
+        Quantity("lobe", "1"),
+        Quantity("slope", "1"),
+        Quantity("leading", "1"),
+        Quantity("own_share", "1"),
+        Quantity("own_lead", "steps"),
+        Quantity("step_time", "s"),
+        Quantity("mounting", "rad"),
+    )
+    gates = (
+        Applies(Level("window", "steps", "window"), FRONTAL),
+        Applies(Level("density", "1", "density"), FRONTAL),
+        Applies(Level("order", "steps", "order"), FRONTAL),
+        Applies(Level("share", "1", "share"), LATERAL),
+        Applies(Level("lobe", "1", "lobe"), LATERAL),
+        Applies(Level("slope", "1", "slope"), LATERAL),
+        Duplicate(),
+        Applies(Level("leading", "1", "leading"), LATERAL),
+    )
+
+    def __init__(self, parameters: StepTypeParameters) -> None:
+        self.parameters = parameters
+        self.axis = WalkingAxis(parameters.forward != "walk")
+        self._follower: Follower | None = None
+        self._decided: list[StepEvent] = []  # those whose candidates were yielded last
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin; what is known of the mounting stays."""
+        if not BodyAxes.fits(context.stream):
+            text = "no types of steps: expected accelerations along x, y and z"
+            raise CannotStart(text)
+        self._stage = context.stage
+        if self._follower is None:
+            self._follower = Follower(self)
+        return TYPES
+
+    def process(self, item: SignalBlock | StepEvent) -> Iterator[Candidates]:
+        """Take signal and steps; yield the candidates of steps whose types are known."""
+        assert self._follower is not None  # it was started
+        if isinstance(item, SignalBlock):
+            self._follower.hear(item)
+            yield from self._complete(self._follower)
+        else:
+            self._follower.step(item)
+
+    def flush(self) -> Iterator[Candidates]:
+        """Yield those of the steps that waited for others; forget signal and steps."""
+        if self._follower is not None:
+            yield from self._complete(self._follower, final=True)
+            self._follower.end()
+
+    def decided(self, block: CandidateBlock) -> Iterator[StepEvent]:
+        """Yield the steps just decided again, with the first type that was accepted of each."""
+        last = -1
+        for row in np.flatnonzero(block.accepted).tolist():
+            index = row // len(TYPES)
+            if index > last:
+                kind = TYPES[int(block.channel[row])]
+                yield self._typed(self._decided[index], kind, float(block.value[row, 0]))
+            last = index
+
+    def _complete(self, follower: Follower, *, final: bool = False) -> Iterator[Candidates]:
+        """Yield the candidates of the steps around which all is known."""
+        told = list(follower.told(final=final))
+        self._decided = [step for step, _ in told]
+        if told:
+            yield Candidates(
+                np.repeat([step.time_ns for step in self._decided], len(TYPES)),
+                np.tile(np.arange(len(TYPES), dtype=np.int32), len(told)),
+                np.array([row for _, rows in told for row in rows], np.float32),
+            )
+
+    def _typed(self, step: StepEvent, kind: str, value: float) -> StepEvent:
+        """Return a step again, with its type."""
+        return replace(step, stage=self._stage, value=value, type=kind)
+
+    def shape(
+        self,
+        time_ns: int,
+        step_s: float,
+        times_s: NDArray[np.float64],
+        values: NDArray[np.float64],
+    ) -> Shape:
+        """Measure the next step; steps come in the order of time.
+
+        Parameters
+        ----------
+        time_ns, step_s
+            Its contact [ns] and the step time around it [s].
+        times_s, values
+            Times about the contact, shape (n,) [s], and accelerations ahead, to the right and up,
+            shape (3, n) [m/s2].
+        """
+        strip = strip_of(times_s, values, step_s)
+        swing = step_swing(strip, PHASE)
+        if swing is not None:
+            self.axis.add(swing)
+        strip = self.axis.turned(strip)
+        angle = self.axis.angle_rad
+        return Shape(time_ns, step_s, frontal(strip, swing), lateral(strip), angle)
+
+    def rows(
+        self, before: Sequence[Shape], step: Shape, after: Sequence[Shape]
+    ) -> list[tuple[float, ...]]:
+        """Return the columns of a step's four candidates, among those before and after it."""
+        earlier, later = linked(step, before[:-3:-1]), linked(step, after[:2])
+        lead = corrected_lead(
+            [x.frontal for x in earlier], step.frontal, [x.frontal for x in later]
+        )
+        near = [step.frontal, *(x.frontal for x in (*earlier[:1], *later[:1]))]
+        share = common_share([x.lateral for x in earlier], step.lateral, [x.lateral for x in later])
+        window, density = max(x.window for x in near), max(x.density for x in near)
+        lobe, inside = step.lateral.lobe, step.lateral.inside
+        own = (step.lateral.share, step.frontal.lead, step.step_s, step.mounting_rad)
+        found: list[tuple[float, ...]] = []
+        for sign, place in ((1, 0), (-1, 1), (-1, 2), (1, 3)):
+            order, slope = _signed(lead, sign), _signed(step.lateral.slopes, sign)
+            evidence = order if place in FRONTAL else slope
+            patterns = (share, window, density, order, lobe, slope, inside)
+            found.append((evidence, *patterns, *own))
+        return found
+
+
+def _signed(value: float, sign: int) -> float:
+    """Return a value for one of two opposite types; 0 is for the first alone."""
+    return value if sign > 0 else -value if value else -1e-6

@@ -1,0 +1,380 @@
+"""What a step gives dead reckoning: its length, facing, known places, height.
+
+How long a step is: from nothing, from the walker's height, or from how the body moved.
+
+Sources: H. Weinberg, Using the ADXL202 in pedometer and personal navigation applications, Analog
+Devices AN-602 (2002): the length goes with the fourth root of the swing of the vertical
+acceleration. W. Zijlstra and A. L. Hof, Displacement of the pelvis during human walking, Gait &
+Posture 6 (1997) 249: the body is an inverted pendulum on the leg, and what it rises tells the
+length, times a factor, 1.25 there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+
+import numpy as np
+
+from groundtrace_codecs.geometry import metres_per_radian
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..later import Later
+from ..pipeline.parameters import Updates, gate, measured
+from .body_motion import MEMORY_S, STEEP, WalkingAxis, level_axis
+from .heading import axis_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Label, StepEvent
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from ..kernels import navigation as navigation_kernels
+    from ..kernels.attitude import Vector
+    from .body_motion import Ahead, Axis, Motion
+else:
+    navigation_kernels = Later("groundtrace.kernels.navigation")
+
+
+@dataclass(frozen=True, slots=True)
+class ReckoningParameters:
+    """Parameters of :class:`.pdr.DeadReckoner`."""
+
+    axis: Annotated[
+        Literal["", "walk", "x", "y", "z", "-x", "-y", "-z"],
+        measured(
+            "",
+            "Sensor axis that looks ahead, or walk: the walk tells; "
+            "empty: y of a phone, x of foot and wrist, walk elsewhere.",
+        ),
+    ] = ""
+    azimuth: Annotated[
+        Literal["fused", "compass", "gyroscope"],
+        measured("", "What the azimuth of steps rests on."),
+    ] = "fused"
+    updates: Annotated[
+        Updates,
+        measured("", "Known places taken in: satellite fixes, two waypoints or all of them."),
+    ] = "gnss"
+    step_length: Annotated[
+        Literal["fixed", "calibrated", "height", "weinberg", "pendulum"],
+        measured("", "Model of the length of a step."),
+    ] = "weinberg"
+    length_m: Annotated[float, measured("m", "Of a step, model fixed.", gt=0)] = 0.65
+    calibrated_m: Annotated[float, measured("m", "Distance walked to calibrate.", gt=0)] = 65.0
+    calibrated_steps: Annotated[int, measured("1", "Steps it took.", gt=0)] = 100
+    height_m: Annotated[float, measured("m", "Of the walker.", gt=0)] = 1.7
+    height_part: Annotated[
+        float, measured("1", "Part of the height that a step is, model height.", gt=0)
+    ] = 0.4
+    weinberg: Annotated[
+        float, measured("m^(3/4) s^(1/2)", "Length over the fourth root of the swing.", gt=0)
+    ] = 0.38
+    pendulum: Annotated[float, measured("1", "Step over that of an inverted pendulum.", gt=0)] = (
+        1.25
+    )
+    backward: Annotated[float, measured("1", "A step back in steps ahead.", gt=0)] = 0.7
+    sideways: Annotated[float, measured("1", "A step aside in steps ahead.", gt=0)] = 0.5
+    pause_s: Annotated[
+        float, measured("s", "Two steps further apart are not of one walk.", gt=0)
+    ] = 2.0
+    mount_deg: Annotated[
+        float, measured("deg", "How far the axis may look away from the way.", ge=0)
+    ] = 5.0
+    drift_dps: Annotated[
+        float, measured("deg/s", "Bias left in the gyroscope about the vertical.", ge=0)
+    ] = 0.1
+    compass_deg: Annotated[
+        float, measured("deg", "What an undisturbed magnetic azimuth is off by.", gt=0)
+    ] = 10.0
+    compass_memory_m: Annotated[
+        float, measured("m", "For how far it is off the same way.", ge=0)
+    ] = 3.0
+    declination_deg: Annotated[
+        float, measured("deg", "Of magnetic north, positive to the east of y.")
+    ] = 0.0
+    length_error: Annotated[float, measured("1", "Part that a single step is off by.", gt=0)] = 0.15
+    scale_error: Annotated[
+        float, measured("1", "Part that all lengths are off by together.", ge=0)
+    ] = 0.1
+    way_deg: Annotated[
+        float, measured("deg", "How far a single step strays from the azimuth.", ge=0)
+    ] = 6.0
+    waypoint_m: Annotated[float, measured("m", "Standard deviation of a waypoint.", gt=0)] = 1.0
+    gnss_m: Annotated[float, measured("m", "Standard deviation of a satellite fix.", gt=0)] = 5.0
+    smooth: Annotated[bool, measured("", "Also give the track smoothed, when it ends.")] = True
+    smooth_s: Annotated[
+        float, measured("s", "Longest piece of a track that is smoothed at once.", gt=0)
+    ] = 3600.0
+    cadence_hz: Annotated[float, gate("Hz", "Most steps a second.", gt=0)] = 3.5
+    speed_mps: Annotated[float, gate("m/s", "Fastest walk.", gt=0)] = 3.0
+
+
+#: Vertical accelerations are averaged over this [s]: impacts say nothing of a step's length.
+SMOOTH_S = 0.1
+#: Signal on both sides of a step that serves its smoothing [ns].
+MARGIN_NS = NS_PER_S // 20
+#: Part of the height that the leg is (Winter, Biomechanics and motor control: 0.53).
+LEG = 0.53
+
+
+class StepShape(NamedTuple):
+    """How the body moved up and down during a step.
+
+    Attributes
+    ----------
+    swing
+        Highest minus lowest vertical acceleration [m/s2].
+    rise_m
+        How far it rose and sank [m].
+    """
+
+    swing: float
+    rise_m: float
+
+
+def shape_of(motion: Motion, start_ns: int, stop_ns: int) -> StepShape:
+    """Return the shape of a step in ``[start_ns, stop_ns)``.
+
+    The body's height is taken to be after it as before it.
+    """
+    given = (motion.time_ns, motion.acceleration, start_ns, stop_ns)
+    return StepShape(*navigation_kernels.shape(*given, MARGIN_NS, SMOOTH_S))
+
+
+def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:
+    """Return the length of a step [m].
+
+    Parameters
+    ----------
+    shape
+        How the body moved.
+    kind
+        Type of the step: ``backward``, ``left``, ``right``; anything else is one ahead.
+    parameters
+        Choose the model and hold its constants.
+    """
+    p = parameters
+    by_kind = {"backward": p.backward, "left": p.sideways, "right": p.sideways}
+    return _ahead(shape, p) * by_kind.get(kind, 1.0)
+
+
+def _ahead(shape: StepShape, p: ReckoningParameters) -> float:
+    if p.step_length == "fixed":
+        return p.length_m
+    if p.step_length == "calibrated":
+        return p.calibrated_m / p.calibrated_steps
+    if p.step_length == "height":
+        return p.height_part * p.height_m
+    if p.step_length == "weinberg":
+        return p.weinberg * math.sqrt(math.sqrt(shape.swing))
+    leg = LEG * p.height_m
+    rise = min(shape.rise_m, leg)
+    return p.pendulum * 2 * math.sqrt(2 * leg * rise - rise**2)
+
+
+#: A step of another time than this says nothing of the walking axis [s].
+SHORTEST_S, LONGEST_S = 0.25, 1.0
+#: Weight of the steps before in the walking axis: a degree bends a whole walk, so that a sensor
+#: that slips is followed more slowly here than for the type of a step.
+KEEP = 0.99
+#: So many steps tell the walking axis but for some tenths of a degree.
+SETTLED = 60
+#: Sign of the swing by the type of a step: back it is that ahead in a sensor turned half round.
+SIGN = {"backward": -1.0, "left": 0.0, "right": 0.0}
+
+
+@dataclass(slots=True)
+class Facing:
+    """Tells the direction a wearer looks in from the orientation of the sensor.
+
+    Attributes
+    ----------
+    ahead
+        The axis that looks ahead; ``walk``: what the swing of the steps tells against the first of
+        the sensor's axes that is level enough.
+    reference
+        The axis whose direction is given; None before the first step where the walk tells.
+    steps
+        How many steps have told.
+    turn_rad
+        The way ahead against the reference, counter-clockwise [rad].
+    """
+
+    ahead: Ahead
+    reference: Axis | None = None
+    steps: int = 0
+    turn_rad: float = 0.0
+    _walking: WalkingAxis = field(default_factory=lambda: WalkingAxis(nominal=False, keep=KEEP))
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is told will hardly change."""
+        return self.ahead != "walk" or self.steps >= SETTLED
+
+    @property
+    def news(self) -> str:
+        """What a person should know when the walk has told the axis; empty at other steps."""
+        if self.ahead != "walk" or self.steps != SETTLED:
+            return ""
+        angle = math.degrees(self.turn_rad)
+        side = "left" if angle > 0 else "right"
+        turned = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
+        return f"the walk tells that ahead is {turned}; steps before were gone again with that"
+
+    def watch(self, step: StepEvent, interval_s: float, motion: Motion) -> None:
+        """Take the next step; the motion must be known until a second after it."""
+        if self.ahead != "walk":
+            self.reference = self.ahead
+            return
+        reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
+        times, about = motion.time_ns, (step.time_ns - reach_ns, step.time_ns + reach_ns)
+        reference = self._refer(navigation_kernels.mean_up(times, motion.orientation, *about))
+        self.steps += 1
+        if SHORTEST_S <= interval_s <= LONGEST_S and (sign := SIGN.get(step.type, 1.0)):
+            given = (times, motion.orientation, motion.acceleration, axis_of(reference))
+            found, ahead, right = navigation_kernels.swing_about(*given, step.time_ns, reach_ns)
+            if found:
+                self._walking.add((sign * ahead, sign * right))
+        self.turn_rad = -self._walking.angle_rad
+
+    def heading(self, motion: Motion, start_ns: int, stop_ns: int) -> float:
+        """Return the mean direction of the reference in the level axes in a time [rad]."""
+        assert self.reference is not None  # a step was watched
+        axis = axis_of(self.reference)
+        return navigation_kernels.mean_heading(
+            motion.time_ns, motion.orientation, axis, start_ns, stop_ns
+        )
+
+    def _refer(self, up: Vector) -> Axis:
+        """Return the reference; another one, and all to be told anew, where it stands upright."""
+        if self.reference is None or abs(up["xyz".index(self.reference[-1])]) > STEEP:
+            self.reference, self.steps = level_axis(up), 0
+            self._walking = WalkingAxis(nominal=False, keep=KEEP)
+        return self.reference
+
+
+@dataclass(frozen=True, slots=True)
+class KnownPlace:
+    """Where the walker was at a time: ``x_m`` to the east, ``y_m`` to the north [m]."""
+
+    time_ns: int
+    x_m: float
+    y_m: float
+    sigma_m: float
+
+
+def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[KnownPlace]:
+    """Return the waypoints that a reckoning is given as known places."""
+    return [
+        KnownPlace(x.time_ns, x.x_m, x.y_m, sigma_m)
+        for x in labels
+        if x.x_m is not None and x.y_m is not None
+    ]
+
+
+@dataclass(slots=True)
+class TangentPlane:
+    """Turns latitude and longitude into metres east and north of the first fix.
+
+    Attributes
+    ----------
+    at
+        Where the first fix lies on the map [m].
+    origin
+        Its latitude and longitude [rad]; None before.
+    """
+
+    at: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, float] | None = None
+
+    def place(self, latitude: float, longitude: float) -> tuple[float, float]:
+        """Return the place of a fix on the map [m]; angles in rad."""
+        if self.origin is None:
+            self.origin = (latitude, longitude)
+        start, meridian = self.origin
+        across, along = metres_per_radian(start)
+        turned = (longitude - meridian + math.pi) % (2 * math.pi) - math.pi
+        return self.at[0] + across * turned, self.at[1] + along * (latitude - start)
+
+    def position(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Return latitude and longitude of a place on the map [rad]; the first fix comes before.
+
+        Raises
+        ------
+        ValueError
+            Before the first fix.
+        """
+        if self.origin is None:
+            raise ValueError("plane: expected a first fix, found none")
+        start, meridian = self.origin
+        across, along = metres_per_radian(start)
+        return start + (y_m - self.at[1]) / along, meridian + (x_m - self.at[0]) / across
+
+
+def satellite_columns(stream: Stream) -> tuple[int, int] | None:
+    """Return the columns of latitude and longitude, or None."""
+    found = [stream.columns_of({name}) for name in ("latitude", "longitude")]
+    return (found[0][0], found[1][0]) if all(found) else None
+
+
+def satellite_fixes(block: SignalBlock, plane: TangentPlane, sigma_m: float) -> list[KnownPlace]:
+    """Return the finite fixes of a block of degrees."""
+    columns = satellite_columns(block.stream)
+    if columns is None:
+        return []
+    degrees = np.radians(block.values[:, list(columns)])
+    times = block.sample_times().tolist()
+    return [
+        KnownPlace(time_ns, *plane.place(float(lat), float(lon)), sigma_m)
+        for time_ns, (lat, lon) in zip(times, degrees, strict=True)
+        if math.isfinite(lat + lon)
+    ]
+
+
+#: Pressure of the standard atmosphere falls to 1/e over this, at 15 degrees [m].
+SCALE_HEIGHT_M = 8434.5
+#: The pressure is averaged over so long before and after a step [s].
+AVERAGE_S = 1.0
+
+
+@dataclass(slots=True)
+class Barometer:
+    """Remembers half a minute of pressure before what came last, and that of the first step.
+
+    Attributes
+    ----------
+    start_pa
+        Pressure at the first step [Pa]; NaN before.
+    """
+
+    start_pa: float = math.nan
+    _time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    _pressure: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take a block that has a pressure [Pa]."""
+        values = block.values[:, block.stream.columns_of({"pressure"})[0]]
+        sound = np.isfinite(values) & (values > 0)
+        times = np.concatenate([self._time_ns, block.sample_times()[sound]])
+        keep = times >= block.start_ns - round(MEMORY_S * NS_PER_S)
+        self._time_ns = times[keep]
+        self._pressure = np.concatenate([self._pressure, values[sound]])[keep]
+
+    def height_m(self, time_ns: int) -> float:
+        """Return the height over the first time asked for [m]; NaN where it is not known.
+
+        By the barometric formula of an atmosphere of one temperature.
+        """
+        pressure = navigation_kernels.mean_near(
+            self._time_ns, self._pressure, time_ns, round(AVERAGE_S * NS_PER_S)
+        )
+        if math.isnan(pressure):
+            return math.nan
+        if math.isnan(self.start_pa):
+            self.start_pa = pressure
+        return SCALE_HEIGHT_M * math.log(self.start_pa / pressure)

@@ -1,0 +1,978 @@
+"""Worn sensors that contradict themselves: axes, signs and units of gyroscope, acceleration, field.
+
+One implementation for all who read a recording: ``import`` and ``info`` give lines, a replay notes.
+
+Which axes and unit of a gyroscope fit the acceleration and the field that came with it.
+
+A hypothesis is one sensor whose columns carry the wrong axes or signs. Acceleration and field each
+judge the gyroscope (:mod:`.worn_sensor_faults`), so that with a field it is told which of the three
+is the odd one out. What cannot be told: a sign of all three axes of acceleration or of field
+(turned round, they stand as still), and axes about which nothing turned; of what fits equally the
+least change to the map is named.
+
+How well a vector stands still in space once the gyroscope's turning is taken out of it.
+
+Gravity and, over a few seconds, the field of the earth stand still. What a worn sensor feels of
+them turns with it; turned back by its gyroscope, integrated from the beginning of a window, it must
+stand still again. The spread of the means of the window's blocks says how well it does. A gyroscope
+with its axes exchanged, with a wrong sign or in a wrong unit makes it worse, and one of all the
+signed permutations of its axes (the rivals) makes it good again. Only the gyroscope is integrated,
+so noise and the shaking of steps average out, which a regression of the vector's derivative point
+by point does not survive.
+
+All rivals share two integrations. Of a rotation Q and angular velocity w, what Qw turns by is
+Q R(w) Q', so that the spread of what it turns back is that of R(w) Q'v: nothing but other sums of
+the nine means of R_ki v_j. A mirrored rival is -Qw, for which -w is integrated.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from groundtrace_codecs.events import Note
+from groundtrace_codecs.importers.guess import UnitWatch
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+
+from ..detectors.clipping import Limits, Repeats
+from ..detectors.held_values import WORN, Held
+from ..detectors.signal_faults import Finding, Windows
+from ..pipeline.source import BRIDGE_S, run_tracker
+from .frames import PATIENCE_NS, Aligner, columns_of_axes
+from .placement import PlacementWatch
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Gap
+    from groundtrace_codecs.signals import Stream
+
+    from ..detectors.signal_faults import Watcher, Window
+
+    Mask = NDArray[np.bool_]
+    Array = NDArray[np.float64]
+
+FORCE, TURNING, FIELD = "acceleration", "angular_velocity", "magnetic_field"
+#: Who says it in a replay.
+SOURCE = "health"
+#: Windows [s] and the blocks in each: gravity stands still for good, a field indoors for some
+#: steps only.
+FORCE_WINDOW_S, FORCE_BLOCKS = 8.0, 4
+FIELD_WINDOW_S, FIELD_BLOCKS = 3.0, 6
+#: The field is brought to about the size of gravity, above the floor of spreads [1/T].
+_FIELD_SCALE = 1e5
+#: A gyroscope that is slower than this is not integrated [Hz].
+LEAST_HZ = 15.0
+#: Told apart from fewer of the 47 other axis maps, what is stated is not called confirmed.
+MOST_RIVALS = 24
+EFFECT = "headings, tracks and step types go astray"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisCheck:
+    """What was found out of the axes of a gyroscope.
+
+    Attributes
+    ----------
+    topic
+        Of the gyroscope.
+    against
+        ``acceleration`` or ``magnetic_field``, by which it was judged.
+    windows
+        How many windows were judged.
+    worse
+        How many of the 47 other axis maps fit worse than what is stated.
+    text
+        The same for people.
+    """
+
+    topic: str
+    against: str
+    windows: int
+    worse: int
+    text: str
+
+
+class WornImu:
+    """Looks at one gyroscope, and at the acceleration and the field beside it.
+
+    Parameters
+    ----------
+    turning, force, field
+        The streams that carry them; the same one, or one each. Only the field may be missing.
+    """
+
+    def __init__(self, turning: Stream, force: Stream, field: Stream | None) -> None:
+        self.streams = {s.topic: s for s in (turning, force, field) if s is not None}
+        self.turning, self.force, self.field = turning, force, field
+        self._walk = PlacementWatch(force) if PlacementWatch.fits(force) else None
+        self._by_force = Spreads(FORCE_WINDOW_S, FORCE_BLOCKS, scaled=True)
+        self._by_field = Spreads(FIELD_WINDOW_S, FIELD_BLOCKS, scaled=False)
+        self._many = max(1, int(turning.rate_hz // RATE_HZ))
+        self._anything: set[str] = set()
+        self._heard_ns = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        self._aligner = Aligner()
+        self._rows = np.empty((0, 9))
+        self._force_ns: int | None = None
+        self._by_force.gap()
+        self._by_field.gap()
+
+    def hear(self, item: SignalBlock | Gap) -> None:
+        """Take what the source gives next of one of the streams."""
+        if not isinstance(item, SignalBlock):
+            if not item.bridged:
+                self.gap(item.topic)
+            return
+        if not len(item):
+            return
+        if item.topic == self.force.topic:
+            self._force_ns = item.last_ns
+            if self._walk is not None:
+                self._walk.hear(item)
+        elif (
+            item.topic == self.turning.topic and (self._force_ns or 0) < item.start_ns - PATIENCE_NS
+        ):
+            self._aligner = Aligner()  # nothing to judge it by: it does not wait for ever
+        for quantity in (TURNING, FORCE, FIELD):
+            if quantity not in self._anything and item.topic == self._topic(quantity):
+                columns = columns_of_axes(item.stream, quantity)
+                self._anything |= {quantity} if item.samples[:, columns].any() else set()
+        self._aligner.hear(item)
+        samples = self._aligner.take()
+        self._judge(samples.time_ns, np.hstack([samples.rate, samples.force, samples.field]))
+
+    def _topic(self, quantity: str) -> str:
+        """Return the topic that a quantity is taken from."""
+        of = {TURNING: self.turning, FORCE: self.force, FIELD: self.field}[quantity]
+        return "" if of is None else of.topic
+
+    def gap(self, topic: str) -> None:
+        """End the run of a stream, and with it that of the sensor."""
+        samples = self._aligner.finish()
+        known = samples.time_ns <= (self._force_ns or 0)
+        rows = np.hstack([samples.rate, samples.force, samples.field])
+        self._judge(samples.time_ns[known], rows[known])
+        self._begin()
+        if self._walk is not None and topic == self.force.topic:
+            self._walk.gap()
+
+    def _judge(self, time_ns: np.ndarray, rows: np.ndarray) -> None:
+        if not len(rows) or self.turning.rate_hz < LEAST_HZ:
+            return
+        self._heard_ns = int(time_ns[-1])
+        rows = np.concatenate([self._rows, rows])
+        whole = len(rows) // self._many * self._many
+        self._rows = rows[whole:]
+        even = rows[:whole].reshape(-1, self._many, 9).mean(axis=1)
+        rate_hz = self.turning.rate_hz / self._many
+        self._by_force.hear(even[:, :6], rate_hz, self._heard_ns)
+        if self.field is not None:
+            field = even[:, [0, 1, 2, 6, 7, 8]] * ([1, 1, 1] + [_FIELD_SCALE] * 3)
+            self._by_field.hear(field, rate_hz, self._heard_ns)
+
+    def judges(self) -> list[Judge]:
+        """Return what can judge the gyroscope's axes."""
+        found = (Judge.of(FORCE, self._by_force), Judge.of(FIELD, self._by_field))
+        return [j for j in found if j is not None and not j.silent]
+
+    def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
+        """Yield what contradicts itself; ``remarks`` on units that were made are not made again."""
+        if TURNING not in self._anything:
+            return
+        unit = wrong_unit(self._by_force)
+        slow = None if unit is not None or not self._walks() else too_slow(self._by_force)
+        if unit is not None or slow is not None:
+            if any(line.startswith(f"{self.turning.topic}: {TURNING} ") for line in remarks):
+                return
+            if unit is not None:
+                yield self._unit(unit.stated, unit.fits, unit.evidence)
+            elif slow is not None:
+                turn, shake, windows = slow
+                yield self._unit(
+                    "deg/s",
+                    "rad/s",
+                    f"while its wearer walks it turns by {turn:.2g} rad/s and is shaken by "
+                    f"{shake:.2g} m/s2 (medians of {windows} windows of {FORCE_WINDOW_S:g} s), "
+                    "where who walks turns it by 0.1 rad/s or more for each m/s2",
+                )
+            return
+        found = contradiction(self.judges())
+        if found is not None:
+            yield self._axes(found)
+
+    def _walks(self) -> bool:
+        return self._walk is not None and self._walk.guess() is not None
+
+    def _finding(
+        self, kind: str, what: str, effect: str, remedy: str, odd: str = TURNING
+    ) -> Finding:
+        first, last = self._by_force.first_ns, self._by_force.last_ns
+        if not len(self._by_force):
+            first, last = self._by_field.first_ns, self._by_field.last_ns
+        topic = self._topic(odd)
+        return Finding(topic, odd, kind, first, last, 1, 1.0, what, effect, remedy)
+
+    def _unit(self, stated: str, fits: str, evidence: str) -> Finding:
+        return self._finding(
+            "unit",
+            f"in another unit than stated: {evidence}",
+            EFFECT,
+            f'in the map, give its columns unit = "{fits}" where it is "{stated}"',
+        )
+
+    def _axes(self, found: Contradiction) -> Finding:
+        judge = found.judge
+        vector = "gravity" if judge.quantity == FORCE else "the field"
+        others = "".join(f"; or, which fits as well, {other.columns}" for other in found.others)
+        equal = found.equal
+        more = f" ({equal} other axis maps fit as well: it turned too little)" if equal else ""
+        # where one sensor alone can be meant, it is its fault
+        odd = TURNING if found.others else found.fits.quantity
+        beside = " and ".join(
+            q for q in (TURNING, *(j.quantity for j in self.judges())) if q != odd
+        )
+        return self._finding(
+            "axes",
+            f"axes or signs contradict {beside}: turned back by the gyroscope as stated, "
+            f"{vector} wanders {found.ratio:.2g} times as far as with the axes that fit "
+            f"({len(judge.gain)} windows of {judge.spreads.window_s:g} s, t {found.errors:.1f})",
+            EFFECT,
+            f"in the map, {found.fits.columns}{others}{more}",
+            odd,
+        )
+
+    def checks(self) -> Iterator[AxisCheck]:
+        """Yield what could be found out, whether it fits or not."""
+        if TURNING not in self._anything:
+            return
+        found = list(self.findings())
+        odd = contradiction(self.judges()) if any(f.kind == "axes" for f in found) else None
+        told = [(FORCE, self._by_force)]
+        if self.field is not None:
+            told.append((FIELD, self._by_field))
+        for quantity, spreads in told:
+            judge = Judge.of(quantity, spreads)
+            worse = 0 if judge is None else judge.worse
+            if quantity in self._anything:
+                # what the odd one out is judged by has nothing against the gyroscope
+                against = bool(found) and (odd is None or odd.seen_by(quantity))
+                text = _said(judge, spreads, worse, contradicted=against)
+            else:
+                text = "not checked: it is zero in all samples"
+            yield AxisCheck(self.turning.topic, quantity, len(spreads), worse, text)
+
+
+def _said(judge: Judge | None, spreads: Spreads, worse: int, *, contradicted: bool) -> str:
+    """Return one line of what a judge could find out."""
+    windows = f"{len(spreads)} windows of {spreads.window_s:g} s"
+    if judge is None:
+        return f"not checked: {windows}, 5 are needed"
+    if judge.silent:
+        return (
+            f"not checked: it moves with the sensor more than it turns ({windows}), as iron in the "
+            "sensor or a missing calibration makes it"
+        )
+    told = f"{worse} of 47 other axis maps fit worse ({windows})"
+    if contradicted:
+        return f"contradicted: {told}"
+    if worse < MOST_RIVALS:
+        return f"too little turning to confirm the axes: {told}"
+    return f"the axes fit: {told}"
+
+
+class ImuWatch:
+    """Looks at all worn sensors of a recording.
+
+    Parameters
+    ----------
+    streams
+        Of the recording. A gyroscope is judged by the acceleration and the field in its own stream,
+        or else by the only one of the same placement.
+    limits
+        Whether gyroscopes and accelerometers at their limits are looked for, too.
+    """
+
+    def __init__(self, streams: Sequence[Stream], *, limits: bool = True) -> None:
+        self.sensors = [
+            WornImu(turning, force, _beside(turning, streams, FIELD))
+            for turning in streams
+            if _has(turning, TURNING, "rad/s")
+            and (force := _beside(turning, streams, FORCE)) is not None
+        ]
+        self._zeros = [
+            _Zero(s, q) for s in streams for q in (TURNING, FORCE, FIELD) if columns_of_axes(s, q)
+        ]
+        self._limits = {s.topic: _AtLimits(s) for s in streams if limits and Limits.fits(s)}
+
+    def hear(self, item: SignalBlock | Gap) -> None:
+        """Take what the source gives next."""
+        for sensor in self.sensors:
+            if item.topic in sensor.streams:
+                sensor.hear(item)
+        if isinstance(item, SignalBlock):
+            for zero in self._zeros:
+                if item.topic == zero.stream.topic:
+                    zero.hear(item)
+            if len(item) and item.topic in self._limits:
+                self._limits[item.topic].hear(item)
+        elif not item.bridged and item.topic in self._limits:
+            self._limits[item.topic].gap()
+
+    def finish(self) -> None:
+        """End all runs."""
+        for sensor in self.sensors:
+            sensor.gap(sensor.force.topic)
+        for limits in self._limits.values():
+            limits.gap()
+
+    def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
+        """Yield what was found; after :meth:`finish`."""
+        for sensor in self.sensors:
+            yield from sensor.findings(remarks)
+        for zero in self._zeros:
+            yield from zero.findings()
+        for limits in self._limits.values():
+            yield from limits.findings()
+
+    def checks(self) -> Iterator[AxisCheck]:
+        """Yield what could be found out of axes; after :meth:`finish`."""
+        for sensor in self.sensors:
+            yield from sensor.checks()
+
+
+def _has(stream: Stream, quantity: str, unit: str = "") -> bool:
+    columns = columns_of_axes(stream, quantity)
+    return bool(columns) and all(unit in ("", stream.channels[c].unit) for c in columns)
+
+
+def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream | None:
+    """Return the stream that carries a quantity of the same sensor, if it is clear which."""
+    if _has(turning, quantity):
+        return turning
+    here = [s for s in streams if s.placement == turning.placement]
+    found = [s for s in here if _has(s, quantity)]
+    alone = sum(_has(s, TURNING) for s in here) == 1
+    return found[0] if alone and len(found) == 1 else None
+
+
+class _AtLimits:
+    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.HealthWatch`` finds it."""
+
+    def __init__(self, stream: Stream) -> None:
+        worn = stream.columns_of(WORN)
+        self._windows = Windows(stream.rate_hz)
+        self._watchers: tuple[Watcher, ...] = (
+            Held(stream, worn, worn),
+            Limits(stream),
+            Repeats(stream),
+        )
+
+    def hear(self, block: SignalBlock) -> None:
+        self._tell(self._windows.add(block))
+
+    def gap(self) -> None:
+        self._tell(self._windows.finish())
+        for watcher in self._watchers:
+            watcher.gap()
+
+    def _tell(self, windows: Iterable[Window]) -> None:
+        for window in windows:
+            for watcher in self._watchers:
+                watcher.hear(window)
+
+    def findings(self) -> Iterator[Finding]:
+        told = set()
+        for watcher in self._watchers:
+            for found in watcher.findings():
+                if found.kind == "clipped" and found.channel not in told:
+                    told.add(found.channel)
+                    yield found
+
+
+class _Zero:
+    """Whether a vector is nothing but zeros."""
+
+    def __init__(self, stream: Stream, quantity: str) -> None:
+        self.stream, self.quantity = stream, quantity
+        self._columns = columns_of_axes(stream, quantity)
+        self._count = 0
+        self._span_ns = (0, 0)
+        self._anything = False
+
+    def hear(self, block: SignalBlock) -> None:
+        if self._anything or not len(block):
+            return
+        self._span_ns = (self._span_ns[0] or block.start_ns, block.end_ns)
+        self._count += len(block)
+        self._anything = bool(block.samples[:, self._columns].any())
+
+    def findings(self) -> Iterator[Finding]:
+        if self._anything or not self._count:
+            return
+        yield Finding(
+            self.stream.topic,
+            self.quantity,
+            "zero",
+            *self._span_ns,
+            1,
+            1.0,
+            f"zero in all of {self._count} samples",
+            "stages take it for what was measured",
+            "leave its columns out of the map, or look at why they are empty",
+        )
+
+
+class ImportedImu:
+    """Looks at the worn sensors of what is being imported, as they are written."""
+
+    def __init__(self, streams: Sequence[Stream]) -> None:
+        self._watch = ImuWatch(streams)
+        self._units: dict[str, UnitWatch] = {}
+        self._runs = {s.topic: run_tracker(s, BRIDGE_S) for s in streams}
+
+    def hear(self, block: SignalBlock) -> None:
+        """Take a block as it is written."""
+        self._units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
+        for item in self._runs[block.topic].add(block):
+            self._watch.hear(item)
+
+    def remarks(self) -> tuple[str, ...]:
+        """Return one line for each thing that was found; nothing is heard after that."""
+        self._watch.finish()
+        units = [line for watch in self._units.values() for line in watch.remarks()]
+        return tuple(line_of(found) for found in self._watch.findings(units))
+
+
+def line_of(found: Finding) -> str:
+    """Return a finding as one line."""
+    where = " ".join(filter(None, (found.topic, found.channel)))
+    return f"{where}: {found.what}: {found.effect}; {found.remedy}"
+
+
+def judged(
+    items: Iterable[SignalBlock | Gap | Note], streams: Sequence[Stream]
+) -> Iterator[SignalBlock | Gap | Note]:
+    """Pass on what a source gives, and warn at its end of sensors that contradict themselves.
+
+    Parameters
+    ----------
+    items
+        Blocks, gaps and notes in time order.
+    streams
+        What the source gives.
+    """
+    imu, by_topic = ImuWatch(streams), {s.topic: UnitWatch(s) for s in streams}
+    end_ns = 0
+    for item in items:
+        yield item
+        if isinstance(item, Note):
+            continue
+        imu.hear(item)
+        if isinstance(item, SignalBlock):
+            end_ns = max(end_ns, item.last_ns)
+            by_topic[item.topic].hear(item)
+    imu.finish()
+    units = [line for watch in by_topic.values() for line in watch.remarks()]
+    yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
+    for found in imu.findings(units):
+        yield Note(found.start_ns, line_of(found), "WARN", SOURCE)
+
+
+#: A rival fits better whose spread is smaller by this mean of logarithms, so many standard errors
+#: from nothing, in so many windows at least. Named by issue with the windows' lengths; on 7 trials
+#: of BROAD and 2 recordings of mobgap no rival at the stated scale comes near (0.12 at most), on
+#: the recordings that bench/corrupted_inputs.py reports none is told.
+RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
+#: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
+#: Chosen on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
+EQUAL, EQUAL_ERRORS = 0.1, 2.0
+#: Stated in deg/s and called rad/s, a gyroscope turns so much for 8 s [rad/s, root mean square
+#: about its mean], or e times this farther than gravity turns. What is worn reaches 6 rad/s (the
+#: foot and the swung board of BROAD and LLIO); what hardly moves reaches 57 times 0.2 rad/s.
+TOO_FAST_RADPS, TOO_FAR = 10.0, 1.0
+#: Stated in rad/s and called deg/s, it turns by less than this for each m/s2 that a walker shakes
+#: it [rad/s per m/s2]: waist and board of mobgap and BROAD lie from 0.3 to 1.3, 57 times less is
+#: 0.023 at most. Looked at where the length of acceleration has such a standard deviation [m/s2].
+LEAST_TURN, SHAKEN_MPS2 = 0.06, 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judge:
+    """What the windows of one vector say of the gyroscope.
+
+    Attributes
+    ----------
+    quantity
+        ``acceleration`` or ``magnetic_field``.
+    gain
+        Logarithm of the stated spread over a rival's, shape (n_windows, 48).
+    kept
+        The same of spreads over the length that is left, mean, shape (48,).
+    still
+        Logarithm of the spread without turning over a rival's, mean, shape (48,).
+    spreads
+        Where they come from.
+    """
+
+    quantity: str
+    gain: Array
+    kept: Array
+    still: Array
+    spreads: Spreads
+
+    @classmethod
+    def of(cls, quantity: str, spreads: Spreads) -> Judge | None:
+        """Return the judge; None with too few windows to judge by."""
+        if len(spreads) < LEAST_WINDOWS:
+            return None
+        rivals = np.array(spreads.rivals)
+        still = (np.array(spreads.still)[:, None] - rivals).mean(axis=0)
+        left = rivals - np.array(spreads.lengths)
+        kept = (left[:, :1] - left).mean(axis=0)
+        return cls(quantity, rivals[:, :1] - rivals, kept, still, spreads)
+
+    @property
+    def better(self) -> Mask:
+        """Which rivals fit better than what is stated, shape (48,).
+
+        Not those that leave less of the vector, and its spread with it.
+        A field that moves with the sensor (iron in it) stands stillest with no turning at all, and
+        judges no axes.
+        """
+        mean, errors = told(self.gain)
+        fits: Mask = (mean > RATIO) & (errors > ERRORS) & (self.kept > 0)
+        return fits if self.quantity == "acceleration" else fits & (self.still > 0)
+
+    @property
+    def worse(self) -> int:
+        """How many of the 47 rivals fit worse than what is stated."""
+        mean, errors = told(self.gain)
+        return int(((mean < -RATIO) & (errors < -ERRORS)).sum())
+
+    @property
+    def silent(self) -> bool:
+        """Whether neither what is stated nor any rival stands stiller than without turning."""
+        return self.quantity == "magnetic_field" and bool((self.still <= 0).all())
+
+
+def told(values: Array) -> tuple[Array, Array]:
+    """Return means over windows, and how many standard errors they are from 0."""
+    mean = values.mean(axis=0)
+    error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
+    return mean, mean / np.maximum(error, 1e-9)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxisMap:
+    """Axes of one sensor that fit.
+
+    Attributes
+    ----------
+    quantity
+        Whose.
+    matrix
+        The axes are this signed permutation of the stated ones, shape (3, 3).
+    """
+
+    quantity: str
+    matrix: Array
+
+    @property
+    def changes(self) -> int:
+        """How many changes to the map it is: exchanges and signs; all three signs are one."""
+        exchanged = 3 - int((np.abs(np.diag(self.matrix)) > 0.5).sum())
+        signs = int((self.matrix.sum(axis=1) < 0).sum())
+        return max(exchanged - 1, 0) + (1 if signs == 3 else signs)
+
+    def seen_by(self, judge: str) -> int:
+        """Return which rival gyroscope a judge sees where these axes are the true ones."""
+        if self.quantity == "angular_velocity":
+            return rival_of(self.matrix)
+        if self.quantity != judge:
+            return 0
+        # turned back, Mv is spread as by the gyroscope M'w; a mirror image as the turned one
+        sign = 1.0 if np.linalg.det(self.matrix) > 0 else -1.0
+        return rival_of(sign * self.matrix.T)
+
+    @property
+    def columns(self) -> str:
+        """The change as it is made to the columns of a map."""
+        if (self.matrix == -np.eye(3)).all():
+            return f"{self.quantity}: each axis gets scale = -1 (its frame is left-handed)"
+        said = []
+        for column in range(3):
+            axis = int(np.argmax(np.abs(self.matrix[:, column])))
+            minus = self.matrix[axis, column] < 0
+            if axis != column:
+                also = ", scale = -1" if minus else ""
+                said.append(f'axis = "{"xyz"[column]}" becomes axis = "{"xyz"[axis]}"{also}')
+            elif minus:
+                said.append(f'axis = "{"xyz"[column]}" gets scale = -1')
+        return f"{self.quantity}: {'; '.join(said)}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contradiction:
+    """What is stated of the axes does not fit.
+
+    Attributes
+    ----------
+    fits
+        The axes that do.
+    others
+        Axes of another sensor that fit as well and are as simple.
+    equal
+        How many more signed permutations fit as well.
+    judge
+        The vector that says so most clearly.
+    ratio
+        How many times farther it wanders with the axes that are stated.
+    errors
+        How many standard errors that is from 1, as logarithms.
+    """
+
+    fits: AxisMap
+    others: tuple[AxisMap, ...]
+    equal: int
+    judge: Judge
+    ratio: float
+    errors: float
+
+    def seen_by(self, judge: str) -> bool:
+        """Return whether a judge has something against the axes that are stated."""
+        return any(each.seen_by(judge) != 0 for each in (self.fits, *self.others))
+
+
+def contradiction(judges: Sequence[Judge]) -> Contradiction | None:
+    """Return which axes fit better than the stated ones; None where none do."""
+    quantities = ["angular_velocity", *(j.quantity for j in judges)]
+    maps = [AxisMap(q, m) for q in quantities for m in RIVALS[1:]]
+    # a full sign of a vector is not seen by anyone
+    seen = [[m.seen_by(j.quantity) for j in judges] for m in maps]
+    gains = np.array(
+        [sum(float(j.gain[:, i].mean()) for j, i in zip(judges, row, strict=True)) for row in seen]
+    )
+    able = [
+        gain > RATIO and any(j.better[i] for j, i in zip(judges, row, strict=True))
+        for gain, row in zip(gains.tolist(), seen, strict=True)
+    ]
+    if not any(able):
+        return None
+    best = int(np.argmax(np.where(able, gains, -np.inf)))
+    equal = [k for k in range(len(maps)) if able[k] and _as_good(judges, seen[k], seen[best])]
+    equal.sort(key=lambda k: (maps[k].changes, -gains[k]))
+    first = equal[0]
+    said = {maps[first].quantity}
+    others = []
+    for k in equal[1:]:
+        if maps[k].changes == maps[first].changes and maps[k].quantity not in said:
+            said.add(maps[k].quantity)
+            others.append(maps[k])
+    clearest = max(range(len(judges)), key=lambda n: told(judges[n].gain)[1][seen[first][n]])
+    # an acceleration or a field turned round altogether is the same to its judge
+    distinct = {tuple(seen[k]) for k in equal}
+    named = {tuple(seen[first]), *(tuple(o.seen_by(j.quantity) for j in judges) for o in others)}
+    mean, errors = (x[seen[first][clearest]] for x in told(judges[clearest].gain))
+    return Contradiction(
+        maps[first],
+        tuple(others),
+        len(distinct - named),
+        judges[clearest],
+        math.exp(float(mean)),
+        float(errors),
+    )
+
+
+def _as_good(judges: Sequence[Judge], one: Sequence[int], best: Sequence[int]) -> bool:
+    """Return whether one row of rivals fits as well as the best row."""
+    lost, variance = 0.0, 0.0
+    for judge, i, k in zip(judges, one, best, strict=True):
+        less = judge.gain[:, k] - judge.gain[:, i]
+        lost += float(less.mean())
+        variance += float(less.var(ddof=1)) / len(less)
+    return lost < EQUAL or lost < EQUAL_ERRORS * math.sqrt(variance)
+
+
+@dataclass(frozen=True, slots=True)
+class WrongUnit:
+    """The unit of the gyroscope does not fit.
+
+    Attributes
+    ----------
+    stated, fits
+        The unit it was taken for, and the one that fits.
+    evidence
+        By which numbers, for people.
+    """
+
+    stated: str
+    fits: str
+    evidence: str
+
+
+def wrong_unit(spreads: Spreads) -> WrongUnit | None:
+    """Return the gyroscope's unit where gravity says that it was mistaken; None where not.
+
+    Parameters
+    ----------
+    spreads
+        Of the acceleration.
+    """
+    if len(spreads.units) < LEAST_WINDOWS:
+        return None
+    units = np.array(spreads.units)
+    stated, still = units[:, 0, 0], np.array(spreads.units_still)
+    turning = float(np.median(spreads.turning))
+    for place, (called, fits) in enumerate((("deg/s", "rad/s"), ("rad/s", "deg/s")), 1):
+        rivals = units[:, place]
+        gain, errors = told(stated[:, None] - rivals)
+        over, over_errors = told(still[:, None] - rivals)
+        better = (gain > RATIO) & (errors > ERRORS)
+        seen = better & (over > RATIO) & (over_errors > ERRORS)
+        impossible = better & (gain > TOO_FAR) & (SCALES[place] < 1 and turning > TOO_FAST_RADPS)
+        if not (seen | impossible).any():
+            continue
+        best = int(np.argmax(np.where(seen | impossible, gain, -np.inf)))
+        return WrongUnit(
+            called,
+            fits,
+            f"turned back by it as stated, gravity wanders {math.exp(gain[best]):.2g} times as "
+            f"far as with {fits} ({len(units)} windows of {spreads.window_s:g} s, "
+            f"t {errors[best]:.1f}; turning {turning:.3g} rad/s)",
+        )
+    return None
+
+
+def too_slow(spreads: Spreads) -> tuple[float, float, int] | None:
+    """Return turning [rad/s] and shaking [m/s2] of shaken windows, and how many; None if plausible.
+
+    Whether it is a walker who shakes the sensor, the caller must know: what is bolted to a machine
+    is shaken without turning.
+    """
+    turning, shaking = np.array(spreads.turning), np.array(spreads.shaking)
+    shaken = shaking > SHAKEN_MPS2
+    if shaken.sum() < 2:
+        return None
+    turn, shake = float(np.median(turning[shaken])), float(np.median(shaking[shaken]))
+    return (turn, shake, int(shaken.sum())) if turn < LEAST_TURN * shake else None
+
+
+#: The signed permutations that are rotations, shape (24, 3, 3), the identity first. Rival i of all
+#: 48 is the i-th of these, or minus the (i - 24)-th.
+ROTATIONS: Array = np.array(
+    sorted(
+        (
+            np.eye(3)[list(order)] * np.array(signs)[:, None]
+            for order in itertools.permutations(range(3))
+            for signs in itertools.product((1.0, -1.0), repeat=3)
+            if np.linalg.det(np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0
+        ),
+        key=lambda m: -np.trace(m),
+    )
+)
+RIVALS: Array = np.concatenate([ROTATIONS, -ROTATIONS])
+#: What the stated angular velocity is multiplied by: taken as stated, and as if rad/s had been
+#: called deg/s, or the other way round.
+SCALES = (1.0, 180 / math.pi, math.pi / 180)
+#: Samples are averaged down to no less than this [Hz]: in one, a foot turns by 0.3 rad at most.
+RATE_HZ = 100.0
+#: So many windows are kept before every second one is passed over, and so on: an hour costs little
+#: more than ten minutes, and memory hardly grows.
+KEPT = 32
+#: The median over the windows so far of the means of a gyroscope is its offset and taken out, if it
+#: is no more than this [rad/s]: 20 deg/s, the zero-rate tolerance of a cheap one (InvenSense
+#: MPU-6050, product specification). More is turning. What is worn turns back, or not, in most
+#: windows; and an offset is no reason to change axes.
+OFFSET_RADPS = 0.35
+#: The units are tried in every so-many-th window that is kept: they are told by far more.
+UNITS_EVERY = 4
+#: Spreads are kept this far above nothing, so that a signal without noise has a logarithm.
+_FLOOR = 1e-9
+
+
+def rival_of(matrix: Array) -> int:
+    """Return which rival a signed permutation is."""
+    return int(np.flatnonzero((np.abs(RIVALS - matrix) < 0.5).all(axis=(1, 2)))[0])
+
+
+@dataclass(slots=True)
+class Spreads:
+    """Logarithms of spreads, window by window.
+
+    Attributes
+    ----------
+    window_s, blocks
+        Length of a window [s], and of how many blocks it is; windows overlap by half.
+    scaled
+        Whether the gyroscope is tried in other units, too.
+    rivals
+        Of each window, shape (48,).
+    lengths
+        Of each window the logarithm of the length of the mean of all that was turned back, shape
+        (48,). Spun about, anything has means that hardly differ, because little is left of it; what
+        stands still keeps its length.
+    units
+        Of some of the windows in every unit, shape (3, 48): of spreads over that length.
+    units_still
+        The same with no turning at all.
+    still
+        Of each window, with no turning at all.
+    turning, shaking
+        Of each window: root mean square of the angular velocity about its mean [rad/s], standard
+        deviation of the vector's length.
+    first_ns, last_ns
+        From the beginning of the first window that was kept to the end of the last [ns].
+    """
+
+    window_s: float
+    blocks: int
+    scaled: bool
+    rivals: list[Array] = field(default_factory=list)
+    lengths: list[Array] = field(default_factory=list)
+    units: list[Array] = field(default_factory=list)
+    units_still: list[float] = field(default_factory=list)
+    still: list[float] = field(default_factory=list)
+    turning: list[float] = field(default_factory=list)
+    shaking: list[float] = field(default_factory=list)
+    first_ns: int = 0
+    last_ns: int = 0
+    _rows: Array = field(default_factory=lambda: np.empty((0, 6)))
+    _means: list[Array] = field(default_factory=list)
+    _place: int = 0
+    _every: int = 1
+
+    def __len__(self) -> int:
+        return len(self.rivals)
+
+    def gap(self) -> None:
+        """Begin a new run."""
+        self._rows = np.empty((0, 6))
+
+    def hear(self, rows: Array, rate_hz: float, end_ns: int) -> None:
+        """Take samples: angular velocity and vector, shape (n, 6), and the last one's time [ns]."""
+        self._rows = np.concatenate([self._rows, rows])
+        count = round(self.window_s * rate_hz)
+        while len(self._rows) >= count:
+            if self._place % self._every == 0:
+                self._judge(self._rows[:count], rate_hz)
+                self.last_ns = end_ns - round((len(self._rows) - count) / rate_hz * NS_PER_S)
+                began_ns = self.last_ns - round((count - 1) / rate_hz * NS_PER_S)
+                self.first_ns = self.first_ns or began_ns
+            self._place += 1
+            self._rows = self._rows[count // 2 :]
+
+    def _judge(self, rows: Array, rate_hz: float) -> None:
+        if not np.isfinite(rows).all():
+            return
+        rate, vector = rows[:, :3], rows[:, 3:]
+        taper = np.hanning(len(rate))  # of a swing that is cut short nothing is left
+        self._means.append(taper @ rate / taper.sum())
+        offset = np.median(self._means, axis=0)
+        if float(np.abs(offset).max()) < OFFSET_RADPS:
+            rate = rate - offset
+        step = np.zeros_like(rate)
+        step[1:] = (rate[1:] + rate[:-1]) / (2 * rate_hz)
+        scaled = self.scaled and len(self.rivals) % UNITS_EVERY == 0
+        scales = SCALES if scaled else SCALES[:1]
+        turned = rotations(np.stack([s * scale * step for scale in scales for s in (1, -1)]))
+        edges = np.linspace(0, len(rows), self.blocks + 1).astype(int)
+        spreads, lengths = (
+            np.log(x.reshape(len(scales), 48) + _FLOOR) for x in _spreads(turned, vector, edges)
+        )
+        means = np.stack([vector[a:b].mean(axis=0) for a, b in itertools.pairwise(edges)])
+        still = math.log(_spread(means) + _FLOOR)
+        if scaled:
+            length = float(np.linalg.norm(means.mean(axis=0)))
+            self.units.append(spreads - lengths)
+            self.units_still.append(still - math.log(length + _FLOOR))
+        self.rivals.append(spreads[0])
+        self.lengths.append(lengths[0])
+        self.still.append(still)
+        self.turning.append(math.sqrt(float(((rate - rate.mean(axis=0)) ** 2).sum(axis=1).mean())))
+        self.shaking.append(float(np.linalg.norm(vector, axis=1).std()))
+        if len(self.rivals) % KEPT == 0:
+            self._every *= 2
+
+
+def _spread(means: Array) -> float:
+    """Return how far means of blocks, shape (n_blocks, 3), are from their mean."""
+    return math.sqrt(float(((means - means.mean(axis=0)) ** 2).sum() / len(means)))
+
+
+def _spreads(turned: Array, vector: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the spread by every rotation of each of the integrated, and the length of its mean.
+
+    Both of shape (n, 24).
+
+    Parameters
+    ----------
+    turned
+        Rotations to the beginning of the window, shape (n, 3, 3, n_samples).
+    vector
+        Shape (n_samples, 3).
+    edges
+        Where blocks begin and end.
+    """
+    flat = turned.reshape(-1, turned.shape[-1])
+    blocks = np.stack(
+        [flat[:, a:b] @ vector[a:b] / (b - a) for a, b in itertools.pairwise(edges)], axis=0
+    ).reshape(len(edges) - 1, len(turned), 3, 3, 3)  # block, integration, k, i, j
+    # R (Q'v) of every rotation Q: component k is the sum over i, j of R_ki Q_ji v_j
+    means = np.einsum("bhkij,qji->qhbk", blocks, ROTATIONS)
+    middle = means.mean(axis=2, keepdims=True)
+    spreads: Array = np.sqrt(((means - middle) ** 2).sum(axis=(2, 3)) / means.shape[2])
+    lengths: Array = np.sqrt((middle**2).sum(axis=(2, 3)))
+    return spreads.T, lengths.T
+
+
+def rotations(steps: Array) -> Array:
+    """Return the rotation of each sample's axes to those of the first, from the turns in between.
+
+    Parameters
+    ----------
+    steps
+        Rotation vectors from each sample to the one before, shape (..., n, 3) [rad].
+
+    Returns
+    -------
+    numpy.ndarray
+        Matrices, shape (..., 3, 3, n).
+    """
+    angle = np.sqrt((steps**2).sum(axis=-1))
+    part = np.sinc(angle / (2 * np.pi)) / 2  # sin(angle / 2) / angle
+    turn = [np.cos(angle / 2), *(steps[..., k] * part for k in range(3))]
+    length, done = steps.shape[-2], 1
+    while done < length:  # products of twice as many samples each time
+        later = _product([q[..., :-done] for q in turn], [q[..., done:] for q in turn])
+        turn = [
+            np.concatenate([q[..., :done], x], axis=-1) for q, x in zip(turn, later, strict=True)
+        ]
+        done *= 2
+    w, x, y, z = turn
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-2) for row in rows], axis=-3)
+
+
+def _product(a: list[Array], b: list[Array]) -> list[Array]:
+    """Return products of unit quaternions."""
+    w, x, y, z = a
+    p, q, r, s = b
+    return [
+        w * p - x * q - y * r - z * s,
+        w * q + x * p + y * s - z * r,
+        w * r - x * s + y * p + z * q,
+        w * s + x * r - y * q + z * p,
+    ]

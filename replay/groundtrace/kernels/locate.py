@@ -1,0 +1,106 @@
+"""The loss of arrivals at the nodes of a lattice, compiled: the loop that locates impacts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Nodes worked on together: what is summed for each of them stays in the nearest cache.
+BLOCK = 64
+#: What is summed over arrivals at each node: 1, u, t, u u and t u, all by weight.
+SUMS = 5
+#: The least sum of squares that divides, the least normal float64.
+TINY = 2.2250738585072014e-308
+
+
+@compiled
+def _summed(
+    u: Array, times: Array, line: Array, threshold: float, robust: bool, sums: Array
+) -> None:
+    """Sum over arrivals at the nodes of a block; ``robust``: by Huber's weights about ``line``."""
+    sums[:] = 0.0
+    for i in range(len(times)):
+        t = times[i]
+        for j in range(u.shape[1]):
+            x, weight = u[i, j], 1.0
+            if robust:
+                size = abs(t - line[0, j] * x - line[1, j])
+                weight = threshold / (size if size > threshold else threshold)
+            weighted = weight * x
+            sums[0, j] += weight
+            sums[1, j] += weighted
+            sums[2, j] += weight * t
+            sums[3, j] += weighted * x
+            sums[4, j] += weighted * t
+
+
+@compiled
+def _fitted(sums: Array, slope: float, line: Array) -> None:
+    """Put the best slope, at least 0, and moment of each node in ``line``, of those sums."""
+    for j in range(sums.shape[1]):
+        whole = sums[0, j]
+        u_mean, t_mean = sums[1, j] / whole, sums[2, j] / whole
+        k = slope
+        if np.isnan(slope):
+            square = sums[3, j] - whole * (u_mean * u_mean)
+            along = sums[4, j] - whole * u_mean * t_mean
+            k = along / (square if square > TINY else TINY)
+            k = k if k > 0.0 else 0.0
+        line[0, j] = k
+        line[1, j] = t_mean - k * u_mean
+
+
+@compiled
+def _lost(u: Array, times: Array, line: Array, threshold: float, loss: Array) -> None:
+    """Put the mean of twice Huber's loss at each node of a block in ``loss``."""
+    loss[:] = 0.0
+    for i in range(len(times)):
+        t = times[i]
+        for j in range(u.shape[1]):
+            size = abs(t - line[0, j] * u[i, j] - line[1, j])
+            inner = size if size < threshold else threshold
+            loss[j] += inner * (2.0 * size - inner)
+    for j in range(u.shape[1]):
+        loss[j] /= len(times)
+
+
+@compiled
+def robust_losses(
+    u: Array, times_s: Array, slope: float, threshold_s: float, passes: int, losses: Array
+) -> None:
+    """Fit t = t0 + k u at every node by Huber's loss, reweighting, and put the mean loss there.
+
+    Parameters
+    ----------
+    u
+        Shape (m, n, q), or (1, n, q) where all impacts have the same nodes.
+    times_s
+        Shape (m, n) [s].
+    slope
+        k, or NaN where it is fitted, as at least 0.
+    threshold_s
+        Residuals beyond it count linearly [s].
+    passes
+        Reweightings.
+    losses
+        Shape (m, q) [s^2], overwritten.
+    """
+    whole_sums, whole_line = np.empty((SUMS, BLOCK)), np.empty((2, BLOCK))
+    for row in range(len(times_s)):
+        nodes = u[row if len(u) > 1 else 0]
+        for start in range(0, nodes.shape[1], BLOCK):
+            stop = min(start + BLOCK, nodes.shape[1])
+            part, loss = nodes[:, start:stop], losses[row, start:stop]
+            sums, line = whole_sums[:, : stop - start], whole_line[:, : stop - start]
+            for index in range(passes + 1):
+                _summed(part, times_s[row], line, threshold_s, index > 0, sums)
+                _fitted(sums, slope, line)
+            _lost(part, times_s[row], line, threshold_s, loss)

@@ -1,0 +1,661 @@
+"""The loops of step detectors, compiled: rhythm, bands, peaks, types of steps."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import compiled, in_place
+from .lanes import LANES
+from .picker import TOGETHER, sums_together
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Places = NDArray[np.int64]
+    Span = tuple[int, int]
+
+
+@in_place
+def autocorrelation(x: Array, n: int, lags: int, energy: Array, sums: Array) -> None:
+    """Put the correlations of a window with itself shifted by 0 to ``lags`` in ``sums``.
+
+    Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
+    at all multiples of its period.
+
+    Parameters
+    ----------
+    x, n
+        The window in its first n places; 0 in as many behind them as there are sums.
+    energy
+        Shape (n + 1,), written over.
+    sums
+        Shape (m,), m a multiple of TOGETHER and more than ``lags``.
+    """
+    rows = sums.reshape(-1, LANES)
+    energy[0] = 0.0
+    for i in range(n):
+        energy[i + 1] = energy[i] + x[i] * x[i]
+    for g in range(len(sums) // TOGETHER):
+        sums_together(x, g * TOGETHER, x, (0, max(n - g * TOGETHER, 0)), rows, 4 * g)
+    for lag in range(lags + 1):
+        sums[lag] /= math.sqrt(energy[n - lag] * (energy[n] - energy[lag]) + 1e-9)
+
+
+@in_place
+def median_size(window: Array, x: Array) -> float:
+    """Return the median of absolute values, by parting them about one again and again (Hoare).
+
+    They are moved about in ``x``, shape (n,) or more.
+    """
+    n = len(window)
+    for i in range(n):
+        x[i] = abs(window[i])
+    low, high, middle = 0, n - 1, n // 2
+    while low < high:
+        pivot, i, j = x[(low + high) // 2], low, high
+        while i <= j:
+            while x[i] < pivot:
+                i += 1
+            while x[j] > pivot:
+                j -= 1
+            if i <= j:
+                x[i], x[j] = x[j], x[i]
+                i, j = i + 1, j - 1
+        if middle <= j:
+            high = j
+        elif middle >= i:
+            low = i
+        else:
+            break
+    if n % 2:
+        return float(x[middle])
+    below = x[0]
+    for k in range(1, middle):
+        below = max(below, x[k])
+    return float(0.5 * (below + x[middle]))
+
+
+@in_place
+def clip_window(window: Array, limit: float, x: Array) -> None:
+    """Put a window, shape (n,), with its amplitudes clipped, less its mean, in ``x``."""
+    total = 0.0
+    for i in range(len(window)):
+        x[i] = min(max(window[i], -limit), limit)
+        total += x[i]
+    for i in range(len(window)):
+        x[i] -= total / len(window)
+
+
+@in_place
+def best_period(
+    correlation: Array, repeats: int, shortest: int, longest: int, comb: Array
+) -> tuple[int, float]:
+    """Return the period that stands out, in points, and its strength; 0 and -1 for none.
+
+    ``comb``, shape (longest - shortest + 1,), is written over.
+    """
+    for i in range(longest - shortest + 1):
+        comb[i] = 0.0
+        for k in range(1, repeats + 1):
+            comb[i] += correlation[k * (shortest + i)]
+        comb[i] /= repeats
+    best, strength = 0, -np.inf
+    for i in range(1, len(comb) - 1):
+        if comb[i] > comb[i - 1] and comb[i] >= comb[i + 1] and comb[i] > strength:
+            best, strength = shortest + i, comb[i]
+    return best, strength if best else -1.0
+
+
+@compiled
+def rhythms(
+    signal: Array,
+    hop: int,
+    length: int,
+    repeats: int,
+    periods: tuple[int, int],
+    fastest: float,
+    clip: float,
+    part: float,
+) -> Array:
+    """Return strength, step time in points and median amplitude of windows, shape (3, n).
+
+    Parameters
+    ----------
+    signal
+        Shape (m,): windows of ``length`` points begin at every ``hop``-th.
+    repeats
+        How many periods on the signal must repeat itself.
+    periods
+        Shortest and longest that are tried [points].
+    fastest
+        Shortest step time [points].
+    clip
+        Amplitudes are clipped at this multiple of their median.
+    part
+        What parts of a period must correlate by, as a part of what it does itself.
+    """
+    count = (len(signal) - length) // hop + 1
+    shortest, longest = periods
+    out, lags = np.empty((3, count)), repeats * longest
+    sums = np.empty(-(-(lags + 1) // TOGETHER) * TOGETHER)
+    x, energy = np.zeros(length + len(sums)), np.empty(length + 1)
+    comb = np.empty(max(longest - shortest + 1, 1))
+    for w in range(count):
+        window = signal[w * hop : w * hop + length]
+        out[0, w], out[1, w], out[2, w] = -1.0, 0.0, median_size(window, x)
+        if longest < shortest + 2:
+            continue
+        clip_window(window, clip * out[2, w], x)
+        autocorrelation(x, length, lags, energy, sums)
+        period, strength = best_period(sums, repeats, shortest, longest, comb)
+        if not period:
+            continue
+        steps = 1
+        if period >= 3 * fastest and between(sums, period / 3) > part * strength:
+            steps = 3
+        elif period >= 2 * fastest and between(sums, period / 2) > -part * strength:
+            steps = 2
+        out[0, w], out[1, w] = strength, period / steps
+    return out
+
+
+@compiled
+def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width: int) -> Array:
+    """Return the best window of each hop ``[start, end)``, shape (3, n); -inf where there is none.
+
+    Parameters
+    ----------
+    found
+        Of the windows from ``first`` on, the strength first, shape (3, m).
+    ahead, width
+        How far ahead of a hop a window may reach, and how long it is [hops].
+    """
+    start, end = hops
+    out = np.full((3, end - start), -np.inf)
+    for hop in range(start, end):
+        last = min(hop, max(0, hop + ahead - width), first + found.shape[1] - 1)
+        for w in range(max(min(hop - 1 - width, last) - first, 0), last - first + 1):
+            if found[0, w] > out[0, hop - start]:
+                out[:, hop - start] = found[:, w]
+    return out
+
+
+@in_place
+def between(values: Array, place: float) -> float:
+    """Return the value at a place, on the straight line between its neighbours."""
+    low = int(place)
+    if low >= len(values) - 1:
+        return float(values[len(values) - 1])
+    return float((values[low + 1] - values[low]) * (place - low) + values[low])
+
+
+@in_place
+def place_among(nodes: Array, value: float) -> float:
+    """Return the place of a value among nodes that rise, at most that of the first and last."""
+    last = len(nodes) - 1
+    if not value > nodes[0]:
+        return 0.0
+    if value >= nodes[last]:
+        return float(last)
+    low = 0
+    while nodes[low + 1] <= value:
+        low += 1
+    return float(1.0 / (nodes[low + 1] - nodes[low]) * (value - nodes[low]) + low)
+
+
+@compiled
+def step_bands(
+    up: Array,
+    kernels: Array,
+    spans: Places,
+    nodes: Array,
+    hops: Array,
+    start: int,
+    hop: int,
+    out: Array,
+) -> None:
+    """Filter points by their step time; ``out``, shape (5, n), takes what is known of each.
+
+    Parameters
+    ----------
+    up
+        Shape (n + taps - 1,): the signal from the oldest neighbour of the first point on.
+    kernels, spans
+        Weights of each node's band, and last those that rises are timed in, shape (nodes + 1,
+        taps), and first and last that counts, (nodes + 1, 2).
+    nodes
+        Step times of the bands, shape (nodes,).
+    hops
+        Strength of the rhythm, step time and swing of the first point's hop and those after it,
+        shape (3, m).
+    start, hop
+        Place of the first point in the run, and points from hop to hop.
+    out
+        Rows: band, rise, rhythm, step time, usual swing.
+    """
+    n, last = out.shape[1], len(nodes)
+    line = np.zeros(len(up) + TOGETHER)
+    line[: len(up)] = up
+    sums, parts, lower = np.empty((last + 1, TOGETHER)), np.empty(TOGETHER), start // hop
+    rows, below = sums.reshape(-1, LANES), np.empty(TOGETHER, np.int64)
+    for at in range(0, n, TOGETHER):
+        count, first, most = min(TOGETHER, n - at), last, 0
+        for i in range(count):
+            place = (start + at + i) / hop - lower
+            for k in range(3):
+                out[2 + k, at + i] = between(hops[k], place)
+            node = place_among(nodes, out[3, at + i])
+            below[i] = min(int(node), last - 2)
+            parts[i] = node - below[i]
+            first, most = min(first, below[i]), max(most, below[i])
+        for node in range(first, most + 2):
+            sums_together(line, at, kernels[node], (spans[node, 0], spans[node, 1]), rows, 4 * node)
+        sums_together(line, at, kernels[last], (spans[last, 0], spans[last, 1]), rows, 4 * last)
+        for i in range(count):
+            low, high = sums[below[i], i], sums[below[i] + 1, i]
+            out[0, at + i] = low * (1 - parts[i]) + high * parts[i]
+            out[1, at + i] = sums[last, i]
+
+
+@in_place
+def vertex(before: float, middle: float, after: float) -> float:
+    """Return where the parabola through three values has its vertex, from the middle one."""
+    return 0.5 * (before - after) / (before - 2.0 * middle + after)
+
+
+@in_place
+def risen(signal: Array, here: int, near: int, back: int, part: float) -> float:
+    """Return where a signal reaches a part of its rise to the peak within ``near`` of a place."""
+    top = max(0, here - near)
+    for i in range(top, min(here + near + 1, len(signal))):
+        if signal[i] > signal[top]:
+            top = i
+    low = max(0, top - back)
+    for i in range(low, top + 1):
+        if signal[i] < signal[low]:
+            low = i
+    level = signal[low] + part * (signal[top] - signal[low])
+    if not level > signal[low]:
+        return float(top)
+    before = low
+    for i in range(low, top):
+        if signal[i] <= level:
+            before = i
+    if signal[before + 1] <= signal[before]:
+        return float(top)
+    return float(before + (level - signal[before]) / (signal[before + 1] - signal[before]))
+
+
+@in_place
+def higher(band: Array, here: int, reach: int) -> int:
+    """Return how many points away the nearest higher value is; 0 where none is within ``reach``."""
+    for away in range(1, reach + 1):
+        before, after = here - away, here + away
+        earlier = before >= 0 and band[before] >= band[here]
+        if earlier or (after < len(band) and band[after] > band[here]):
+            return away
+    return 0
+
+
+@compiled
+def peaks(
+    points: Array,
+    first: int,
+    span: tuple[int, int],
+    last: float,
+    floor: float,
+    rise: float,
+    grid_hz: float,
+    near: int,
+    reaches: tuple[float, float, float],
+) -> Array:
+    """Measure the local maxima of the band at places ``[start, end)``.
+
+    Parameters
+    ----------
+    points
+        Band, rise, rhythm, step time and usual swing of the points from ``first`` on, shape (5, n).
+    last
+        Place of the peak before.
+    floor, rise
+        Lowest peak, and part of the rise at which a step is timed; 0 times it at the peak.
+    near
+        How far from the peak of the band a rise ends at most [points].
+    reaches
+        How far valleys, the beginning of a rise and higher peaks are looked for [step times].
+
+    Returns
+    -------
+    Place, height, swing, share, dominance, rhythm and step time, shape (n_peaks, 7).
+    """
+    band, timed, rhythm, step_s, usual = points
+    found = np.empty((span[1] - span[0], 7))
+    count = 0
+    for at in range(span[0], span[1]):
+        i = at - first
+        if not (band[i] > band[i - 1] and band[i] >= band[i + 1] and band[i] > floor):
+            continue
+        step, low = step_s[i], band[i]
+        for k in range(max(0, i - int(reaches[0] * step * grid_hz)), i):
+            low = min(low, band[k])
+        if rise == 0.0:
+            offset = vertex(band[i - 1], band[i], band[i + 1])
+        else:
+            offset = risen(timed, i, near, round(reaches[1] * step * grid_hz), rise) - i
+        last = max(last, at + offset)
+        swing = band[i] - low
+        row = found[count]
+        row[0], row[1], row[2] = last, band[i], swing
+        row[3] = swing / usual[i] if usual[i] > 0 else 0.0
+        away = higher(band, i, int(reaches[2] * step * grid_hz))
+        row[4] = min(reaches[2], away / grid_hz / step) if away else reaches[2]
+        row[5], row[6] = rhythm[i], step
+        count += 1
+    return found[:count].copy()
+
+
+#: Rows of the state: means of force, of rate, and of what turns make of gravity; and weights, the
+#: sums of those of the first two means in the first two places.
+_FORCE, _RATE, _TURNS, _LEFT = range(4)
+
+
+@compiled
+def directions(force: Array, rate: Array, state: Array, keeps: tuple[float, float, float]) -> Array:
+    """Return gravity of every sample, shape (3, n); the state, shape (4, 3), goes on in place.
+
+    Parameters
+    ----------
+    force, rate
+        Specific force and angular velocity, shape (3, n); no rows of the latter: there is none.
+    keeps
+        What a sample keeps of the means of gravity and of the gyroscope's offset, and the time
+        constant of gravity [s].
+    """
+    keep, keep_offset, gravity_s = keeps
+    out, turning = np.empty(force.shape), len(rate) > 0
+    means, offsets, turns, left = state[_FORCE], state[_RATE], state[_TURNS], state[_LEFT]
+    for i in range(force.shape[1]):
+        # the weights that an endless past would have had are left out of the sums
+        left[0] = keep * left[0] + (1 - keep)
+        left[1] = keep_offset * left[1] + (1 - keep_offset)
+        for k in range(3):
+            means[k] = (1 - keep) * force[k, i] + keep * means[k]
+            out[k, i] = means[k] / left[0]
+        if not turning:
+            continue
+        for k in range(3):
+            offsets[k] = (1 - keep_offset) * rate[k, i] + keep_offset * offsets[k]
+        x = rate[0, i] - offsets[0] / left[1]
+        y = rate[1, i] - offsets[1] / left[1]
+        z = rate[2, i] - offsets[2] / left[1]
+        a, b, c = out[0, i], out[1, i], out[2, i]
+        # a fixed direction turns against the body
+        turns[0] = (1 - keep) * gravity_s * (b * z - c * y) + keep * turns[0]
+        turns[1] = (1 - keep) * gravity_s * (c * x - a * z) + keep * turns[1]
+        turns[2] = (1 - keep) * gravity_s * (a * y - b * x) + keep * turns[2]
+        for k in range(3):
+            out[k, i] += turns[k]
+    return out
+
+
+@compiled
+def resolved(force: Array, gravity: Array, nominal: Array, steep: float) -> Array:
+    """Return accelerations ahead, to the right and up, without gravity, shape (3, n).
+
+    Parameters
+    ----------
+    force, gravity
+        In the sensor's axes, shape (3, n).
+    nominal
+        The axis that looks ahead, shape (3,); where it is ``steep`` or more upright, by its cosine,
+        the one that follows it in x, y, z does.
+    """
+    out = np.empty(force.shape)
+    for i in range(force.shape[1]):
+        x, y, z = gravity[0, i], gravity[1, i], gravity[2, i]
+        length = math.sqrt(x * x + y * y + z * z)
+        if length > 0:
+            x, y, z = x / length, y / length, z / length
+        a, b, c = nominal[0], nominal[1], nominal[2]
+        if abs(a * x + b * y + c * z) > steep:
+            a, b, c = c, a, b
+        along = a * x + b * y + c * z
+        a, b, c = a - along * x, b - along * y, c - along * z
+        level = math.sqrt(a * a + b * b + c * c)
+        a, b, c = a / level, b / level, c / level
+        u, v, w = force[0, i], force[1, i], force[2, i]
+        out[0, i] = a * u + b * v + c * w
+        out[1, i] = (b * z - c * y) * u + (c * x - a * z) * v + (a * y - b * x) * w
+        out[2, i] = x * u + y * v + z * w - length
+    return out
+
+
+@compiled
+def neighbours(row: Array, weights: Array, count: int) -> Array:
+    """Return weighted sums of neighbours, the first of each first, shape (count,)."""
+    out = np.zeros(count)
+    for k in range(len(weights)):
+        weight = weights[k]
+        for i in range(count):
+            out[i] += weight * row[i + k]
+    return out
+
+
+@compiled
+def strip(times_s: Array, values: Array, phase_s: Array, weights: Array, smoothed: Array) -> None:
+    """Put signals, shape (c, m), at times ``phase_s`` in ``smoothed``, shape (c, n), averaged.
+
+    At the ends fewer neighbours count: nothing beyond the strip is waited for.
+    """
+    n, half, last = len(phase_s), len(weights) // 2, len(times_s) - 1
+    before, past = np.zeros(n, np.int64), np.zeros(n)
+    j = 0
+    for i in range(n):
+        while j < last and times_s[j + 1] <= phase_s[i]:
+            j += 1
+        before[i], past[i] = j, phase_s[i] - times_s[j]
+    # nothing stands beyond the ends, and weighs nothing
+    row, ones = np.zeros(n + 2 * half), np.zeros(n + 2 * half)
+    ones[half : half + n] = 1.0
+    totals = neighbours(ones, weights, n)
+    for c in range(len(values)):
+        for i in range(n):
+            j = before[i]
+            now = values[c, j]
+            if j < last and past[i] > 0:
+                slope = (values[c, j + 1] - values[c, j]) / (times_s[j + 1] - times_s[j])
+                now = slope * past[i] + values[c, j]
+            row[half + i] = now
+        smoothed[c] = neighbours(row, weights, n) / totals
+
+
+@in_place
+def reach(x: Array, span: Span) -> float:
+    """Return the range of a signal in ``[first, last]``."""
+    low = high = x[span[0]]
+    for i in range(span[0], span[1] + 1):
+        low, high = min(low, x[i]), max(high, x[i])
+    return float(high - low)
+
+
+@in_place
+def lowest(x: Array, first: int, last: int) -> int:
+    """Return the place of the minimum in ``[first, last]``."""
+    best = first
+    for i in range(first, last + 1):
+        if x[i] < x[best]:
+            best = i
+    return best
+
+
+@in_place
+def slopes(x: Array, first: int, peak: int, last: int) -> float:
+    """Return the logarithm of the mean slope after a maximum over that before it."""
+    rise = (x[peak] - x[first]) / max(peak - first, 1)
+    fall = (x[peak] - x[last]) / max(last - peak, 1)
+    if not (rise > 0 and fall > 0):
+        return 0.0
+    return math.log(fall / rise)
+
+
+@in_place
+def highest_top(x: Array, phase: Array, low: float, high: float) -> int:
+    """Return the highest local maximum whose phase lies in ``[low, high]``; -1 for none."""
+    best = -1
+    for i in range(1, len(x) - 1):
+        inside = low <= phase[i] <= high
+        if inside and x[i] > x[i - 1] and x[i] >= x[i + 1] and (best < 0 or x[i] > x[best]):
+            best = i
+    return best
+
+
+@in_place
+def windows(x: Array, level: float, top: int) -> tuple[Span, Span, Span]:
+    """Return where a signal is above a level: before ``top``, around it, and after.
+
+    Where it stays below, what lies between is given.
+    """
+    last = len(x) - 1
+    first, end = top, top
+    if x[top] > level:
+        while first > 0 and x[first - 1] > level:
+            first -= 1
+        while end < last and x[end + 1] > level:
+            end += 1
+    before, after = (0, first), (end, last)
+    i = first - 1
+    while i >= 0 and not x[i] > level:
+        i -= 1
+    if i >= 0:
+        begin = i
+        while begin > 0 and x[begin - 1] > level:
+            begin -= 1
+        before = (begin, i)
+    i = end + 1
+    while i <= last and not x[i] > level:
+        i += 1
+    if i <= last:
+        begin = i
+        while i < last and x[i + 1] > level:
+            i += 1
+        after = (begin, i)
+    return before, (first, end), after
+
+
+@compiled
+def frontal(
+    values: Array,
+    phase: Array,
+    contact: int,
+    top_span: tuple[float, float],
+    near: float,
+    about: Span,
+    points: int,
+    reach_span: Span,
+) -> tuple[float, float, float, float]:
+    """Return window, lead (NaN without a frontal maximum), density and slopes of a strip.
+
+    Parameters
+    ----------
+    values, phase
+        Shape (3, n), and phase of its points, shape (n,).
+    contact
+        Place of the contact.
+    top_span
+        Phases between which the vertical maximum lies.
+    near
+        How far from that the frontal maximum may lie [steps].
+    about, reach_span
+        Where the vertical mean and its range are taken, first and last place.
+    points
+        Per step.
+    """
+    ahead, up = values[0], values[2]
+    top = highest_top(up, phase, top_span[0], top_span[1])
+    top = contact if top < 0 else top
+    level = up[about[0] : about[1] + 1].mean()
+    before, own, after = windows(up, level, top)
+    window = (own[1] - own[0]) / points
+    peak = highest_top(ahead, phase, phase[top] - near, phase[top] + near)
+    if peak < 0:
+        return window, math.nan, 0.0, 0.0
+    rising, falling = before if peak <= top else own, own if peak <= top else after
+    first = lowest(ahead, min(rising[0], peak), min(rising[1], peak))
+    last = lowest(ahead, max(falling[0], peak), max(falling[1], peak))
+    height = ahead[peak] - 0.5 * (ahead[first] + ahead[last])
+    # a triangle of base n and this height has an area of height n / 2
+    density = 0.5 * height / max(reach(up, reach_span), 1e-9)
+    return window, (top - peak) / points, density, slopes(ahead, first, peak, last)
+
+
+@compiled
+def without_mean(x: Array, half: int) -> Array:
+    """Return a signal less its mean over ``half`` points before and after, as far as there are."""
+    out = np.empty(len(x))
+    for i in range(len(x)):
+        first, stop = max(0, i - half), min(len(x), i + half + 1)
+        summed = 0.0
+        for k in range(first, stop):
+            summed += x[k]
+        out[i] = x[i] - summed / (stop - first)
+    return out
+
+
+@in_place
+def around(x: Array, contact: int, most: float) -> tuple[int, int, int, int]:
+    """Return the local minima up to ``most`` nearest to the contact, the first and the last of all.
+
+    The nearest up to the contact, and after it; the ends of the strip where there are none.
+    """
+    before, after, first, last = 0, len(x) - 1, contact, contact
+    for i in range(1, len(x) - 1):
+        if x[i] < x[i - 1] and x[i] <= x[i + 1] and x[i] <= most:
+            first, last = min(first, i), max(last, i)
+            if i <= contact:
+                before = i
+            elif after == len(x) - 1:
+                after = i
+    return before, after, first, last
+
+
+@compiled
+def lateral(
+    values: Array, contact: int, deep: float, reach_span: Span, stride: int
+) -> tuple[float, float, float, float]:
+    """Return share, lobe, slopes and where the contact lies of a strip's lateral pattern.
+
+    Parameters
+    ----------
+    values
+        Shape (3, n).
+    contact
+        Place of the contact.
+    deep
+        Part of the range in which minima lie.
+    reach_span
+        Where ranges are taken, first and last place.
+    stride
+        Points before and after that a mean is taken over.
+    """
+    ahead, right, up = values
+    low, high = right.min(), right.max()
+    other = max(reach(ahead, reach_span), 1e-9) * max(reach(up, reach_span), 1e-9)
+    share = reach(without_mean(right, stride), reach_span) / other**0.5
+    first, last, earliest, latest = around(right, contact, low + deep * (high - low))
+    peak = first
+    for i in range(first, last + 1):
+        if right[i] > right[peak]:
+            peak = i
+    if first < earliest:
+        first = lowest(right, first, peak)
+    if last > latest:
+        last = lowest(right, peak, last)
+    length = max(last - first, 1)
+    steep = slopes(right, first, peak, last)
+    side = 1.0 if steep > 0 else -1.0
+    lobe = abs((peak - first) / length - 0.5)
+    return share, lobe, steep, side * (contact - peak) / length

@@ -1,0 +1,1 @@
+"""Layouts of sensors: what they can do, and their calibration."""

@@ -1,0 +1,110 @@
+"""What an array method is: it looks at the waveforms of all sensors around one step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from groundtrace_codecs.events import EVENTS, Pick, StepEvent
+from groundtrace_codecs.signals import SignalBlock
+
+from ..pipeline.parameters import measured
+from ..pipeline.stage import CannotStart, Context, Input, Stage
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.signals import Stream
+
+    from ..pipeline.gates import Candidates
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayParameters:
+    """Parameters that every array method has."""
+
+    before_s: Annotated[
+        float, measured("s", "Signal looked at before a step's first arrival.", gt=0, le=1)
+    ] = 0.02
+    after_s: Annotated[
+        float, measured("s", "Signal looked at from a step's first arrival on.", gt=0, le=1)
+    ] = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """The waveforms around a step.
+
+    Attributes
+    ----------
+    step_ns
+        The step's first arrival, by the clock of its channel [ns].
+    start_ns, rate_hz
+        Time of the first sample by the clock common to all, and the sampling rate.
+    values
+        Shape (n_samples, n_channels), in the channels' units. Samples that were never recorded
+        hold the nearest value that was. A channel whose clock is known to be off is moved, by
+        whole samples (:func:`.pipeline.buffers.whole_samples`).
+    arrivals_s
+        Shape (n_channels,): the first pick of each channel in the window, after ``start_ns`` and by
+        the common clock; NaN where a channel has none.
+    """
+
+    step_ns: int
+    start_ns: int
+    rate_hz: float
+    values: NDArray[np.float64]
+    arrivals_s: NDArray[np.float64]
+
+
+class ArrayMethod(Stage):
+    """Examines the waveforms around steps: it measures, and its gates decide.
+
+    Notes
+    -----
+    ``Parameters`` is a dataclass that derives from :class:`ArrayParameters`; ``takes`` is
+    :func:`takes_steps` of the quantities that it wants; ``needs`` says in words what ``prepare``
+    looks for.
+
+    What is found of a step comes before the step itself reaches the stages behind, so that a
+    localizer there has it.
+    """
+
+    needs: str = "channels of another kind"
+    ends_at = "clock step"
+
+    def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
+        """Begin with a stream; return the names of the candidates' channels, none if it cannot."""
+        raise NotImplementedError
+
+    def examine(self, window: Window) -> Candidates:
+        """Return what is found around one step, in the order of (time, channel)."""
+        raise NotImplementedError
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Begin with a stream."""
+        assert context.signal is not None  # it is asked for
+        self._signal = context.signal
+        names = self.prepare(context.stream, context.geometry)
+        if not names:
+            given = EVENTS[self.gives[0]].name
+            raise CannotStart(f"no {given}s: expected {self.needs}, found none")
+        return names
+
+    def process(self, item: Pick | StepEvent) -> tuple[Candidates, ...]:
+        """Gather picks, and examine steps."""
+        signal = self._signal
+        if isinstance(item, Pick):
+            signal.pick(item)
+            return ()
+        start_ns, values = signal.window(item.time_ns)
+        arrivals = signal.arrivals(item.time_ns, start_ns)
+        window = Window(item.time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
+        return (self.examine(window),)
+
+
+def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:
+    """Return what an array method takes: signal to look back at, and its picks and steps."""
+    return Input(SignalBlock, quantities, buffered=True), Input(Pick), Input(StepEvent)

@@ -1,0 +1,355 @@
+"""What localizers share: the outline of a site, arrivals of an impact, the floor so far."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from statistics import median
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import shapely
+
+from groundtrace_codecs.events import Fix, Note, Pick, Quantity, StepEvent
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..errors import PipelineError
+from ..pipeline.gates import Candidates, Level, Reach, gate_specs, never_passed
+from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import LEAST_PICKS, CannotStart, Context, Input, Stage
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import CandidateBlock, Event
+    from groundtrace_codecs.geometry import Medium
+
+    from ..pipeline.gates import Gate
+    from ..pipeline.stage import Location, Output
+
+    Array = NDArray[np.float64]
+
+#: Without an outline the sensors' rectangle is searched, widened by this part of its longer side.
+MARGIN = 0.1
+
+
+def outline_of(
+    positions: NDArray[np.float64], outline: NDArray[np.float64] | None = None
+) -> shapely.Polygon:
+    """Return the area to search.
+
+    Parameters
+    ----------
+    positions
+        Shape (n, 2): sensors [m].
+    outline
+        Shape (k, 2): corners of the room [m]; None stands for the sensors' rectangle, widened.
+
+    Raises
+    ------
+    PipelineError
+        Where the outline encloses no area or crosses itself, or no sensors span one.
+    """
+    if outline is None or len(outline) == 0:
+        low, high = positions.min(axis=0), positions.max(axis=0)
+        pad = MARGIN * float(np.max(high - low))
+        room = shapely.box(*(low - pad), *(high + pad))
+    else:
+        room = shapely.Polygon(outline) if len(outline) > 2 else shapely.Polygon()
+    if room.area <= 0 or not room.is_valid:
+        raise PipelineError(
+            f"geometry: outline: expected corners around an area, found "
+            f"{shapely.is_valid_reason(room) if room.area > 0 else 'none'}"
+        )
+    return room
+
+
+#: Places looked back on, and how many of them the value given beforehand counts as.
+MEMORY, PRIOR_COUNT = 64, 4
+
+
+@dataclass(slots=True)
+class RunningSigma:
+    """The standard deviation of an arrival: the median of those that single places tell.
+
+    One place has few arrivals to spare and tells little; a median of many stands false picks.
+
+    Attributes
+    ----------
+    prior_s
+        What it is before there are places [s].
+    unknowns
+        How many arrivals a place uses up.
+    """
+
+    prior_s: float
+    unknowns: int
+    told: deque[float] = field(default_factory=lambda: deque(maxlen=MEMORY))
+
+    @property
+    def value_s(self) -> float:
+        """The estimate by now [s]."""
+        return median([*self.told, *[self.prior_s] * PRIOR_COUNT])
+
+    def learn(self, found: Location) -> None:
+        """Take in the residual of a place, the root of its mean loss [s]."""
+        spare = found.picks - self.unknowns
+        if not found.found or spare < 1:
+            return
+        # the median of a root of chi-square, by the approximation of Wilson and Hilferty (1931)
+        typical = (1 - 2 / (9 * spare)) ** 1.5
+        self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
+
+
+#: Of a thin plate, from the thesis on footstep localisation, equation (4.24).
+EXPONENT = 4 / 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Floor:
+    """Arrivals t = t0 + pace (d / reference)^exponent + offset.
+
+    The pace is the scale k of t = t0 + k d^p where d is the reference: unlike k it hardly depends
+    on the exponent, so that both can be estimated together.
+
+    Attributes
+    ----------
+    reference_m
+        A distance typical of the layout [m].
+    pace_s
+        How long a wave takes over it [s].
+    exponent
+        p; 4/3 on a thin plate, 1 where velocity is constant.
+    offsets_s
+        Shape (n,): how far the clock of each sensor is ahead [s]; their sum is 0.
+    """
+
+    reference_m: float
+    pace_s: float
+    exponent: float
+    offsets_s: Array
+
+    @property
+    def scale(self) -> float:
+        """The scale k of t = t0 + k d^p [s/m^p]."""
+        return float(self.pace_s * self.reference_m**-self.exponent)
+
+    def travel_s(self, distance_m: Array) -> Array:
+        """Return how long waves take over distances [s]."""
+        taken: Array = self.pace_s * (distance_m / self.reference_m) ** self.exponent
+        return taken
+
+    def near(self, other: Floor) -> bool:
+        """Whether another floor is the same to 1e-5 of the pace."""
+        least = 1e-5 * self.pace_s
+        return (
+            abs(self.pace_s - other.pace_s) < least
+            and abs(self.exponent - other.exponent) < 1e-5
+            and bool(np.all(np.abs(self.offsets_s - other.offsets_s) < least))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a floor beforehand; infinite deviations know nothing.
+
+    Attributes
+    ----------
+    pace_s, pace_deviation
+        The pace [s], and the standard deviation of its logarithm.
+    exponent, exponent_deviation
+        The exponent and its standard deviation.
+    """
+
+    pace_s: float = 1.0
+    pace_deviation: float = float("inf")
+    exponent: float = EXPONENT
+    exponent_deviation: float = float("inf")
+
+
+def reference_distance(positions: Array) -> float:
+    """Return the root mean square distance of sensors, shape (n, 2), from their middle [m]."""
+    return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
+
+
+#: Arrivals older than this before the newest are forgotten: a step is announced well before [ns].
+KEEP_NS = 10 * NS_PER_S
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """Where a localizer works.
+
+    Attributes
+    ----------
+    positions
+        Shape (n, 2): sensors [m].
+    outline
+        Shape (k, 2): corners of the room [m]; None where unknown.
+    medium
+        What the waves run through.
+    length_unit
+        ``m``, or ``units`` where the unit of all these lengths is unknown.
+    """
+
+    positions: NDArray[np.float64]
+    outline: NDArray[np.float64] | None
+    medium: Medium
+    length_unit: str = "m"
+
+
+@dataclass(frozen=True, slots=True)
+class LocalizerParameters:
+    """Parameters that every localizer has."""
+
+    window_s: Annotated[
+        float, measured("s", "Longest time after a step that arrivals belong to it.", gt=0)
+    ] = 0.05
+    min_picks: Annotated[int, gate("1", "Least number of arrivals, one a channel.", ge=3)] = 3
+
+
+class ArrivalLocalizer(Stage):
+    """Finds the place of each step by its arrivals, and its gates decide which places count.
+
+    A step is announced once its arrivals are complete, so it is located at once. Where a clock is
+    set back the arrivals are forgotten; what was learnt of the floor goes on.
+
+    Notes
+    -----
+    ``Parameters`` is a dataclass that derives from :class:`LocalizerParameters`. ``columns`` are
+    those of :func:`columns`.
+    """
+
+    takes = (Input(Pick), Input(StepEvent))
+    gives = (Fix,)
+    ends_at = "clock step"
+    site_lengths = True
+
+    def __init__(self, parameters: Any) -> None:
+        self.parameters = parameters
+        self._context: Context | None = None
+        self._channels: dict[str, int] = {}
+        self._picks: deque[Pick] = deque()
+        self._told = False
+
+    def prepare(self, site: Site) -> str:
+        """Prepare for a site; return what it lacks, or an empty text."""
+        raise NotImplementedError
+
+    def locate(self, times_s: Array) -> Location:
+        """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
+        raise NotImplementedError
+
+    def start(self, context: Context) -> tuple[str, ...]:
+        """Prepare for the site of the channels that are picked, or begin anew without arrivals."""
+        self._picks.clear()
+        if self._context is not None:
+            return ("all",)
+        geometry = context.geometry
+        self._channels, positions = geometry.placed(context.source.channels)
+        lacking = "places of three or more sensors"
+        if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
+            outline = np.array(geometry.outline, np.float64)
+            room = outline if len(outline) else None
+            lacking = self.prepare(Site(positions, room, geometry.medium, geometry.length_unit))
+        if lacking:
+            raise CannotStart(f"no places: expected a geometry with {lacking}, found none")
+        self._offsets_s = geometry.clock_offsets(self._channels)
+        self._context = context
+        return ("all",)
+
+    def process(self, item: Pick | StepEvent) -> Iterator[Output]:
+        """Gather picks, and locate steps."""
+        if isinstance(item, Pick):
+            if item.channel in self._channels:
+                self._picks.append(item)
+                while self._picks[0].time_ns < item.time_ns - KEEP_NS:
+                    self._picks.popleft()
+            return
+        yield from self._never_passed(item.time_ns)
+        while self._picks and self._picks[0].time_ns < item.time_ns:
+            self._picks.popleft()
+        window_s = self.parameters.window_s
+        arrivals = first_arrivals(
+            self._picks, self._channels, item.time_ns, window_s, self._offsets_s
+        )
+        self._found = item.time_ns, self.locate(arrivals)
+        yield place_candidate(*self._found)
+
+    def decided(self, block: CandidateBlock) -> Iterator[Event]:
+        """Yield the place just found where it counts."""
+        assert self._context is not None  # it was started
+        if block.accepted[0]:
+            time_ns, location = self._found
+            yield location.fix(time_ns, self._context.plugin, self._context.stage)
+
+    def _never_passed(self, time_ns: int) -> Iterator[Note]:
+        """Say with the first step that more arrivals are asked for than there are sensors."""
+        context, told, self._told = self._context, self._told, True
+        if context is None or told:
+            return
+        reach = {
+            "picks": Reach(len(self._channels), "the picked channels that have a place"),
+        }
+        specs = gate_specs(self.gates, self.parameters)
+        for text in never_passed(context.topic, context.stage, specs, reach):
+            yield Note(time_ns, text, "WARN", context.stage)
+
+
+def first_arrivals(
+    picks: Iterable[Pick],
+    channels: Mapping[str, int],
+    step_ns: int,
+    window_s: float,
+    offsets_s: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Return the first arrival at each sensor within the window of a step [s], else NaN.
+
+    Parameters
+    ----------
+    picks
+        In any order; those of channels that have no place are left out.
+    channels
+        The row of each channel that has one.
+    step_ns, window_s
+        The step, and how long after it arrivals belong to it, by the clocks as they are.
+    offsets_s
+        Shape (n,): how far the clock of each channel is ahead [s]; subtracted from its arrival.
+    """
+    times = np.full(len(channels), np.nan)
+    for pick in picks:
+        since = (pick.time_ns - step_ns) / NS_PER_S
+        index = channels.get(pick.channel)
+        if index is not None and 0 <= since <= window_s and not times[index] <= since:
+            times[index] = since
+    return times if offsets_s is None else times - offsets_s
+
+
+def place_candidate(time_ns: int, location: Location) -> Candidates:
+    """Return a place as the candidate that a localizer's gates decide on."""
+    sigma = float(np.sqrt(np.trace(location.covariance) / 2))
+    value = [location.picks, location.residual, location.x, location.y, sigma]
+    return Candidates(
+        np.array([time_ns], np.int64), np.zeros(1, np.int32), np.array([value], np.float32)
+    )
+
+
+def columns(unit: str) -> tuple[Quantity, ...]:
+    """Return the columns of a localizer whose residual has a unit."""
+    return (
+        Quantity("picks", "1"),
+        Quantity("residual", unit),
+        Quantity("x", "m"),
+        Quantity("y", "m"),
+        Quantity("sigma", "m"),
+    )
+
+
+def gates(unit: str, parameter: str) -> tuple[Gate, ...]:
+    """Return the gates on the number of arrivals and on the residual."""
+    return (
+        Level("picks", "1", "min_picks"),
+        Level("residual", unit, parameter, at_least=False),
+    )

@@ -1,0 +1,491 @@
+"""GCC-PHAT: arrivals of one step by correlating the waveforms of all pairs of channels.
+
+An onset hides in noise and echoes; the waveform behind it does not. Delays of all pairs give
+consistent arrivals up to one time, see :mod:`.gcc_phat`, and onset picks say when. Where waves
+disperse they are the arrivals of one frequency, the same in all steps: about that of the swings
+that onsets are picked at. Where the window does not hold one step alone (two walkers, echoes
+without end) the pairs contradict each other, and the onset picks go out as they are.
+
+Delays between all pairs of channels, and the arrivals that agree best with them.
+
+Source: generalised cross-correlation with phase transform (Knapp and Carter 1976): spectra of unit
+modulus, so that neither what the source sends nor what a wall adds at some frequencies outweighs
+the rest. Two things are changed. A frequency counts as much as it stands out of the noise before
+the step (Wiener's weight); and since bending waves disperse (k proportional to sqrt(w) in a slab:
+thesis on locating people by seismic waves, equation (4.3)), the phase of a delay is not w tau but
+
+    u(w) tau,   u(w) = (w_0 / q) (w / w_0)^q,
+
+with q = 1/2 for a slab and q = 1 without dispersion: tau is the difference of group delays at the
+reference frequency w_0, and grows in proportion to the difference of distances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+
+from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from ..dsp.filters import corner
+from ..pipeline.buffers import whole_samples
+from ..pipeline.gates import Candidates, Carry, Level
+from ..pipeline.parameters import gate, measured
+from .array_method import ArrayMethod, ArrayParameters, takes_steps
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.geometry import Geometry
+    from groundtrace_codecs.signals import Stream
+
+    from .array_method import Window
+
+    Array = NDArray[np.float64]
+    Spectra = NDArray[np.complex128]
+
+#: Signal right before the first arrival that is not taken for noise [s].
+GUARD_S = 0.004
+COLUMNS = (
+    Quantity("height", "1"),
+    Quantity("closure", "s"),
+    Quantity("loudness", "1"),
+    Quantity("shift", "s"),
+    Quantity("uncertainty", "s"),
+    Quantity("onset", "1"),
+)
+HEIGHT, CLOSURE, LOUDNESS, SHIFT, UNCERTAINTY, ONSET = range(len(COLUMNS))
+
+
+@dataclass(frozen=True, slots=True)
+class GccPhatParameters(ArrayParameters):
+    """Parameters of :class:`GccPhat`."""
+
+    after_s: Annotated[
+        float,
+        measured("s", "Signal compared from a step's first arrival on; echoes follow.", gt=0, le=1),
+    ] = 0.03
+    low_hz: Annotated[float, measured("Hz", "Lowest frequency compared.", gt=0)] = 20.0
+    high_hz: Annotated[
+        float, measured("Hz", "Highest frequency compared; at most 0.45 of the rate.", gt=0)
+    ] = 2000.0
+    dispersion: Annotated[
+        float,
+        measured(
+            "1",
+            "Power of frequency that phases grow with: 0.5 in a slab, 1 anywhere else.",
+            ge=0.1,
+            le=1,
+        ),
+    ] = 0.5
+    given_hz: Annotated[
+        float,
+        measured("Hz", "Frequency whose arrivals are given, where waves disperse.", gt=0),
+    ] = 500.0
+    slowest_mps: Annotated[
+        float, measured("m/s", "Least velocity, at 100 Hz where waves disperse.", gt=0)
+    ] = 400.0
+    min_height: Annotated[
+        float, gate("1", "Least mean height of the correlations with the others.", ge=0, le=1)
+    ] = 0.3
+    max_closure_s: Annotated[
+        float, gate("s", "Most that the delays of the others contradict the arrival.", ge=0)
+    ] = 0.002
+    min_loudness: Annotated[
+        float, gate("1", "Least strength of the step over that of the noise before it.", ge=0)
+    ] = 1.5
+    apart_s: Annotated[
+        float, gate("s", "Onsets closer to an arrival by correlation are left out.", ge=0)
+    ] = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Unless:
+    """A threshold on a column, for arrivals by correlation only: onsets stand for themselves."""
+
+    name: str
+    unit: str
+    parameter: str
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],
+        alive: NDArray[np.bool_],
+        threshold: float,
+        carry: Carry,
+    ) -> Array:
+        """Return the column; infinitely good where the candidate is an onset."""
+        level = Level(self.name, self.unit, self.parameter, self.at_least)
+        found = level.values(candidates, columns, alive, threshold, carry)
+        onset = candidates.value[:, ONSET] > 0
+        return np.where(onset, np.inf if self.at_least else -np.inf, found)
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """A minimum time between an onset and any arrival by correlation of its channel that stands."""
+
+    parameter: str = "apart_s"
+    name: str = "apart"
+    unit: str = "s"
+    at_least: bool = True
+
+    def values(
+        self,
+        candidates: Candidates,
+        columns: Sequence[Quantity],  # noqa: ARG002
+        alive: NDArray[np.bool_],
+        threshold: float,  # noqa: ARG002
+        carry: Carry,  # noqa: ARG002
+    ) -> Array:
+        """Return the time to the nearest [s]; inf where there is none, and for those themselves."""
+        onset = candidates.value[:, ONSET] > 0
+        apart_s = _nearest_s(candidates.time_ns, candidates.channel, alive & ~onset)
+        return np.where(onset, apart_s, np.inf)
+
+
+def _nearest_s(
+    times: NDArray[np.int64], channel: NDArray[np.int32], standing: NDArray[np.bool_]
+) -> Array:
+    """Return the time from each candidate to the nearest of its channel that stands [s], or inf."""
+    order = np.lexsort((times, channel))
+    sorted_times, sorted_channel, stands = times[order], channel[order], standing[order]
+    place, none = np.arange(len(order)), len(order)
+    before = np.maximum.accumulate(np.where(stands, place, -1))
+    after = np.minimum.accumulate(np.where(stands, place, none)[::-1])[::-1]
+    nearest = np.full(len(order), np.inf)
+    for other in (before, after):
+        held = np.clip(other, 0, none - 1)
+        there = (other == held) & (sorted_channel[held] == sorted_channel)
+        apart_s = np.abs(sorted_times[held] - sorted_times) / NS_PER_S
+        nearest = np.where(there, np.minimum(nearest, apart_s), nearest)
+    found = np.empty(len(order))
+    found[order] = nearest
+    return found
+
+
+class GccPhat(ArrayMethod):
+    """Arrivals on which the correlations of all pairs of channels agree; else the onsets."""
+
+    Parameters = GccPhatParameters
+    takes = takes_steps(SEISMIC_QUANTITIES)
+    needs = "three or more channels"
+    gives = (Pick,)
+    columns = COLUMNS
+    gates = (
+        Unless("height", "1", "min_height"),
+        Unless("closure", "s", "max_closure_s", at_least=False),
+        Unless("loudness", "1", "min_loudness"),
+        Apart(),
+    )
+
+    def __init__(self, parameters: GccPhatParameters) -> None:
+        self.parameters = parameters
+
+    def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
+        """Begin; at least three channels are needed for pairs to contradict each other."""
+        names = tuple(c.name for c in stream.channels)
+        known = {s.channel: (s.x, s.y) for s in geometry.sensors}
+        nowhere = (np.nan, np.nan)
+        places = np.array([known.get(name, nowhere) for name in names])
+        apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
+        longest_s = self.parameters.after_s
+        self._farthest_s = np.fmin(apart / self.parameters.slowest_mps, longest_s)
+        # of the axes at one place, the one that localizers take
+        taken = geometry.placed(names)[0]
+        self._compared = np.array([name in taken or name not in known for name in names])
+        self._ahead_s = geometry.clock_offsets(names)
+        self._band: Band | None = None
+        return names if self._compared.sum() >= 3 else ()
+
+    def examine(self, window: Window) -> Candidates:
+        """Return the arrivals of a step by correlation, and its onsets."""
+        noise = window.values[: self._quiet(window)]
+        loud = _loudness(window.values[len(noise) :], noise)
+        heard = np.flatnonzero((loud > 0) & self._compared)
+        parts = [self._onsets(window, loud)]
+        if len(heard) >= 3 and np.isfinite(window.arrivals_s[heard]).any():
+            parts.append(self._arrivals(window, noise, heard, loud))
+        found = Candidates.concatenate(parts)
+        return found.rows(np.lexsort((found.channel, found.time_ns)))
+
+    def _quiet(self, window: Window) -> int:
+        picked = window.arrivals_s[np.isfinite(window.arrivals_s)]
+        given_s = (window.step_ns - window.start_ns) / NS_PER_S
+        first_s = float(picked.min()) if len(picked) else given_s
+        return max(2, round((first_s - GUARD_S) * window.rate_hz))
+
+    def _onsets(self, window: Window, loud: Array) -> Candidates:
+        """Return the picks as they came, for where correlation fails."""
+        channel = np.flatnonzero(np.isfinite(window.arrivals_s))
+        value = np.full((len(channel), len(COLUMNS)), np.nan)
+        value[:, LOUDNESS], value[:, SHIFT], value[:, ONSET] = loud[channel], 0.0, 1.0
+        return self._candidates(window, channel, window.arrivals_s[channel], value)
+
+    def _arrivals(
+        self, window: Window, noise: Array, heard: NDArray[np.intp], loud: Array
+    ) -> Candidates:
+        """Return the arrivals by correlation at the channels that heard something."""
+        rate_hz = window.rate_hz
+        if self._band is None:
+            p = self.parameters
+            high_hz = corner(p.high_hz, rate_hz)
+            self._band = Band.of(len(window.values), rate_hz, p.low_hz, high_hz, p.dispersion)
+        white = self._band.whitened(window.values[:, heard], noise[:, heard], rate_hz)
+        # the part of a sample that the window could not move a channel by
+        ahead_s = self._ahead_s[heard]
+        rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
+        white *= self._band.advance(rest_s, rate_hz)
+        delays = correlated(white, self._band, self._farthest_s[np.ix_(heard, heard)])
+        relative, misfit = consistent(delays, len(heard))
+        onsets = window.arrivals_s[heard]
+        pace = (REFERENCE_HZ / self.parameters.given_hz) ** (1 - self.parameters.dispersion)
+        origin = float(np.nanmedian(onsets - pace * relative))
+        first_s = (window.step_ns - window.start_ns) / NS_PER_S
+        # a localizer takes what comes from the step's time on
+        arrivals = max(origin, first_s - float((pace * relative + ahead_s).min())) + pace * relative
+        value = np.zeros((len(heard), len(COLUMNS)))
+        value[:, HEIGHT] = by_channel(delays, delays.height, len(heard)).mean(axis=1)
+        off_s = by_channel(delays, np.abs(misfit), len(heard))
+        value[:, CLOSURE] = pace * np.median(off_s, axis=1)
+        value[:, LOUDNESS], value[:, SHIFT] = loud[heard], arrivals - onsets
+        finest_s = pace * 2 * np.pi / self._band.turn[-1] / 20
+        value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
+        return self._candidates(window, heard, arrivals, value)
+
+    def _candidates(
+        self, window: Window, channel: NDArray[np.intp], since_s: Array, value: Array
+    ) -> Candidates:
+        """Return candidates at times after the window's start, by their own channels' clocks."""
+        own_s = since_s + self._ahead_s[channel]
+        times = window.start_ns + np.rint(own_s * NS_PER_S).astype(np.int64)
+        return Candidates(times, channel.astype(np.int32), value.astype(np.float32))
+
+
+def _loudness(values: Array, noise: Array) -> Array:
+    """Return how much stronger each channel is than its noise, shape (n_channels,); 0: dead."""
+    strength, still = values.std(axis=0), noise.std(axis=0)
+    over_silence = np.where(strength > 0, np.float64(1e6), 0.0)
+    loud = np.divide(strength, still, out=over_silence, where=still > 0)
+    return np.asarray(np.minimum(loud, 1e6))
+
+
+#: Frequency at which delays are given [Hz].
+REFERENCE_HZ = 100.0
+#: Noise spectra are averaged over so much [Hz] and, since spectra scatter, taken so many times; the
+#: samples of a window's ends fade over [s].
+SMOOTH_HZ, NOISE_FACTOR, FADE_S = 150.0, 2.0, 0.003
+#: Points of the search per shortest period, passes of reweighting, and the misfit that halves a
+#: pair's weight [s].
+POINTS, PASSES, MISFIT_S = 8.0, 12, 6e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Delays:
+    """What all pairs of channels say.
+
+    Attributes
+    ----------
+    first, second
+        The channels of each pair, shape (n_pairs,).
+    delay_s
+        How much later the first hears it, shape (n_pairs,) [s].
+    height
+        Of the correlation there, shape (n_pairs,): 1 is perfect, noise gives about 0.2.
+    weight
+        What the pair counts, shape (n_pairs,).
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    delay_s: Array
+    height: Array
+    weight: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Band:
+    """The frequencies that are compared, and how fast their phases turn.
+
+    Attributes
+    ----------
+    samples
+        Length of the transform.
+    rows
+        Which of its frequencies, shape (n_frequencies,).
+    turn
+        u of each, shape (n_frequencies,) [rad/s].
+    share
+        What each counts, shape (n_frequencies,): evenly over u.
+    spread
+        Over how many frequencies noise spectra are averaged.
+    """
+
+    samples: int
+    rows: NDArray[np.intp]
+    turn: Array
+    share: Array
+    spread: int
+
+    @classmethod
+    def of(cls, length: int, rate_hz: float, low_hz: float, high_hz: float, power: float) -> Band:
+        """Return the band of windows of ``length`` samples; ``power`` is q."""
+        samples = 1 << int(np.ceil(np.log2(2 * length)))
+        frequency = np.arange(samples // 2 + 1, dtype=np.float64) * (rate_hz / samples)
+        rows = np.flatnonzero((frequency >= max(low_hz, 1e-9)) & (frequency <= high_hz))
+        reference = 2 * np.pi * REFERENCE_HZ
+        turn = reference / power * (frequency[rows] / REFERENCE_HZ) ** power
+        share = (frequency[rows] / REFERENCE_HZ) ** (power - 1)
+        return cls(samples, rows, turn, share, max(1, round(SMOOTH_HZ * samples / rate_hz)))
+
+    def spectra(self, values: Array, rate_hz: float) -> Spectra:
+        """Return the spectra of signals of shape (n, n_channels), shape (n_channels, n_f)."""
+        planar = np.ascontiguousarray(values.T)
+        faded = (planar - planar.mean(axis=1, keepdims=True)) * _fade(len(values), rate_hz)
+        low, high = int(self.rows[0]), int(self.rows[-1]) + 1
+        return np.ascontiguousarray(np.fft.rfft(faded, self.samples, axis=1)[:, low:high])
+
+    def advance(self, late_s: Array, rate_hz: float) -> Spectra:
+        """Return what spectra of channels times this are earlier by times, shape (n, n_f)."""
+        omega = 2 * np.pi * rate_hz / self.samples * self.rows
+        return np.asarray(np.exp(1j * np.multiply.outer(late_s, omega)))
+
+    def whitened(self, values: Array, noise: Array, rate_hz: float) -> Spectra:
+        """Return spectra whose squared moduli are what each frequency counts.
+
+        Parameters
+        ----------
+        values, noise
+            Signal with a step, and without, shapes (n, n_channels) and (m, n_channels).
+        rate_hz
+            Sampling rate.
+        """
+        signal = self.spectra(values, rate_hz)
+        power = np.abs(signal) ** 2
+        still = np.abs(self.spectra(noise, rate_hz)) ** 2 * len(values) / max(len(noise), 1)
+        level = NOISE_FACTOR * _averaged(still, self.spread)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            wiener = np.nan_to_num(np.maximum(1 - level / power, 0), nan=0.0)
+            unit = np.nan_to_num(signal / np.sqrt(power), nan=0.0, posinf=0.0, neginf=0.0)
+        return np.asarray(unit * np.sqrt(wiener * self.share))
+
+
+def _fade(length: int, rate_hz: float) -> Array:
+    """Return weights that rise and fall at the ends, shape (length,)."""
+    edge = min(round(FADE_S * rate_hz), length // 2)
+    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / max(edge, 1))
+    return np.concatenate([rise, np.ones(length - 2 * edge), rise[::-1]])
+
+
+def _averaged(power: Array, spread: int) -> Array:
+    """Return running means over ``spread`` frequencies, shorter at the ends."""
+    width = min(spread, power.shape[1])
+    total = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=1)
+    index = np.arange(power.shape[1])
+    low = np.clip(index - width // 2, 0, None)
+    high = np.clip(index + width // 2 + 1, None, power.shape[1])
+    return np.asarray((total[:, high] - total[:, low]) / (high - low))
+
+
+def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
+    """Return the delay of every pair of channels.
+
+    Parameters
+    ----------
+    white
+        As :meth:`Band.whitened` gives them, shape (n_channels, n_frequencies).
+    band
+        Theirs.
+    farthest_s
+        Longest delay of each pair, shape (n_channels, n_channels) [s].
+    """
+    first, second = np.triu_indices(len(white), 1)
+    limit = farthest_s[first, second]
+    step = 2 * np.pi / (POINTS * band.turn[-1])
+    reach = int(np.ceil(limit.max() / step)) + 1
+    grid = np.arange(-reach, reach + 1) * step
+    mass = (np.abs(white) ** 2).sum(axis=1)
+    scale = np.sqrt(mass[first] * mass[second])
+    rows = _steered(white[first] * np.conj(white[second]), band.turn, step, reach)
+    allowed = np.abs(grid) <= limit[:, None] + step
+    best = np.where(allowed, rows, -np.inf).argmax(axis=1)
+    place, top = _refined(rows, best)
+    height = np.divide(top, scale, out=np.zeros_like(top), where=scale > 0)
+    return Delays(first, second, (place - reach) * step, height, np.maximum(top, 0) * height)
+
+
+def _steered(cross: Spectra, turn: Array, step_s: float, reach: int) -> Array:
+    """Return the correlations at ``2 reach + 1`` delays, ``step_s`` apart, shape (n_pairs, n)."""
+    # of delays d and -d the cosines are the same and the sines opposite: half the products do
+    cosine, sine = _waves(turn.tobytes(), step_s, 1 << reach.bit_length())
+    even = np.ascontiguousarray(cross.real) @ cosine[:, : reach + 1]
+    odd = np.ascontiguousarray(cross.imag) @ sine[:, : reach + 1]
+    return np.concatenate([(even + odd)[:, :0:-1], even - odd], axis=1)
+
+
+@lru_cache(maxsize=8)
+def _waves(turn: bytes, step_s: float, reach: int) -> tuple[Array, Array]:
+    """Return cosine and sine of every frequency's phase at delays from 0 on: those used last."""
+    phase = np.multiply.outer(np.frombuffer(turn), np.arange(reach + 1) * step_s)
+    return np.cos(phase), np.sin(phase)
+
+
+def _refined(rows: Array, best: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return place and height of the parabola through each peak and its neighbours."""
+    middle = np.clip(best, 1, rows.shape[1] - 2)
+    each = np.arange(len(rows))
+    before, at, after = (rows[each, middle + k] for k in (-1, 0, 1))
+    bend = before - 2 * at + after
+    offset = np.divide(before - after, 2 * bend, out=np.zeros_like(at), where=bend < 0)
+    offset = np.clip(offset, -1, 1)
+    return np.asarray(middle + offset, np.float64), at - (before - after) * offset / 4
+
+
+def consistent(delays: Delays, channels: int) -> tuple[Array, Array]:
+    """Return the arrivals that agree best with the delays, and what each pair is off.
+
+    Least squares with weights that fall with the misfit (Cauchy's), so that pairs locked on to an
+    echo count little.
+
+    Returns
+    -------
+    Shape (n_channels,), of mean 0, and shape (n_pairs,) [s].
+    """
+    best = max(float(delays.weight.max(initial=0.0)), 1e-300)
+    weight = _square(delays, (delays.weight + 1e-9 * best) / (best + 1e-9 * best), channels, 1)
+    late = _square(delays, delays.delay_s, channels, -1)
+    arrivals, trust = np.zeros(channels), np.ones_like(late)
+    diagonal, pairs = np.arange(channels), 2 * len(delays.first)
+    for _ in range(PASSES):
+        share = weight * trust
+        # the normal equations of all pairs; their one freedom is taken by a mean of 0
+        normal = share.sum() / pairs - share
+        normal[diagonal, diagonal] += share.sum(axis=1)
+        arrivals = np.linalg.solve(normal, (share * late).sum(axis=1))
+        trust = 1 / (1 + ((arrivals[:, None] - arrivals - late) / MISFIT_S) ** 2)
+    return arrivals, arrivals[delays.first] - arrivals[delays.second] - delays.delay_s
+
+
+def _square(delays: Delays, of_pair: Array, channels: int, sign: int) -> Array:
+    """Return a value of each pair as a matrix of all channels: ``sign`` times it the other way."""
+    out = np.zeros((channels, channels))
+    out[delays.first, delays.second] = of_pair
+    out[delays.second, delays.first] = sign * of_pair
+    return out
+
+
+def by_channel(delays: Delays, of_pair: Array, channels: int) -> Array:
+    """Return the values of all pairs that each channel is in, shape (n_channels, n_channels - 1).
+
+    They must not depend on which channel of a pair is the first.
+    """
+    others = ~np.eye(channels, dtype=np.bool_)
+    return _square(delays, of_pair, channels, 1)[others].reshape(channels, channels - 1)

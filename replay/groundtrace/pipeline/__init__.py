@@ -1,0 +1,1 @@
+"""Pipelines: source, engine, stages, gates, configuration, results."""

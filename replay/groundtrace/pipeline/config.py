@@ -1,0 +1,478 @@
+"""Pipelines: TOML that names stages, typed and validated, and the chain of stages made of it."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict, dataclass, field, replace
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from groundtrace_codecs.events import EVENTS, Fix, Gap, Label, Presence, StepEvent, TrackPoint
+from groundtrace_codecs.geometry import UNKNOWN_UNIT
+from groundtrace_codecs.signals import SignalBlock
+
+from ..errors import PipelineError, did_you_mean
+from .parameters import build, describe, parse_value
+from .plugins import stage_named
+from .stage import StageConfig, StageRunner
+from .track_check import TrackCheck, Tracking
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Geometry
+
+    from .stage import Input, Stage
+
+APPLICATIONS = ("room", "walker", "vehicle", "shots")
+RECIPE_KEYS = ("name", "description", "application")
+#: Written in a recipe where it is not empty.
+PLACEMENTS = "placements"
+
+
+@dataclass(frozen=True, slots=True)
+class PipelineConfig:
+    """A pipeline as written.
+
+    Attributes
+    ----------
+    name, description
+        For people.
+    application
+        Kind of recording, one of :data:`APPLICATIONS`; chooses the viewer's layout.
+    stage
+        In order. None at all must be said, as ``stage = []``: it shows the signals alone.
+    placements
+        By topic, where a sensor is worn whose recording does not say so: asked for by detectors
+        that take a placement. Empty text where it was looked for and is not known.
+    """
+
+    name: str
+    description: str = ""
+    application: str = "room"
+    stage: tuple[StageConfig, ...] = ()
+    placements: dict[str, str] = field(default_factory=dict)
+
+
+def named_pipelines() -> dict[str, Path]:
+    """Return the pipelines that ship with the package."""
+    folder = Path(str(files("groundtrace") / "pipelines"))
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_pipeline(name_or_path: str) -> PipelineConfig:
+    """Read a named pipeline or a TOML file.
+
+    Raises
+    ------
+    PipelineError
+        Unknown name, unreadable TOML, unknown key or wrong type, in one line.
+    """
+    shipped = named_pipelines()
+    path = shipped.get(name_or_path, Path(name_or_path))
+    if not path.is_file():
+        raise PipelineError(
+            f"{name_or_path}: expected a file or one of {', '.join(shipped)}, found neither"
+            f"{did_you_mean(name_or_path, shipped)}"
+        )
+    return parse_pipeline(path.read_bytes(), path.name)
+
+
+def parse_pipeline(text: bytes, place: str) -> PipelineConfig:
+    """Read a pipeline out of TOML; ``place`` names it in errors."""
+    try:
+        table = tomllib.loads(text.decode("utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise PipelineError(f"{place}: expected TOML, found: {error}") from None
+    _known_keys(table, PipelineConfig, place)
+    for index, stage in enumerate(_tables(table.get("stage", []), place)):
+        _known_keys(stage, StageConfig, f"{place}: stage {index + 1}")
+    try:
+        config = msgspec.convert(table, PipelineConfig)
+    except msgspec.ValidationError as error:
+        raise PipelineError(f"{place}: expected a pipeline, found: {error}") from None
+    if config.application not in APPLICATIONS:
+        raise PipelineError(
+            f"{place}: application: expected one of {', '.join(APPLICATIONS)}, "
+            f"found {config.application!r}"
+        )
+    keys = [stage.key for stage in config.stage]
+    twice = next((key for key in keys if keys.count(key) > 1), None)
+    if twice or "stage" not in table:
+        expected = "stages of different names" if twice else "at least one [[stage]]"
+        raise PipelineError(f"{place}: stage: expected {expected}, found {twice or 'none'}")
+    return config
+
+
+def _tables(value: Any, place: str) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+        raise PipelineError(f"{place}: stage: expected [[stage]] tables, found {value!r}")
+    return value
+
+
+def _known_keys(table: dict[str, Any], kind: type[Any], place: str) -> None:
+    known = list(kind.__dataclass_fields__)
+    for key in table:
+        if key not in known:
+            raise PipelineError(
+                f"{place}: {key}: expected one of {', '.join(known)}, found an unknown key"
+                f"{did_you_mean(key, known)}"
+            )
+
+
+def with_settings(config: PipelineConfig, settings: Iterable[str]) -> PipelineConfig:
+    """Apply ``stage.param=value`` settings.
+
+    Raises
+    ------
+    PipelineError
+        A setting of another form, or of a stage that the pipeline does not have.
+    """
+    stages = {stage.key: stage for stage in config.stage}
+    for setting in settings:
+        left, equals, value = setting.partition("=")
+        stage, dot, parameter = left.rpartition(".")
+        if not (equals and dot and parameter):
+            raise PipelineError(f"--set: expected stage.param=value, found {setting!r}")
+        if stage not in stages:
+            raise PipelineError(
+                f"--set: expected a stage of {', '.join(stages)}, found {stage!r} in {setting!r}"
+                f"{did_you_mean(stage, stages)}"
+            )
+        values = stages[stage].parameters | {parameter: parse_value(value)}
+        stages[stage] = replace(stages[stage], parameters=values)
+    return replace(config, stage=tuple(stages.values()))
+
+
+def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> PipelineConfig:
+    """Read a pipeline, apply settings, and check all names and values before any file is opened.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        An unknown pipeline, plugin or parameter, or a value of another type or out of range.
+    """
+    config = with_settings(load_pipeline(name_or_path), settings)
+    for stage in config.stage:
+        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
+    return config
+
+
+class Pipeline:
+    """A chain of stages: each sees the item and what the stages before it made of it.
+
+    At the end of the recording the tracks are checked.
+    """
+
+    def __init__(
+        self,
+        config: PipelineConfig,
+        stages: Sequence[Taking],
+        resolved: str,
+        check: TrackCheck | None = None,
+    ) -> None:
+        self.config = config
+        self.stages = tuple(stages)
+        self._resolved = resolved
+        self._check = check or TrackCheck(config.application, (), metric=False)
+
+    @property
+    def runs_ahead(self) -> bool:
+        """Whether the first stage needs nothing of what the others do: another core may run it."""
+        return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
+
+    def recipe(self) -> str:
+        """Return the pipeline as TOML, every parameter with its value and unit."""
+        return self._resolved
+
+    def process(self, item: SignalBlock | Event) -> list[Event]:
+        """Feed an item; return the events of all stages, each before what is made of it."""
+        return self.go_on(item, self.begin(item))
+
+    def begin(self, item: SignalBlock | Event) -> list[Event]:
+        """Feed an item to the first stage alone, which needs nothing of what the others do."""
+        return list(self.stages[0].process(item)) if self.stages else []
+
+    def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
+        """Feed an item, and what the first stage made of it, to the others; return all events."""
+        found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
+        self._check.hear(found)
+        return found
+
+    def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
+        if isinstance(item, SignalBlock):
+            for stage in self.stages:
+                if isinstance(stage, StageRunner) and stage.buffers:
+                    stage.buffer(item)
+        born = [Made(event) for event in begun]
+        whole = Made(item, list(born))
+        pass_on([*born, whole], self.stages[1:])
+        return whole.events()
+
+    def flush(self) -> list[Event]:
+        """End of the recording: return what the stages held back."""
+        found: list[Event] = []
+        for index, stage in enumerate(self.stages):
+            held = [Made(event) for event in stage.flush()]
+            pass_on(held, self.stages[index + 1 :])
+            for made in held:
+                found += [made.item, *made.events()]
+        self._check.hear(found)
+        return [*found, *self._check.finish()]
+
+
+def build_pipeline(
+    config: PipelineConfig, geometry: Geometry | None = None, labels: Sequence[Label] = ()
+) -> Pipeline:
+    """Load the plugins of a pipeline and give them their parameters.
+
+    Parameters
+    ----------
+    config
+        The pipeline as written.
+    geometry
+        Where the sensors are; without it localizers find no places.
+    labels
+        Of the recording: its waypoints go to a stage that asks for them, and to no other.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        An unknown plugin, key, type or value out of range, or a localizer or tracker without what
+        it needs before it, in one line.
+    """
+    kinds = [stage_named(stage.use) for stage in config.stage]
+    given = [
+        build(kind.Parameters, stage.parameters, stage.key)
+        for stage, kind in zip(config.stage, kinds, strict=True)
+    ]
+    wired = wire(config.stage, kinds)
+    windows = {s.key: getattr(p, "window_s", 0.0) for s, p in zip(config.stage, given, strict=True)}
+    stages, tracked = [], []
+    for stage, kind, parameters, sources in zip(config.stage, kinds, given, wired, strict=True):
+        window_s = waits_s(stage.key, parameters, sources, windows)
+        stages.append(
+            StageRunner(
+                stage,
+                kind,
+                parameters,
+                sources,
+                geometry,
+                labels,
+                placements=config.placements,
+                window_s=window_s,
+            )
+        )
+        if TrackPoint in kind.gives:
+            tracked.append(tracking(stage.key, kind, sources))
+    lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
+    lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
+    lines += [] if config.stage else ["stage = []"]
+    for stage, kind, parameters in zip(config.stage, kinds, given, strict=True):
+        lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
+    metric = geometry is None or geometry.unit != UNKNOWN_UNIT
+    check = TrackCheck(config.application, tracked, metric=metric)
+    return Pipeline(config, stages, "\n".join(lines) + "\n", check)
+
+
+def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:
+    lines = ["", "[[stage]]", f"name = {_toml(stage.key)}", f"use = {_toml(stage.use)}"]
+    names = {"topics": stage.topics, "source": stage.source}
+    lines += [f"{key} = {_toml(list(given))}" for key, given in names.items() if given]
+    lines.append("[stage.parameters]")
+    lines += [
+        f"{info.name} = {_toml(values[info.name])}  # {info.unit}; {info.part}"
+        for info in describe(kind)
+    ]
+    return lines
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_toml(key)} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, float):
+        return repr(value)
+    return msgspec.json.encode(value).decode()
+
+
+#: What is said of a stage that gives a kind of event.
+GIVING = {kind: f"gives {row.name}s" for kind, row in EVENTS.items()}
+GIVING[Presence] = "hears vehicles"
+
+
+def wire(
+    stages: Sequence[StageConfig], kinds: Sequence[type[Stage]]
+) -> tuple[Mapping[Input, tuple[str, ...]], ...]:
+    """Return whom each input of each stage takes from.
+
+    In the order of the pipeline each takes from the last earlier stage that gives what it takes, or
+    as the input says, or from those that the stage names as its ``source``.
+
+    Raises
+    ------
+    PipelineError
+        Where what a stage takes is not given before it, or a source is named that does not give it.
+    """
+    return tuple(
+        _wired(stage, kind, list(zip(stages, kinds, strict=True))[:index])
+        for index, (stage, kind) in enumerate(zip(stages, kinds, strict=True))
+    )
+
+
+def _wired(
+    stage: StageConfig, kind: type[Stage], before: Sequence[tuple[StageConfig, Any]]
+) -> dict[Input, tuple[str, ...]]:
+    """Return whom the inputs of a stage take from, of the stages before it."""
+    found: dict[Input, tuple[str, ...]] = {}
+    missing, unknown = [], set(stage.source)
+    for need in kind.takes:
+        if need.kind in (SignalBlock, Gap, Label):
+            continue
+        wanted = need.of or need.kind
+        giving = [one.key for one, other in before if wanted in other.gives]
+        named = _named(stage, kind, giving)
+        if need.every and len(giving) < 2:
+            there = ", ".join(giving) or "none"
+            raise PipelineError(f"{stage.key}: expected two localizers before it, found {there}")
+        if need.required and not giving:
+            missing.append(GIVING[wanted])
+        found[need] = named or _of(giving, need)
+        unknown -= set(giving)
+    if missing:
+        raise PipelineError(
+            f"{stage.key}: expected a stage that {' and one that '.join(missing)} before it, found "
+            f"none"
+        )
+    if unknown:
+        raise PipelineError(
+            f"{stage.key}.source: expected stages before it that give what it takes, found "
+            f"{', '.join(sorted(unknown))}"
+        )
+    return found
+
+
+def waits_s(
+    key: str,
+    parameters: Any,
+    sources: Mapping[Input, tuple[str, ...]],
+    windows_s: Mapping[str, float],
+) -> float:
+    """Return how long the stage waits whose steps a stage looks back at the signal of [s].
+
+    Parameters
+    ----------
+    key, parameters, sources
+        The stage, and whom it takes from.
+    windows_s
+        How long after a step's first pick each stage waits for others [s].
+
+    Raises
+    ------
+    PipelineError
+        Where it looks at signal later than a step is sure to be announced.
+    """
+    if not any(need.kind is StepEvent for need in sources) or not hasattr(parameters, "after_s"):
+        return 0.0
+    (stepping,) = next(names for need, names in sources.items() if need.kind is StepEvent)
+    window_s, after_s = windows_s[stepping], parameters.after_s
+    if after_s > window_s:
+        raise PipelineError(
+            f"{key}.after_s: expected at most the {window_s:g} s that {stepping} waits, found "
+            f"{after_s:g}"
+        )
+    return window_s
+
+
+def _of(giving: Sequence[str], need: Input) -> tuple[str, ...]:
+    """Return those of the stages that give something from which an input takes it."""
+    if need.every:
+        return tuple(giving)
+    return tuple(giving[:1] if need.first else giving[-1:])
+
+
+def _named(stage: StageConfig, kind: type[Stage], giving: Sequence[str]) -> tuple[str, ...]:
+    """Return the sources that a stage names of those that give what it takes."""
+    if "source" not in kind.Parameters.__dataclass_fields__:
+        return tuple(name for name in stage.source if name in giving)
+    wanted = stage.parameters.get("source", "")
+    if not giving or wanted not in ("", *giving):
+        expected = f"one of {', '.join(giving)}" if giving else "a localizer"
+        raise PipelineError(
+            f"{stage.key}.source: expected {expected} before a tracker, found {wanted or 'none'}"
+        )
+    return (wanted,) if wanted else tuple(name for name in stage.source if name in giving)
+
+
+def tracking(key: str, kind: Any, sources: Mapping[Input, tuple[str, ...]]) -> Tracking:
+    """Return what a stage that tracks takes, and from whom."""
+    for need, names in sources.items():
+        if need.kind in (Fix, StepEvent):
+            return Tracking(key, EVENTS[need.kind].plural, names[0])
+    return Tracking(key, getattr(kind, "needs", "signals"))
+
+
+class Taking(Protocol):
+    """What takes items along the line; many at once where it has a method ``process_all``."""
+
+    name: str
+
+    def process(self, item: SignalBlock | Event) -> Iterable[Event]:
+        """Take one item; return the events it brings about."""
+
+    def flush(self) -> Iterable[Event]:
+        """End of the recording: return what was held back."""
+
+
+@dataclass(slots=True)
+class Made:
+    """An item, what stages made of it, one after the other, and what the last one did of it."""
+
+    item: Any
+    born: list[Made] = field(default_factory=list)
+    last: Sequence[Event] = ()
+
+    def events(self) -> list[Event]:
+        """Return what was made of the item, each event before what was made of that."""
+        found: list[Event] = []
+        for made in self.born:
+            found.append(made.item)
+            if made.born or made.last:
+                found += made.events()
+        found += self.last
+        return found
+
+
+def pass_on(line: list[Made], stages: Sequence[Taking]) -> None:
+    """Let every stage take what comes along the line; what it makes of an item goes before it.
+
+    So later stages see items in the order in which they would if each went through all stages
+    before the next one came, while a stage that can takes many of them at once.
+    """
+    for stage in stages[:-1]:
+        items = [made.item for made in line]
+        longer: list[Made] = []
+        for made, events in zip(line, _made_by(stage, items), strict=True):
+            if events:
+                born = [Made(event) for event in events]
+                made.born += born
+                longer += born
+            longer.append(made)
+        line = longer
+    for stage in stages[-1:]:
+        made_by = _made_by(stage, [made.item for made in line])
+        for made, events in zip(line, made_by, strict=True):
+            made.last = events
+
+
+def _made_by(stage: Taking, items: Sequence[SignalBlock | Event]) -> list[list[Event]]:
+    """Return what a stage makes of each of items that come one after the other."""
+    at_once: Callable[..., list[list[Event]]] | None = getattr(stage, "process_all", None)
+    if at_once is not None:
+        return at_once(items)
+    return [list(stage.process(item)) for item in items]

@@ -1,0 +1,96 @@
+"""Plugins by entry point: found by name, loaded on demand, never imported to be listed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
+
+from ..errors import PluginError, did_you_mean
+
+if TYPE_CHECKING:
+    from .stage import Stage
+
+#: Entry-point groups a distribution may add plugins to.
+GROUPS = ("stages", "importers", "exporters", "sinks", "views")
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """A registered plugin, not yet imported.
+
+    Attributes
+    ----------
+    group, name
+        Where and as what it is registered.
+    distribution, version
+        Which installed distribution brings it.
+    target
+        ``module:attribute``.
+    """
+
+    group: str
+    name: str
+    distribution: str
+    version: str
+    target: str
+
+
+@cache
+def _points(group: str) -> dict[str, EntryPoint]:
+    return {p.name: p for p in entry_points(group=f"groundtrace.{group}")}
+
+
+def plugins(group: str) -> tuple[Plugin, ...]:
+    """Return the plugins of one group, by name."""
+    found = []
+    for name, point in sorted(_points(group).items()):
+        owner = point.dist
+        found.append(
+            Plugin(
+                group,
+                name,
+                owner.name if owner else "?",
+                owner.version if owner else "?",
+                point.value,
+            )
+        )
+    return tuple(found)
+
+
+def stage_named(name: str) -> type[Stage]:
+    """Import the stage that is registered under a name, as a pipeline uses it.
+
+    Raises
+    ------
+    PluginError
+        Where there is none, or it does not import.
+    """
+    known = sorted(_points("stages"))
+    if name not in known:
+        raise PluginError(
+            f"use: expected one of {', '.join(known)}, found {name!r}{did_you_mean(name, known)}"
+        )
+    kind: type[Stage] = load("stages", name)
+    return kind
+
+
+def load(group: str, name: str) -> Any:
+    """Import one plugin.
+
+    Raises
+    ------
+    PluginError
+        Where no plugin has this name, or it does not import.
+    """
+    points = _points(group)
+    if name not in points:
+        known = ", ".join(sorted(points)) or "none"
+        raise PluginError(f"{group}: expected one of {known}, found {name!r}")
+    try:
+        return points[name].load()
+    except Exception as error:
+        raise PluginError(
+            f"{group}: {name}: expected {points[name].value} to import, found: {error}"
+        ) from error

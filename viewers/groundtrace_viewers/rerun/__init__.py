@@ -1,0 +1,1 @@
+"""A replay on a Rerun timeline: the only code that knows Rerun."""

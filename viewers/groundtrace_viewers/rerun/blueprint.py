@@ -1,0 +1,594 @@
+"""The layout: one function chooses the views of a session from what was logged.
+
+The layout alone, out of a replay's file: a page needs it before the data.
+
+The layout is at the end of the file, when all that it shows is known. The native viewer finds it
+there; one that gets the file over a network has made a layout of its own by then, and keeps it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+
+from ..errors import ViewerError
+from .places import CROSS_ELLIPSES, CROSSES, ELLIPSES, POINTS, TRACK_LINES
+from .places import DISAGREEMENT_LINES as DISAGREEMENTS
+from .signals import FULL_RATE_HZ
+from .site import ARRIVALS, FOOTFALLS, PATH
+from .spectrogram import AROUND_S
+from .stations import ROOT as HODOGRAM
+from .stations import extent
+from .timeline import PAGE, RUNS, SEGMENTS_S, TIMELINE
+from .vehicles import CROSSINGS
+from .walk import FIXES, HEADING, SATELLITES
+from .walk import ROOT as STREETS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    import rerun.blueprint as rrb
+
+    from groundtrace.pipeline.engine import Session
+
+    from .site import Bounds
+    from .timeline import Entity
+
+#: A view and its share of the height.
+Part = tuple["rrb.View | rrb.Container", float]
+
+ACCELERATIONS = ("acceleration", "acceleration_magnitude")
+#: Quantities of worn sensors by row, and the rows' shares of the height.
+ROWS = (
+    (("acceleration",), 1.9),
+    (("acceleration_magnitude",), 1.9),
+    (("angular_velocity",), 1.5),
+    (("magnetic_field", "pressure"), 1.5),
+)
+WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
+#: What is on the map of a walk in metres.
+ON_MAP = frozenset({"latitude", "longitude"})
+#: Parts of the window's height that the lanes' heading and each lane need.
+LANE_HEADING, LANE = 0.065, 0.048
+MOST_LANES, MOST_ON_ROAD = 8, 6
+#: Share of texts below a map, and width of that column as a part of the window's height.
+TEXTS, LEFT_WIDTH = 2.0, 0.8
+#: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
+#: of a vehicle.
+SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
+SPECTRUM_S = (0.05, 0.25)
+
+
+def blueprint(
+    session: Session,
+    entities: Sequence[Entity],
+    shown: Bounds | None = None,
+    *,
+    follow: bool = False,
+) -> rrb.Blueprint:
+    """Return the layout of a session.
+
+    Parameters
+    ----------
+    session
+        What is replayed.
+    entities
+        What was logged: there is no view without an entity.
+    shown
+        What the map must show; None lets the viewer choose.
+    follow
+        True while data arrive: the cursor stays at the latest.
+    """
+    import rerun.blueprint as rrb
+
+    mapped = bool(_of(entities, "map"))
+    on_road = session.application == "vehicle"
+    detail = [] if on_road else _detail(session.application, entities, legend=not mapped)
+    below = detail if mapped else []
+    overview = _overview(session, entities)
+    most = MOST_ON_ROAD if on_road else MOST_LANES
+    stack = overview + _lanes(entities, overview + below, most) + below
+    side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
+    columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
+    shares = [2.2, 3.0] if mapped else [1.0, 2.0]
+    return rrb.Blueprint(
+        rrb.Horizontal(*columns, column_shares=shares[: len(columns)]),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            play_state="following" if follow else "paused",
+            playback_speed=0.5,
+            loop_mode="off",
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _of(entities: Iterable[Entity], role: str) -> list[Entity]:
+    return [e for e in entities if e.role == role]
+
+
+def _rows(parts: Sequence[Part]) -> rrb.Vertical:
+    import rerun.blueprint as rrb
+
+    return rrb.Vertical(*[view for view, _ in parts], row_shares=[share for _, share in parts])
+
+
+def _tabbed(shown: Sequence[rrb.View]) -> list[rrb.View | rrb.Container]:
+    """Return views of one kind in one place: itself, or one tab each."""
+    import rerun.blueprint as rrb
+
+    return list(shown) if len(shown) < 2 else [rrb.Tabs(*shown, active_tab=0)]
+
+
+def _parts(shown: Sequence[rrb.View], share: float) -> list[Part]:
+    return [(view, share) for view in _tabbed(shown)]
+
+
+def _texts(entities: Sequence[Entity]) -> list[Part]:
+    tabs = [log()] if _of(entities, "log") else []
+    tabs += [table(e) for e in _of(entities, "table")]
+    tabs.append(page())
+    of_step = [text(e) for e in _of(entities, "page")]
+    of_step += [hodograms(e) for e in _of(entities, "hodogram")]
+    if not of_step:
+        return _parts(tabs, TEXTS)
+    import rerun.blueprint as rrb
+
+    halves = [*_tabbed(tabs), *_tabbed(of_step)]
+    return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), TEXTS)]
+
+
+def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> list[Part]:
+    unit = session.geometry.length_unit if session.geometry is not None else "m"
+    name = f"{'Way' if session.application == 'walker' else 'Site'} [{unit}]"
+    wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
+    shown = [site_view(site, entities, name)]
+    shown += [streets_view()] if _of(entities, "geo") else []
+    if session.application == "vehicle" and site is not None:
+        return _parts(shown, _share(site))
+    return _parts(shown, 0.5 if wide else 3.0)
+
+
+def _share(site: Bounds) -> float:
+    """Return the share of a map beside a road, which may be narrow: texts have what it leaves."""
+    height = LEFT_WIDTH * (site.y[1] - site.y[0]) / (site.x[1] - site.x[0])
+    height = min(max(height, 0.25), 0.6)
+    return TEXTS * height / (1.0 - height)
+
+
+def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
+    """Everything on the common time axis, from signals to decisions."""
+    overview, finest = _of(entities, "overview"), _of(entities, "envelope")
+    enveloped = [*overview, *map(_short, finest)] if overview else finest
+    seismic = enveloped or [
+        e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
+    ]
+    named = session.application != "vehicle" or not _of(entities, "map")
+    signals = [plot_view(e, legend_shown=named) for e in seismic]
+    shown_ns = session.shown_ns or (session.start_ns, session.end_ns)
+    span_ns = shown_ns[0] - session.start_ns, shown_ns[1] - session.start_ns
+    signals += [whole(_short(e), span_ns) for e in _of(entities, "whole")]
+    tonal = [fixed(e, e.path, linked()) for e in _of(entities, "spectrogram")]
+    follow = around(AROUND_S, AROUND_S)
+    tonal += [fixed(e, e.path, follow) for e in _of(entities, "tones")]
+    tonal += [fixed(e, e.path, around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
+    decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
+    if session.application == "shots":
+        return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
+    if session.application == "walker":
+        return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
+    if session.application == "vehicle":
+        fast = [e for e in _of(entities, "signal") if e.rate_hz > FULL_RATE_HZ]
+        signals += [samples(e, (), ROAD_S, 0) for e in fast]
+        return [
+            *_parts([*signals, *tonal[1:]], 1.3),
+            *_parts(tonal[:1], 1.3),
+            *_driven(entities, decisions),
+        ]
+    return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
+
+
+def _short(entity: Entity) -> Entity:
+    """Return an envelope under the title of a tab beside that of the same signal."""
+    return replace(entity, title=entity.title.rpartition(": ")[2])
+
+
+def _is_other(entity: Entity) -> bool:
+    """Whether a signal is slow company: temperature, a position, ..."""
+    return entity.quantity not in SEISMIC_QUANTITIES
+
+
+def _worn(entities: Sequence[Entity]) -> list[Part]:
+    signals = _of(entities, "signal")
+    parts: list[Part] = []
+    # The colours of the axes stand in the legend of the samples around the cursor.
+    legend = not any(e.quantity in ACCELERATIONS for e in signals)
+    for row, share in ROWS:
+        shown = [plot_view(e, legend_shown=legend) for e in signals if e.quantity in row]
+        parts += _parts(shown, share)
+    others = [plot_view(e) for e in signals if e.quantity not in WORN and _is_other(e)]
+    return parts + _parts(others, 1.0)
+
+
+def _walked(entities: Sequence[Entity], others: Sequence[rrb.View]) -> list[Part]:
+    """Show worn sensors: the acceleration, and the others behind tabs where there is much else."""
+    signals = [e for e in _of(entities, "signal") if e.quantity in WORN or _is_other(e)]
+    signals = [e for e in signals if e.quantity not in ON_MAP]
+    signals.sort(key=lambda e: e.quantity not in ACCELERATIONS)
+    worn = [plot_view(e) for e in signals]
+    crowded = any(e.role in ("masses", "heading") for e in entities)
+    first = [] if crowded else worn[:1]
+    return [*_parts(first, 1.9), *_parts([*worn[len(first) :], *others], 1.9)]
+
+
+def _believed(entities: Sequence[Entity]) -> list[Part]:
+    """Show the masses of each source, and headings."""
+    parts: list[Part] = [(masses(e), 1.5) for e in _of(entities, "masses")]
+    headings = _of(entities, "heading")
+    return [*parts, (headings_view(headings), 3.0)] if headings else parts
+
+
+def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]:
+    """Show powers, their ratios, and the way along the road."""
+    ratios = _parts([plot_view(e, legend_shown=False) for e in _of(entities, "ratio")], 2.0)
+    return [*decisions, *ratios, *((road_view(e), 2.6) for e in _of(entities, "road"))]
+
+
+def _decision(entity: Entity) -> rrb.View:
+    return fixed(entity, entity.path.removesuffix("/decision"), linked())
+
+
+def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> list[Part]:
+    """Show the lanes, which need a fixed part of the height whatever else there is."""
+    lanes = len(_of(entities, "lane"))
+    if not lanes:
+        return []
+    height = LANE_HEADING + LANE * min(lanes, most)
+    rest = sum(share for _, share in others) or 1.0
+    return [(lanes_view(), rest * height / (1.0 - height))]
+
+
+def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> list[Part]:
+    """Show the samples around the cursor: fast streams, else the first acceleration."""
+    signals = _of(entities, "signal")
+    fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
+    slow = [e for e in signals if e.quantity in ACCELERATIONS]
+    most = 12 if legend else 0
+    sections = [
+        fixed(e, e.path.removesuffix("/traces"), around(*SHOT_S)) for e in _of(entities, "section")
+    ]
+    span = SHOT_S if application == "shots" else FAST_S
+    shown = [
+        samples(e, _companions(e, entities), around, most)
+        for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
+    ]
+    parts = _parts([*sections, *shown], 6.0 if sections else 3.0)
+    decisions = [decision(e, span) for e in _of(entities, "decision")]
+    return parts + _parts(decisions, 2.3)
+
+
+def _companions(signal: Entity, entities: Sequence[Entity]) -> list[Entity]:
+    """Return the magnitude of a signal and the marks on its stream."""
+    path = signal.path.removeprefix("/signals")
+    norms = [e for e in _of(entities, "norm") if e.path == f"/norm{path}"]
+    marks = [e for e in _of(entities, "mark") if f"{path}/".startswith(f"{_stream(e)}/")]
+    return [*norms, *marks]
+
+
+def _stream(mark: Entity) -> str:
+    """Return the topic of a mark's path, ``/picks/TOPIC`` or ``/steps/TOPIC``."""
+    return mark.path[mark.path.index("/", 1) :]
+
+
+#: More curves than this would hide the plot behind its own legend.
+LEGEND_CURVES = 4
+#: Parts of what is below these on the map that it shows: all, or since so many seconds.
+VISIBLE_S = {
+    PATH: -SEGMENTS_S,
+    FOOTFALLS: -3.0,
+    ARRIVALS: -0.25,
+    POINTS: -3.0,
+    ELLIPSES: -0.5,
+    DISAGREEMENTS: -0.5,
+    TRACK_LINES: -SEGMENTS_S,
+    CROSSES: -12.0,
+    CROSS_ELLIPSES: -1.0,
+    CROSSINGS: -10.0,
+    SATELLITES: None,
+    f"{SATELLITES}/lines": -SEGMENTS_S,
+}
+
+
+def linked() -> rrb.TimeAxis:
+    """Return the time axis that all overview plots share."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal)
+
+
+def around(before_s: float, after_s: float) -> rrb.TimeAxis:
+    """Return a time axis that follows the cursor."""
+    import rerun.blueprint as rrb
+
+    edge = rrb.TimeRangeBoundary
+    window = rrb.TimeRange(
+        start=edge.cursor_relative(seconds=-before_s), end=edge.cursor_relative(seconds=after_s)
+    )
+    return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=window)
+
+
+def legend(curves: int, most: int = LEGEND_CURVES) -> rrb.PlotLegend:
+    """Return a legend that is shown for several, but not too many curves."""
+    import rerun.blueprint as rrb
+
+    return rrb.PlotLegend(rrb.Corner2D.RightTop, visible=1 < curves <= most)
+
+
+def plot_view(entity: Entity, *, legend_shown: bool = True) -> rrb.View:
+    """Return curves on the common time axis."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        plot_legend=legend(entity.series, LEGEND_CURVES if legend_shown else 0),
+    )
+
+
+def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
+    """Return curves over a span from end to end, since the first sample [ns]."""
+    import rerun.blueprint as rrb
+
+    first, last = (rrb.TimeRangeBoundary.absolute(nanos=t) for t in span_ns)
+    axis = rrb.TimeAxis(
+        link=rrb.components.LinkAxis.Independent, view_range=rrb.TimeRange(start=first, end=last)
+    )
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=axis,
+        plot_legend=legend(entity.series),
+    )
+
+
+def fixed(entity: Entity, origin: str, axis_x: rrb.TimeAxis) -> rrb.View:
+    """Return a plot of an entity and its companions whose value axis ends where it says."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=origin,
+        name=entity.title,
+        axis_x=axis_x,
+        axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def samples(
+    entity: Entity, companions: Sequence[Entity], span_s: tuple[float, float], most: int
+) -> rrb.View:
+    """Return every sample around the cursor, with what belongs to it.
+
+    Parameters
+    ----------
+    entity
+        The signal.
+    companions
+        Curves and marks of the same stream.
+    span_s
+        How much is shown before and after the cursor [s].
+    most
+        Most curves with a legend.
+    """
+    import rerun.blueprint as rrb
+
+    before, after = span_s
+    span = f"± {after:g} s" if before == after else f"−{before:g} to +{after:g} s"
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[entity.path, *(e.path for e in companions)],
+        name=f"{entity.title}: every sample, cursor {span}",
+        axis_x=around(before, after),
+        plot_legend=legend(entity.series, most),
+    )
+
+
+def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
+    """Return a picker's decision function around the cursor, with its threshold."""
+    import rerun.blueprint as rrb
+
+    threshold = f"/detector{entity.path.removeprefix('/decision')}/threshold"
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=[entity.path, threshold],
+        name=entity.title,
+        axis_x=around(*span_s),
+        axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def road_view(entity: Entity) -> rrb.View:
+    """Return the way along a road over time."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def masses(entity: Entity) -> rrb.View:
+    """Return the masses of candidates, from 0 to 1 and a little room for those at the edge."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=entity.path,
+        name=entity.title,
+        axis_x=linked(),
+        axis_y=rrb.ScalarAxis(range=(-0.06, entity.top + 0.06)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def headings_view(entities: Sequence[Entity]) -> rrb.View:
+    """Return the headings of all stages."""
+    import rerun.blueprint as rrb
+
+    curves = ", ".join(e.title for e in entities)
+
+    return rrb.TimeSeriesView(
+        origin=HEADING,
+        name=f"Heading [°], counter-clockwise from east, ± 1 σ: {curves}; disturbed shaded",
+        axis_x=linked(),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def hodograms(entity: Entity) -> rrb.View:
+    """Return the hodograms of all stations."""
+    import rerun.blueprint as rrb
+
+    across, up = extent(entity.series)
+    return rrb.Spatial2DView(
+        origin=HODOGRAM,
+        name=entity.title,
+        visual_bounds=rrb.VisualBounds2D(x_range=across, y_range=(-up[1], -up[0])),
+    )
+
+
+def text(entity: Entity) -> rrb.View:
+    """Return a page that changes over time."""
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=entity.path, name=entity.title)
+
+
+def lanes_view() -> rrb.View:
+    """Return the state lanes on the common time axis."""
+    import rerun.blueprint as rrb
+
+    return rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
+
+
+def log() -> rrb.View:
+    """Return the log, without its time column: the lines begin with the time."""
+    import rerun.blueprint as rrb
+
+    kinds = rrb.encodings.TextLogColumnKind
+    columns = rrb.archetypes.TextLogColumns(
+        timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
+        text_log_columns=[kinds.LogLevel, kinds.Body],
+    )
+    return rrb.TextLogView(origin="/log", name="Events", columns=columns)
+
+
+def table(entity: Entity) -> rrb.View:
+    """Return a table that scrolls to the cursor."""
+    import rerun.blueprint as rrb
+
+    query = rrb.archetypes.DataframeQuery(timeline=TIMELINE, auto_scroll=True)
+    return rrb.DataframeView(origin=entity.path, name=entity.title, query=query)
+
+
+def page() -> rrb.View:
+    """Return the page that says how to read all this."""
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=PAGE, name="About")
+
+
+def site_view(
+    bounds: Bounds | None, entities: Sequence[Entity], name: str = "Site [m]"
+) -> rrb.View:
+    """Return the map under a name."""
+    import rerun.blueprint as rrb
+
+    logged = [e.path for e in entities]
+    return rrb.Spatial2DView(
+        origin="/map",
+        name=name,
+        # The view's y points down.
+        visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0]))
+        if bounds is not None
+        else None,
+        overrides={
+            path: _before(None if path.endswith(f"/{RUNS}") else seconds)
+            for path in logged
+            for part, seconds in VISIBLE_S.items()
+            if path == part or path.startswith(part + "/")
+        },
+    )
+
+
+def streets_view() -> rrb.View:
+    """Return the street map, whose tiles the viewer loads from the internet."""
+    import rerun.blueprint as rrb
+
+    return rrb.MapView(
+        origin=STREETS,
+        name="Street map",
+        zoom=17.0,
+        background=rrb.components.MapProvider.OpenStreetMap,
+        overrides={FIXES: _before(None)},
+    )
+
+
+def _before(seconds: float | None) -> rrb.VisibleTimeRanges:
+    """Show what lies before the cursor: all, or since some seconds before it."""
+    import rerun.blueprint as rrb
+
+    edge = rrb.TimeRangeBoundary
+    start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=seconds)
+    end = edge.cursor_relative(seconds=0)
+    return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=start, end=end)])
+
+
+def layout_of(rrd: Path) -> bytes:
+    """Return a file of the viewer that holds nothing but the layout of another.
+
+    Raises
+    ------
+    ViewerError
+        Where the file has no layout, or is not one of the viewer's.
+    """
+    import rerun as rr
+    import rerun_bindings as bindings
+
+    try:
+        reader = rr.chunk.RrdReader(str(rrd))
+        layouts, recordings = reader.blueprints(), reader.recordings()
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ViewerError(f"{rrd.name}: expected a viewer's file, found: {reason}") from error
+    if not layouts or not recordings:
+        raise ViewerError(f"{rrd.name}: expected a recording and its layout, found none")
+    layout, shown = layouts[-1], recordings[0]
+    # As Blueprint.save() makes it, whose layouts are objects; this one is chunks of a file.
+    copy = rr.RecordingStream._from_native(
+        bindings.new_blueprint(
+            application_id=shown.application_id,
+            make_default=False,
+            make_thread_default=False,
+            default_enabled=True,
+        )
+    )
+    kept = rr.memory_recording(copy)
+    rr.send_chunks(reader.store(store=layout).stream(), recording=copy)
+    target = rr.RecordingStream(
+        shown.application_id, recording_id=shown.recording_id, send_properties=False
+    )
+    binary = rr.binary_stream(target)
+    bindings.send_blueprint(kept.storage, True, True, recording=target.to_native())
+    return binary.read() or b""

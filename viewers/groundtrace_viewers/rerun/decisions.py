@@ -1,0 +1,1007 @@
+"""A detector on the timeline: decision function, threshold, candidates and why they failed.
+
+A detector run once more for its decision function at every sample.
+
+Results hold frames of 50 ms. Here the stage runs again on the same blocks, for its curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import cycle
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from groundtrace.evaluation.matching import answers_text, found_text, match_steps, timing_pairs
+from groundtrace.pipeline.stage import StageConfig, StageRunner
+from groundtrace_codecs.events import EVENTS
+from groundtrace_codecs.signals import NS_PER_S
+
+from .signals import Excerpts
+from .timeline import (
+    ACCEPTED,
+    CONFLICT,
+    CURVE,
+    DISAGREEMENT,
+    DISTURBED,
+    EITHER,
+    FALSE,
+    GAPS,
+    IGNORED,
+    IMPACT,
+    LAST,
+    LOSS,
+    MARK_NS,
+    MISSED,
+    NO_PEAK,
+    PEAK,
+    PLACING,
+    REFUSED,
+    REJECTED,
+    REJECTION_COLOURS,
+    SCORE,
+    SPAN,
+    STEP,
+    STEP_COLOURS,
+    THRESHOLD,
+    TYPE_COLOURS,
+    VALLEY,
+    WALKER_COLOURS,
+    Entity,
+    Lane,
+    coincident,
+    used,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.stage import Curve
+    from groundtrace_codecs.events import (
+        CandidateBlock,
+        Gap,
+        GateSpec,
+        Label,
+        Note,
+        Pick,
+        StageSpec,
+        StepEvent,
+        TraceBlock,
+    )
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .signals import ExcerptPiece
+    from .timeline import SensorColours, StageLanes, Timeline
+
+    #: Where marks lie: times [ns], and values.
+    Marks = tuple[list[int], list[float]]
+
+#: A ratio's plot ends at this many thresholds: peaks reach thousands, the decision falls near one.
+CEILING = 4.0
+#: Where on it candidates lie that are higher, as part of its height.
+TOP_EDGE = 0.9
+#: Rejected candidates this far below the threshold, as part of it, are in the results alone.
+FLOOR = 0.5
+#: With more channels than this the marks of candidates are smaller.
+FEW_CHANNELS = 12
+DISAGREE = "disagree"
+#: What stages emit whose lanes show it by other marks than those of candidates.
+TOLD = frozenset({"heading", "pass", "track"})
+
+
+def decision_gate(spec: StageSpec) -> GateSpec | None:
+    """Return the gate on the decision function: of its name, else the only one of its unit."""
+    if not spec.trace:
+        return None
+    decision = spec.trace[0]
+    named = [g for g in spec.gates if g.name == decision.name]
+    alike = [g for g in spec.gates if g.unit == decision.unit]
+    return named[0] if named else alike[0] if len(alike) == 1 else None
+
+
+def ceiling(spec: StageSpec) -> float:
+    """Return where the decision function's plot ends; 0 lets the data say, as for units."""
+    gate = decision_gate(spec)
+    if gate is None or spec.trace[0].unit not in ("", "1") or not gate.at_least:
+        return 0.0
+    return CEILING * max(gate.threshold, 0.0)
+
+
+def step_like(spec: StageSpec) -> bool:
+    """Whether accepted candidates become steps, which have marks of their own on the lane."""
+    return spec.emits in ("step", "impact")
+
+
+def frames_decided(spec: StageSpec) -> bool:
+    """Whether every frame of every channel is a candidate: marks would hide the curves."""
+    return spec.emits == "presence"
+
+
+def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
+    """Return where candidates lie on the decision function's plot, shape (n,)."""
+    names = [q.name for q in block.spec.columns]
+    gate = decision_gate(block.spec)
+    if block.spec.trace and block.spec.trace[0].name in names:
+        return block.value[:, names.index(block.spec.trace[0].name)]
+    if gate is not None:
+        return block.gate_value[:, block.spec.gates.index(gate)]
+    return block.value[:, 0] if names else np.zeros(len(block), np.float32)
+
+
+def shown_rows(block: CandidateBlock) -> CandidateBlock:
+    """Return the candidates that are shown: those accepted, and those rejected but by far."""
+    gate = decision_gate(block.spec)
+    if gate is None or not gate.at_least or gate.threshold <= 0.0:
+        return block
+    rows = block.accepted | ~(decision_values(block) < FLOOR * gate.threshold)
+    if rows.all():
+        return block
+    columns = [f for f in type(block).__dataclass_fields__ if f != "spec"]
+    return replace(block, **{name: getattr(block, name)[rows] for name in columns})
+
+
+class DetectorLog:
+    """Logs what one stage says about one topic.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    spec
+        What its columns mean.
+    colours
+        Of the sensors.
+    lanes
+        Among which its own is; None where another part fills it.
+    span_ns
+        Over which the threshold is drawn: start and end [ns].
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        spec: StageSpec,
+        colours: SensorColours,
+        lanes: StageLanes | None,
+        span_ns: tuple[int, int],
+    ) -> None:
+        self._timeline = timeline
+        self._spec = spec
+        self._path = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
+        self._size = 5.0 if len(spec.channels) <= FEW_CHANNELS else 3.0
+        self._times: list[NDArray[np.int64]] = []
+        self._decision: list[NDArray[np.float32]] = []
+        self._candidates: list[CandidateBlock] = []
+        self._undecided: list[tuple[int, bool, str]] = []
+        shared = lanes is not None and lanes.shared(spec.emits)
+        self._because = f"{spec.stage}: " if shared else "rejected: "
+        rejections = [f"{self._because}{g.name}" for g in spec.gates]
+        shades = (REJECTION_COLOURS[i % len(REJECTION_COLOURS)] for i in range(len(rejections)))
+        accepted = STEP_COLOURS if step_like(spec) else {"accepted": ACCEPTED}
+        if spec.emits == "disagreement":
+            accepted, rejections = {DISAGREE: DISAGREEMENT}, []
+        states = {**accepted, **dict(zip(rejections, shades, strict=False))}
+        self._lane = lanes.of(spec.stage, spec.topic, states, spec.emits) if lanes else None
+        if spec.trace:
+            self._declare(colours)
+            self._declare_threshold(span_ns)
+        if spec.trace and not frames_decided(spec):
+            self._declare_candidates()
+
+    def _declare(self, colours: SensorColours) -> None:
+        import rerun as rr
+
+        spec, decision, gate = self._spec, self._spec.trace[0], decision_gate(self._spec)
+        unit = f" [{decision.unit.replace('s2', 's²')}]" if decision.unit not in ("", "1") else ""
+        limit = f", threshold {gate.threshold:g} in red" if gate else ""
+        top = ceiling(spec)
+        cut = f", cut at {top:g}" if top else ""
+        title = f"{spec.stage} {spec.topic}: {decision.name.replace('_', ' ')}{unit}{limit}{cut}"
+        lines = rr.SeriesLines(
+            names=list(spec.channels),
+            colors=np.array([colours.of(c) for c in spec.channels], np.uint32),
+            aggregation_policy=rr.components.AggregationPolicy.Max,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter
+            if frames_decided(spec)
+            else None,
+        )
+        path = f"{self._path}/decision"
+        entity = Entity(path, "detector", title, len(spec.channels), top=top)
+        self._timeline.declare(entity, lines)
+
+    def _declare_threshold(self, span_ns: tuple[int, int]) -> None:
+        import rerun as rr
+
+        gate = decision_gate(self._spec)
+        if gate is None:
+            return
+        path = f"{self._path}/threshold"
+        style = rr.SeriesLines(
+            names=f"threshold {gate.threshold:g}",
+            colors=np.array([THRESHOLD], np.uint32),
+            widths=1.5,
+            interpolation_mode=rr.components.InterpolationMode.StepAfter,
+        )
+        self._timeline.static(path, style)
+        self._timeline.scalars(path, span_ns, np.full((2, 1), gate.threshold))
+
+    def _declare_candidates(self) -> None:
+        import rerun as rr
+
+        for verdict, colour, marker, size in (
+            ("rejected", REJECTED, rr.components.MarkerShape.Cross, 2.5),
+            ("accepted", ACCEPTED, rr.components.MarkerShape.Down, self._size),
+        ):
+            style = rr.SeriesPoints(
+                names=verdict,
+                colors=np.array([colour], np.uint32),
+                markers=marker,
+                marker_sizes=size,
+            )
+            self._timeline.static(f"{self._path}/{verdict}", style)
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of the decision function."""
+        if self._spec.trace:
+            self._times.append(block.time_ns)
+            self._decision.append(block.value[:, :, 0])
+
+    def interrupt(self, time_ns: int) -> None:
+        """End the curves at a gap: the viewer would draw a line across it."""
+        self._times.append(np.array([time_ns]))
+        self._decision.append(np.full((1, len(self._spec.channels)), np.nan, np.float32))
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        block = shown_rows(block)
+        if self._spec.trace and not frames_decided(self._spec):
+            self._candidates.append(block)
+        first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
+        gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
+        if self._lane is not None:
+            rows = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+            self._undecided += rows
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; fill the lane up to a time, as channels lag behind each other."""
+        if self._times:
+            times, values = np.concatenate(self._times), np.concatenate(self._decision)
+            self._timeline.scalars(f"{self._path}/decision", times, values)
+        if self._candidates:
+            times = np.concatenate([b.time_ns for b in self._candidates])
+            values = np.concatenate([decision_values(b) for b in self._candidates])
+            values = np.minimum(values, TOP_EDGE * (ceiling(self._spec) or np.inf))
+            accepted = np.concatenate([b.accepted for b in self._candidates])
+            for verdict, rows in (("accepted", accepted), ("rejected", ~accepted)):
+                if rows.any():
+                    path = f"{self._path}/{verdict}"
+                    self._timeline.scalars(path, times[rows], values[rows][:, np.newaxis])
+        self._times, self._decision, self._candidates = [], [], []
+        if self._lane is not None:
+            self._fill_lane(self._lane, before_ns)
+
+    def _fill_lane(self, lane: Lane, before_ns: int | None) -> None:
+        decided = sorted(self._undecided)
+        times = np.array([d[0] for d in decided], np.int64)
+        ready = len(decided) if before_ns is None else int(np.searchsorted(times, before_ns))
+        accepted = np.array([d[1] for d in decided[:ready]], np.bool_)
+        for i in coincident(times[:ready], accepted, MARK_NS):
+            state = self._state(bool(accepted[i]), decided[i][2])
+            if state:
+                lane.add(int(times[i]), state)
+        self._undecided = decided[ready:]
+
+    def _state(self, accepted: bool, gate: str) -> str:
+        """Return what the lane says of a candidate; nothing of what is shown elsewhere."""
+        if self._spec.emits == "disagreement":  # localizers that agree are as they should be
+            return DISAGREE if accepted else ""
+        if not accepted:
+            return f"{self._because}{gate}"
+        elsewhere = self._spec.emits in PLACING or self._spec.emits in TOLD
+        return "" if elsewhere or step_like(self._spec) else "accepted"
+
+
+#: How much is drawn around a step [s].
+BEFORE_S, AFTER_S = 0.1, 0.1
+#: Steps of the value axis, about a pixel each: samples that change nothing need no row.
+LEVELS = 128
+
+
+class PickerCurve:
+    """Logs the decision function of one picking stage on one topic.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Its pipeline says what the stage runs.
+    spec
+        The stage.
+    colours
+        Of the sensors.
+    """
+
+    def __init__(
+        self, timeline: Timeline, session: Session, spec: StageSpec, colours: SensorColours
+    ) -> None:
+        self._timeline = timeline
+        self._spec = spec
+        self._colours = colours
+        self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
+        self._top = ceiling(spec)
+        self._excerpts = Excerpts(BEFORE_S, AFTER_S)
+        self._retold = Retold(session, spec)
+        self._declared = False
+
+    def feed(self, item: SignalBlock | Gap) -> None:
+        """Take what the picker is given: a block, or a gap."""
+        curve = self._retold.feed(item)
+        if curve is not None:
+            self._excerpts.push(curve.time_ns, curve.value)
+
+    def expect(self, time_ns: int) -> None:
+        """Take an arrival, which may become a step, or a true step, which may be missed."""
+        self._excerpts.expect(time_ns)
+
+    def show(self, time_ns: int) -> None:
+        """Log the curve around a moment."""
+        piece = self._excerpts.around(time_ns)
+        if piece is None or not len(piece[0]):
+            return
+        if not self._declared:
+            self._declare()
+            self._declared = True
+        times, values = self._drawn(*piece)
+        # the viewer would draw a line to the next step
+        ended = np.full((1, values.shape[1]), np.nan)
+        end_ns = times[-1:] + 1
+        self._timeline.scalars(
+            self._path, np.concatenate([times, end_ns]), np.concatenate([values, ended])
+        )
+
+    def _drawn(self, times: NDArray[np.int64], values: NDArray[np.float32]) -> ExcerptPiece:
+        """Return the samples that make the drawn curve: the first and last of equal ones."""
+        if not self._top:
+            return times, values
+        grain = self._top / LEVELS
+        level = np.round(np.minimum(values, self._top) / grain)
+        changed = (np.diff(level, axis=0) != 0).any(axis=1)
+        kept = np.append(changed, True) | np.append(True, changed)
+        return times[kept], (level[kept] * grain).astype(np.float32)
+
+    def _declare(self) -> None:
+        import rerun as rr
+
+        spec, gate = self._spec, decision_gate(self._spec)
+        decision = spec.trace[0]
+        limit = f", threshold {gate.threshold:g} in red" if gate else ""
+        unit = f" [{decision.unit}]" if decision.unit not in ("", "1") else ""
+        title = (
+            f"{spec.stage} {spec.topic}: {decision.name.replace('_', ' ')}{unit} "
+            f"at every sample{limit}"
+        )
+        lines = rr.SeriesLines(
+            names=list(spec.channels),
+            colors=np.array([self._colours.of(c) for c in spec.channels], np.uint32),
+            aggregation_policy=rr.components.AggregationPolicy.Max,
+        )
+        channels = len(spec.channels)
+        self._timeline.declare(
+            Entity(self._path, "decision", title, channels, top=self._top), lines
+        )
+
+
+class Retold:
+    """The curve of one stage on one topic.
+
+    Parameters
+    ----------
+    session
+        Its pipeline says what the stage runs.
+    spec
+        The stage.
+    """
+
+    def __init__(self, session: Session, spec: StageSpec) -> None:
+        self._topic = spec.topic
+        self._stage: StageRunner | None = None
+        self._last: Curve | None = None
+        found = used(session, spec)
+        if found is not None and hasattr(found.kind, "curve"):
+            config = StageConfig(spec.plugin, spec.stage, found.topics)
+            self._stage = StageRunner(config, found.kind, found.parameters)
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a curve: the stage is known, and its detector tells one."""
+        return self._stage is not None
+
+    def feed(self, item: SignalBlock | Gap) -> Curve | None:
+        """Take what the stage is given, a block or a gap; return the curve completed by it."""
+        if self._stage is None or item.topic != self._topic:
+            return None
+        for _ in self._stage.process(item):
+            pass
+        return self._completed(self._stage)
+
+    def finish(self) -> Curve | None:
+        """End the recording; return the curve that was held back."""
+        if self._stage is None:
+            return None
+        for _ in self._stage.flush():
+            pass
+        return self._completed(self._stage)
+
+    def _completed(self, stage: StageRunner) -> Curve | None:
+        """Return what is new: a detector that holds nothing back tells its last piece again."""
+        curve = stage.curve(self._topic)
+        if curve is None or curve is self._last:
+            return None
+        self._last = curve
+        return curve if len(curve.time_ns) else None
+
+
+#: Detectors look ahead for less than this; so much of the curve is kept for their candidates.
+KEEP_NS = 60 * NS_PER_S
+#: A step is timed at most this far from its peak, and a valley lies at most this far from one.
+PEAK_NS, VALLEY_NS = NS_PER_S // 4, 6 * NS_PER_S // 5
+#: A mark lies on the curve where that comes this close to the value of the candidate.
+EXACT = 1e-4
+
+
+class StepCurve:
+    """Logs the curve of one stage on one topic, and its candidates as marks on the curve.
+
+    Steps are timed by what is known of initial contacts, not at their peaks; the marks are at the
+    peaks, and at the valleys that the candidates were measured against.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Its pipeline says what the stage runs.
+    spec
+        The stage.
+    span_ns
+        Over which the threshold is drawn: start and end [ns].
+    """
+
+    def __init__(
+        self, timeline: Timeline, session: Session, spec: StageSpec, span_ns: tuple[int, int]
+    ) -> None:
+        self._timeline = timeline
+        self._spec = spec
+        self._retold = Retold(session, spec)
+        self._root = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
+        self._times = np.empty(0, np.int64)
+        self._values = np.empty(0)
+        self._waiting: list[CandidateBlock] = []
+        if self.known:
+            self._declare(span_ns)
+
+    @property
+    def known(self) -> bool:
+        """Whether the detector tells its curve."""
+        return self._retold.known
+
+    def feed(self, item: SignalBlock | Gap) -> None:
+        """Take what the detector is given: a block, or a gap."""
+        self._add(self._retold.feed(item))
+
+    def interrupt(self, gap: Gap) -> None:
+        """End the curve at a gap that ends the detector's run."""
+        self.feed(gap)
+        if gap.topic == self._spec.topic and not gap.bridged and len(self._times):
+            nothing = np.full((1, 1), np.nan)
+            self._timeline.scalars(f"{self._root}/decision", self._times[-1:] + 1, nothing)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        if self.known:
+            self._waiting.append(block)
+
+    def flush(self, *, final: bool = False) -> None:
+        """Log the candidates that the curve has come past."""
+        end_ns = self._times[-1] - VALLEY_NS if len(self._times) else 0
+        ready = [b for b in self._waiting if final or b.time_ns[-1] <= end_ns]
+        self._waiting = self._waiting[len(ready) :]
+        for block in ready:
+            self._mark(block)
+        if len(self._times):
+            kept = self._times > self._times[-1] - KEEP_NS
+            self._times, self._values = self._times[kept], self._values[kept]
+
+    def close(self) -> None:
+        """Log what was held back."""
+        self._add(self._retold.finish())
+        self.flush(final=True)
+
+    def _add(self, curve: Curve | None) -> None:
+        if curve is None:
+            return
+        self._timeline.scalars(f"{self._root}/decision", curve.time_ns, curve.value)
+        self._times = np.concatenate([self._times, curve.time_ns])
+        self._values = np.concatenate([self._values, curve.value[:, 0]])
+
+    def _mark(self, block: CandidateBlock) -> None:
+        for verdict, rows in (("accepted", block.accepted), ("rejected", ~block.accepted)):
+            peaks: Marks = ([], [])
+            valleys: Marks = ([], [])
+            for row in np.flatnonzero(rows):
+                self._place(block, int(row), peaks, valleys)
+            for what, (times, values) in (("peak", peaks), ("valley", valleys)):
+                if times:
+                    path = f"{self._root}/{verdict}/{what}"
+                    self._timeline.scalars(path, times, np.array(values)[:, np.newaxis])
+
+    def _place(self, block: CandidateBlock, row: int, peaks: Marks, valleys: Marks) -> None:
+        """Find a candidate's peak on the curve, and the valley before or after it."""
+        measured = dict(
+            zip((q.name for q in block.spec.columns), block.value[row].tolist(), strict=True)
+        )
+        time_ns, height = int(block.time_ns[row]), float(block.value[row, 0])
+        peak_ns = self._on_curve(time_ns - PEAK_NS, time_ns + PEAK_NS, height) or time_ns
+        peaks[0].append(peak_ns)
+        peaks[1].append(height)
+        if "depth" in measured:
+            low = -measured["depth"]
+        elif "swing" in measured:
+            low = height - measured["swing"]
+        else:
+            return
+        # of the valleys before and after it, the one that was measured is met exactly
+        valley_ns = self._on_curve(peak_ns - VALLEY_NS, peak_ns + VALLEY_NS, low)
+        if valley_ns is not None:
+            valleys[0].append(valley_ns)
+            valleys[1].append(low)
+
+    def _on_curve(self, start_ns: int, end_ns: int, value: float) -> int | None:
+        """Return when the curve has a value within a span; None where it does not come close."""
+        first, last = np.searchsorted(self._times, [start_ns, end_ns + 1])
+        if first >= last:
+            return None
+        off: NDArray[np.float64] = np.abs(self._values[first:last] - value)
+        nearest = int(np.argmin(off))
+        close = off[nearest] <= EXACT * max(1.0, abs(value))
+        return int(self._times[first + nearest]) if close else None
+
+    def _declare(self, span_ns: tuple[int, int]) -> None:
+        import rerun as rr
+
+        spec, decision = self._spec, self._spec.trace[0]
+        gate = decision_gate(spec)
+        gate = gate if gate is not None and gate.name == decision.name else None
+        unit = f" [{decision.unit.replace('s2', 's²')}]" if decision.unit not in ("", "1") else ""
+        limit = f", threshold {gate.threshold:g} in red" if gate else ""
+        title = f"{spec.stage} {spec.topic}: filtered, every sample{unit}; peaks and valleys{limit}"
+        lines = rr.SeriesLines(
+            names="filtered",
+            colors=np.array([CURVE], np.uint32),
+            aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        )
+        self._timeline.declare(Entity(f"{self._root}/decision", "detector", title), lines)
+        if gate is not None:
+            style = rr.SeriesLines(names="threshold", colors=np.array([THRESHOLD], np.uint32))
+            self._timeline.static(f"{self._root}/threshold", style)
+            level = np.full((2, 1), gate.threshold)
+            self._timeline.scalars(f"{self._root}/threshold", span_ns, level)
+        self._declare_marks()
+
+    def _declare_marks(self) -> None:
+        import rerun as rr
+
+        shapes = rr.components.MarkerShape
+        for path, colour, marker, size in (
+            ("rejected/valley", REFUSED, shapes.Cross, 2.5),
+            ("rejected/peak", REFUSED, shapes.Cross, 4.0),
+            ("accepted/valley", VALLEY, shapes.Up, 3.5),
+            ("accepted/peak", ACCEPTED, shapes.Down, 5.0),
+        ):
+            verdict, what = path.split("/")
+            style = rr.SeriesPoints(
+                names=f"{what}, {verdict}",
+                colors=np.array([colour], np.uint32),
+                markers=marker,
+                marker_sizes=size,
+            )
+            self._timeline.static(f"{self._root}/{path}", style)
+
+
+#: Labels without a lane, and those that share one.
+ELSEWHERE = frozenset({"waypoint", "heading"})
+TOGETHER = {"ignore": "walking", "trailing": "step"}
+GAP_COLOURS = {"missing": LOSS, "damage": LOSS, "clock step": IMPACT, "duplicate": SPAN}
+
+
+def readable(value: float) -> str:
+    """Return a number with three digits, without an exponent where it has few more."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
+class LogLines:
+    """Lines of text at times."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._pending: dict[str, list[tuple[int, str, str]]] = {}
+
+    def add(self, kind: str, time_ns: int, text: str, level: str) -> None:
+        """Take a line; ``kind`` names its entity."""
+        self._pending.setdefault(kind, []).append((time_ns, text, level))
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        for kind, lines in self._pending.items():
+            path = f"/log/{kind}"
+            self._timeline.declare(Entity(path, "log"))
+            times, texts, levels = zip(*lines, strict=True)
+            columns = rr.TextLog.columns(text=list(texts), level=list(levels))
+            self._timeline.send(path, times, columns)
+        self._pending.clear()
+
+
+class PickLog:
+    """Picks: marks on the waveform, rows of a table and log lines."""
+
+    def __init__(self, timeline: Timeline, colours: SensorColours, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._colours = colours
+        self._lines = lines
+        self._pending: list[tuple[Pick, float]] = []
+
+    def add(self, pick: Pick, height: float, *, told: bool = True) -> None:
+        """Take a pick; its mark lies at ``height`` of the waveform's plot.
+
+        Without being ``told`` it has no line: that of its step would be lost among those of picks.
+        """
+        self._pending.append((pick, height))
+        if not told:
+            return
+        spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
+        where = self._timeline.seconds(pick.time_ns)
+        text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"
+        self._lines.add("picks", pick.time_ns, text, "INFO")
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        for topic in dict.fromkeys(p.topic for p, _ in self._pending):
+            marks = [(p, height) for p, height in self._pending if p.topic == topic]
+            path = f"/picks/{topic.strip('/')}"
+            style = rr.SeriesPoints(markers="down", marker_sizes=7.0, names="pick")
+            self._timeline.declare(Entity(path, "mark"), style)
+            colours = np.array([self._colours.of(p.channel) for p, _ in marks], np.uint32)
+            columns = [
+                *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
+                *rr.SeriesPoints.columns(colors=colours),
+            ]
+            self._timeline.send(path, [p.time_ns for p, _ in marks], columns)
+        if self._pending:
+            self._rows([p for p, _ in self._pending])
+        self._pending = []
+
+    def _rows(self, picks: list[Pick]) -> None:
+        import rerun as rr
+
+        self._timeline.declare(Entity("/table/picks", "table", "Picks"))
+        columns = rr.AnyValues.columns(
+            channel=[p.channel for p in picks],
+            stage=[p.stage for p in picks],
+            peak=np.array([p.value for p in picks]),
+            uncertainty_ms=np.array([p.uncertainty_s for p in picks]) * 1e3,
+        )
+        self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
+
+
+class StepLog:
+    """Steps and impacts: marks on the waveform, rows of a table and log lines."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._pending: list[tuple[StepEvent, float]] = []
+
+    def add(self, step: StepEvent, height: float) -> None:
+        """Take a step; its mark lies at ``height`` of the waveform's plot."""
+        self._pending.append((step, height))
+        what = " ".join(filter(None, (step.type or step.foot, step.kind)))
+        seen = f", {step.channels} channels" if step.channels > 1 else ""
+        where = self._timeline.seconds(step.time_ns)
+        text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
+        self._lines.add("steps", step.time_ns, text, "INFO")
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        for topic in dict.fromkeys(s.topic for s, _ in self._pending):
+            self._marks(topic, [(s, height) for s, height in self._pending if s.topic == topic])
+        if self._pending:
+            self._rows([s for s, _ in self._pending])
+        self._pending = []
+
+    def _marks(self, topic: str, marks: list[tuple[StepEvent, float]]) -> None:
+        import rerun as rr
+
+        path = f"/steps/{topic.strip('/')}"
+        style = rr.SeriesPoints(markers="up", marker_sizes=7.0, names="step")
+        self._timeline.declare(Entity(path, "mark"), style)
+        kinds = STEP_COLOURS | TYPE_COLOURS
+        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s, _ in marks]
+        columns = [
+            *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
+            *rr.SeriesPoints.columns(colors=np.array(shades, np.uint32)),
+        ]
+        self._timeline.send(path, [s.time_ns for s, _ in marks], columns)
+
+    def _rows(self, steps: list[StepEvent]) -> None:
+        import rerun as rr
+
+        self._timeline.declare(Entity("/table/steps", "table", "Steps"))
+        columns = rr.AnyValues.columns(
+            kind=[s.kind for s in steps],
+            foot=[s.foot for s in steps],
+            type=[s.type for s in steps],
+            stage=[s.stage for s in steps],
+            peak=np.array([s.value for s in steps]),
+            channels=np.array([s.channels for s in steps]),
+        )
+        self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
+
+
+class LossLog:
+    """Interruptions: a lane and log lines."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._lane = Lane(timeline, GAPS, GAP_COLOURS)
+
+    def add(self, gap: Gap) -> None:
+        """Take a gap."""
+        self._lane.add(gap.start_ns, gap.reason, gap.end_ns)
+        lasting = f"{(gap.end_ns - gap.start_ns) / 1e6:.1f} ms"
+        state = "state kept" if gap.bridged else "state reset"
+        where = self._timeline.seconds(gap.start_ns)
+        text = f"{where}  {gap.reason} {gap.topic}: {gap.lost} lost, {lasting}, {state}"
+        self._lines.add("gaps", gap.start_ns, text, "WARN")
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log the lane up to a time."""
+        self._lane.flush(before_ns)
+
+
+class PlainLog:
+    """Kinds of events that have no view of their own: a lane and a line of the log each."""
+
+    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._lanes: dict[str, Lane] = {}
+
+    def add(self, event: Any) -> None:
+        """Take an event."""
+        kind = EVENTS[type(event)]
+        if kind.plural not in self._lanes:
+            path = f"/state/{LAST}-{kind.plural}"
+            self._lanes[kind.plural] = Lane(self._timeline, path, {kind.name: SPAN})
+        self._lanes[kind.plural].add(event.time_ns, kind.name, getattr(event, "end_ns", None))
+        if text := kind.text(event):
+            source = getattr(event, "stage", "")
+            said = f"{self._timeline.seconds(event.time_ns)}  {text}"
+            line = f"{said} ({source})" if source else said
+            self._lines.add(kind.plural, event.time_ns, line, getattr(event, "level", "INFO"))
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log the lanes up to a time."""
+        for lane in self._lanes.values():
+            lane.flush(before_ns)
+
+
+def log_note(lines: LogLines, note: Note, where: str) -> None:
+    """Take a note as a line; ``where`` is its time as text."""
+    source = f" ({note.source})" if note.source else ""
+    lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
+
+
+def lane_labels(session: Session) -> list[Label]:
+    """Return the labels that have lanes: of a room with steps not the walk as a whole.
+
+    It would say nothing more, unless parts of it are ignored. Passes of vehicles have lanes by
+    direction.
+    """
+    kinds = {label.kind for label in session.labels}
+    needless = session.application == "room" and "step" in kinds and "ignore" not in kinds
+    hidden = {"walking"} if needless else set()
+    hidden |= {"pass"} if session.application == "vehicle" else set()
+    return [x for x in session.labels if x.kind not in hidden]
+
+
+def log_truth(timeline: Timeline, labels: Iterable[Label], root: str = "/state/truth") -> None:
+    """Log a lane for every kind of label, below ``root``.
+
+    Places alone are on the map, headings have a plot, and arrivals follow from the step or impact
+    they belong to. Of several targets the lane says which.
+    """
+    known = tuple(labels)
+    targets = sorted({x.target for x in known if x.target})
+    walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False)) if len(targets) > 1 else {}
+    caused = any(x.kind in ("step", "impact") for x in known)
+    kinds = STEP_COLOURS | TYPE_COLOURS
+    lanes: dict[str, Lane] = {}
+    for label in known:
+        if label.kind in ELSEWHERE or (label.kind == "pick" and caused):
+            continue
+        name = TOGETHER.get(label.kind, label.kind)
+        colours = {name: SPAN, "ignore": IGNORED, "disturbed": DISTURBED} | kinds | walkers
+        lane = lanes.setdefault(name, Lane(timeline, f"{root}/{name}", colours))
+        shown = label.label if label.label in kinds and label.kind == name else label.kind
+        if label.kind in ("step", "impact") and label.target in walkers:
+            shown = label.target
+        lane.add(label.time_ns, shown, label.end_ns)
+        if label.kind == "ignore":
+            _resume(lane, label, known)
+    for lane in lanes.values():
+        lane.flush()
+
+
+def _resume(lane: Lane, ignored: Label, labels: Iterable[Label]) -> None:
+    """Go on with the walk after a part of it that is ignored."""
+    if ignored.end_ns is None:
+        return
+    for label in labels:
+        if label.kind == "walking" and label.time_ns <= ignored.end_ns < (label.end_ns or 0):
+            lane.add(ignored.end_ns, "walking", label.end_ns)
+
+
+#: Largest distance between a step and its detection, as the score has it.
+TOLERANCE_S = 0.12
+VERDICT_COLOURS = {"hit": ACCEPTED, "missed": MISSED, "false": FALSE}
+
+
+class Verdict(NamedTuple):
+    """What became of a step: when it was [ns], and in a word; of a wrong time, what it is.
+
+    ``text`` is ``found 126 ms late, tolerance 120 ms`` of a missed step that has a false one near
+    it, and ``answers step 12, 126 ms late`` of that one; else empty.
+    """
+
+    time_ns: int
+    verdict: str
+    text: str = ""
+
+
+def verdicts(
+    session: Session, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
+) -> list[Verdict]:
+    """Return what became of every true step, and which detections answer none.
+
+    Parameters
+    ----------
+    session
+        Its labels are the truth.
+    steps_ns
+        Detected steps [ns], any order.
+    replayed_ns
+        First and last sample that was replayed [ns]: what lies outside was never looked at.
+
+    Returns
+    -------
+    list
+        ``hit``, ``missed`` (at times of true steps) or ``false`` (of detections), in the spans
+        that the score looks at.
+    """
+    first, last = replayed_ns
+    labels = [x for x in session.labels if x.kind != "step" or first <= x.time_ns <= last]
+    detected = np.array(steps_ns, np.int64)
+    found = match_steps(labels, detected, session.start_ns, session.end_ns, TOLERANCE_S)
+    named = (
+        ("hit", found.truth_ns[found.pairs[:, 0]]),
+        ("missed", found.truth_ns[found.missed]),
+        ("false", found.found_ns[found.false]),
+    )
+    pairs = timing_pairs(found)
+    texts = {p.truth_ns: found_text(p, TOLERANCE_S) for p in pairs}
+    texts |= {p.found_ns: answers_text(p, TOLERANCE_S) for p in pairs}
+    return sorted(
+        Verdict(int(t), verdict, "" if verdict == "hit" else texts.get(int(t), ""))
+        for verdict, times in named
+        for t in times
+    )
+
+
+def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[Verdict]) -> None:
+    """Log the lane, and a line for every step that was missed or is false."""
+    lane = Lane(timeline, SCORE, VERDICT_COLOURS)
+    for time_ns, verdict, why in found:
+        lane.add(time_ns, verdict)
+        if verdict != "hit":
+            text = f"{verdict} step at {timeline.seconds(time_ns)}{f': {why}' if why else ''}"
+            lines.add("score", time_ns, text, "ERROR" if verdict == "missed" else "WARN")
+    lane.flush()
+
+
+#: A plot's source, and the columns of its masses: on peak, no peak, either; combined also K.
+PLOTS = (
+    (
+        "accelerometer",
+        ("accelerometer_peak", "accelerometer_nonpeak", "accelerometer_peak_ignorance"),
+    ),
+    ("gyroscope", ("gyroscope_peak", "gyroscope_nonpeak", "gyroscope_peak_ignorance")),
+    ("combined", ("peak_mass", "nonpeak_mass", "peak_ignorance", "peak_conflict")),
+)
+NAMES = ("pic", "nonpic", "Θ", "K")
+MASS_COLOURS = (PEAK, NO_PEAK, EITHER, CONFLICT)
+
+
+class MassLog:
+    """Logs the masses of one stage's candidates.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    spec
+        The stage; its columns are masses.
+    span_ns
+        Of the recording: the plots begin and end with it [ns].
+    """
+
+    def __init__(self, timeline: Timeline, spec: StageSpec, span_ns: tuple[int, int]) -> None:
+        self._timeline = timeline
+        self._root = f"/masses/{spec.stage}/{spec.topic.strip('/')}"
+        names = [q.name for q in spec.columns]
+        self._columns = {
+            source: [names.index(column) for column in columns] for source, columns in PLOTS
+        }
+        for source, columns in PLOTS:
+            self._declare(source, len(columns))
+            nothing = np.full((2, len(columns)), np.nan)
+            timeline.scalars(f"{self._root}/{source}/lines", span_ns, nothing)
+
+    @staticmethod
+    def fits(spec: StageSpec) -> bool:
+        """Whether a stage measures masses."""
+        names = {q.name for q in spec.columns}
+        return all(names.issuperset(columns) for _, columns in PLOTS)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Log the masses of decided candidates."""
+        if not len(block):
+            return
+        for source, columns in self._columns.items():
+            values = block.value[:, columns]
+            for kind in ("lines", "points"):
+                self._timeline.scalars(f"{self._root}/{source}/{kind}", block.time_ns, values)
+
+    def _declare(self, source: str, count: int) -> None:
+        import rerun as rr
+
+        conflict = ", their conflict K yellow" if source == "combined" else ""
+        title = f"Masses, {source}: pic green, nonpic red, Θ grey{conflict}"
+        colours = np.array(MASS_COLOURS[:count], np.uint32)
+        points = rr.SeriesPoints(
+            names=NAMES[:count],
+            colors=colours,
+            markers=["circle"] * count,
+            marker_sizes=[3.0] * count,
+        )
+        # the lines only lead the eye from candidate to candidate
+        faint = (colours & np.uint32(0xFFFFFF00)) | np.uint32(0x50)
+        lines = rr.SeriesLines(
+            names=[" "] * count,
+            colors=faint,
+            widths=[1.0] * count,
+            aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        )
+        path = f"{self._root}/{source}"
+        self._timeline.declare(Entity(path, "masses", title, count, top=1.0))
+        self._timeline.static(f"{path}/lines", lines)
+        self._timeline.static(f"{path}/points", points)

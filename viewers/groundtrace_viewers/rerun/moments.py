@@ -1,0 +1,306 @@
+"""Moments of a result: what a page jumps to, which are events and wrong decisions with causes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from groundtrace.evaluation.matching import match_steps
+from groundtrace.explain.reasons import StepReasons
+from groundtrace.explain.unfiltered import with_recording
+from groundtrace.explain.why import narrowest
+from groundtrace.explain.why_picks import pick_account
+from groundtrace.pipeline.results import Provenance, Results, evidence_of, replayed_labels
+from groundtrace_codecs.events import (
+    EVENTS,
+    Disagreement,
+    Disturbance,
+    Fix,
+    Gap,
+    LineCrossing,
+    Note,
+    Pass,
+    Pick,
+    StepEvent,
+)
+from groundtrace_codecs.signals import NS_PER_S
+
+from .decisions import TOLERANCE_S
+from .timeline import TIMELINE
+from .vehicles import crossing_text, pass_text, wrong_passes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from groundtrace.explain.reasons import GateReading
+    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.results import Evidence
+    from groundtrace_codecs.events import Event, Label
+    from groundtrace_codecs.signals import Stream
+
+#: Length of a frame where no detector has any [s].
+NO_FRAME_S = 0.01
+#: Levels of notes that a page shows.
+LOUD = frozenset({"WARN", "ERROR"})
+
+
+@dataclass(frozen=True, slots=True)
+class PageMoment:
+    """A moment of a page's list.
+
+    Attributes
+    ----------
+    t_s
+        Since the recording's first sample [s].
+    kind
+        Of an event ``step``, ``impact``, ``pick``, ``fix``, ``pass``, ``crossing``, ``gap``,
+        ``disturbance``, ``disagreement`` or ``note``; of a wrong decision ``missed``, ``false``,
+        ``late`` or ``early``.
+    stage
+        Which stage it comes from; empty where none.
+    text
+        For people: what it is, or why it went wrong.
+    """
+
+    t_s: float
+    kind: str
+    stage: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """All that a page needs to know of a replay beside the viewer's file.
+
+    Attributes
+    ----------
+    recording, sha256
+        File name of the recording, and of its bytes; empty where unknown.
+    start_ns
+        Its first sample [ns], as digits: a page's numbers hold 53 bits.
+    duration_s
+        From its first to its last sample [s].
+    timeline
+        Name of the viewer's timeline.
+    sample_s, sample_of
+        Sample period of its fastest stream [s] and that stream's topic; None and empty where no
+        stream is known.
+    frame_s, frame_of
+        Length of a detector's frame [s] and which stage has it; 10 ms and empty where none has.
+    channels
+        Names of the channels that can be picked.
+    steps
+        Name of the stage that has the last word on steps; empty where none has.
+    truth
+        True where there is truth to tell wrong decisions by.
+    events, misses
+        In the order of time.
+    opens_s
+        Where the page opens [s]; None stands for the first event.
+    """
+
+    recording: str
+    sha256: str
+    start_ns: str
+    duration_s: float
+    timeline: str
+    sample_s: float | None
+    sample_of: str
+    frame_s: float
+    frame_of: str
+    channels: tuple[str, ...]
+    steps: str
+    truth: bool
+    events: tuple[PageMoment, ...]
+    misses: tuple[PageMoment, ...]
+    opens_s: float | None = None
+
+    def json(self) -> bytes:
+        """Return it as one JSON document."""
+        return msgspec.json.encode(self)
+
+
+def moments_of_results(
+    results: Results,
+    streams: Sequence[Stream] = (),
+    labels: tuple[Label, ...] | None = None,
+    recording: Path | None = None,
+) -> Moments:
+    """Return the moments of a result.
+
+    Parameters
+    ----------
+    results
+        As :func:`groundtrace.pipeline.results.read_results` gives them.
+    streams
+        Of the recording, for the sample period; the results do not know them.
+    labels
+        Truth instead of the results' own.
+    recording
+        Where the recording is, to tell whether a filter took a step out; None where it is not
+        at hand.
+    """
+    evidence = evidence_of(results, labels)
+    if recording is not None:
+        evidence = with_recording(evidence, results.provenance.sha256, (recording,))
+    steps = _last_stage(evidence)
+    fastest = max(streams, key=lambda stream: stream.rate_hz, default=None)
+    frame_of, frame_s = _frames(evidence)
+    found = (_event(event, steps, evidence.start_ns) for event in results.events)
+    misses = (
+        *_wrong_steps(evidence, results.events, steps),
+        *_wrong_picks(evidence),
+        *_wrong_passes(evidence, results.events),
+    )
+    return Moments(
+        results.provenance.recording,
+        results.provenance.sha256,
+        str(evidence.start_ns),
+        (evidence.end_ns - evidence.start_ns) / NS_PER_S,
+        TIMELINE,
+        None if fastest is None else 1 / fastest.rate_hz,
+        "" if fastest is None else fastest.topic,
+        frame_s,
+        frame_of,
+        _channels(evidence, streams),
+        steps,
+        any(label.kind in ("step", "pick", "pass") for label in evidence.labels),
+        tuple(sorted((m for m in found if m is not None), key=_order)),
+        tuple(sorted(misses, key=_order)),
+    )
+
+
+def moments_of_session(
+    session: Session, events: Sequence[Event], at_ns: int | None = None
+) -> Moments:
+    """Return the moments of a replay that has ended, of the events it gave.
+
+    Parameters
+    ----------
+    session, events
+        Of the replay.
+    at_ns
+        Where the page opens [ns]; None stands for the first event.
+    """
+    origin = Provenance(session.name, "", session.start_ns, session.end_ns, session.pipeline)
+    labels = replayed_labels(session.labels, *(session.shown_ns or (None, None)))
+    results = Results(session.name, origin, labels, session.geometry, tuple(events))
+    found = moments_of_results(results, session.streams)
+    return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
+
+
+def _order(moment: PageMoment) -> tuple[float, str, str]:
+    return moment.t_s, moment.kind, moment.text
+
+
+def _last_stage(evidence: Evidence) -> str:
+    """Return the stage that has the last word on steps."""
+    names = [part.spec.stage for part in evidence.stages if part.spec.emits == "step"]
+    return names[-1] if names else ""
+
+
+def _frames(evidence: Evidence) -> tuple[str, float]:
+    """Return the last stage that has frames, and how long they are [s]."""
+    for part in reversed(evidence.stages):
+        if len(part.frames.time_ns) > 1:
+            length_ns = float(np.median(np.diff(part.frames.time_ns)))
+            if length_ns > 0:
+                return part.spec.stage, length_ns / NS_PER_S
+    return "", NO_FRAME_S
+
+
+def _channels(evidence: Evidence, streams: Sequence[Stream]) -> tuple[str, ...]:
+    """Return the channels of the streams, or where none is known of the stages that pick."""
+    named = [channel.name for stream in streams for channel in stream.channels]
+    picking = [part.spec for part in evidence.stages if part.spec.emits == "pick"]
+    return tuple(dict.fromkeys(named or [name for spec in picking for name in spec.channels]))
+
+
+#: What a page says of the events that it lists, and who says it; steps have words of their own.
+LISTED: Mapping[type[Any], Callable[[Any], tuple[str, str]]] = {
+    Pick: lambda pick: (pick.stage, pick.channel),
+    Fix: lambda fix: (fix.stage, f"({fix.x_m:.2f}, {fix.y_m:.2f}) m"),
+    Pass: lambda one: (one.stage, pass_text(one)),
+    LineCrossing: lambda one: (one.stage, crossing_text(one)),
+    Gap: lambda gap: ("", f"{gap.topic} {gap.reason}, {gap.lost} lost".strip()),
+    Disturbance: lambda span: (span.stage, "disturbed field"),
+    Disagreement: lambda found: (found.stage, f"{found.distance_m:.2f} m: {found.methods}"),
+    Note: lambda note: (note.source, note.text),
+}
+
+
+def _event(event: Event, steps: str, start_ns: int) -> PageMoment | None:
+    """Return an event as a moment; None of one that a page does not list."""
+    if isinstance(event, StepEvent):
+        if event.stage != steps and event.kind == "step":
+            return None
+        return _moment(event.time_ns, start_ns, event.kind, event.stage, _step_text(event))
+    said = LISTED.get(type(event))
+    if said is None or (isinstance(event, Note) and event.level not in LOUD):
+        return None
+    listed: Any = event
+    return _moment(listed.time_ns, start_ns, EVENTS[type(event)].name, *said(event))
+
+
+def _step_text(step: StepEvent) -> str:
+    """Return what is known of a step: its foot and type, how high it rose, who saw it."""
+    seen = f"{step.channels} channels" if step.channels > 1 else ""
+    value = f"peak {step.value:.3g}" if np.isfinite(step.value) else ""
+    return ", ".join(filter(None, (step.foot, step.type, value, seen)))
+
+
+def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> PageMoment:
+    return PageMoment((time_ns - start_ns) / NS_PER_S, kind, stage, text)
+
+
+def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> list[PageMoment]:
+    """Return missed and false steps, each with the first thing that made it so."""
+    if not steps or not any(label.kind == "step" for label in evidence.labels):
+        return []
+    times = [e.time_ns for e in events if isinstance(e, StepEvent) and e.stage == steps]
+    found_ns, start_ns = np.array(times, np.int64), evidence.start_ns
+    matching = match_steps(evidence.labels, found_ns, start_ns, evidence.end_ns, TOLERANCE_S)
+    reasons = StepReasons(evidence, TOLERANCE_S, matching)
+    wrong = []
+    for time_ns in matching.truth_ns[matching.missed].tolist():
+        reason, pair = reasons.at(time_ns), reasons.wrong_time(time_ns)
+        found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
+        text = f"{reason.cause}: {reason.text}{found}"
+        wrong.append(_moment(time_ns, start_ns, "missed", reason.stage, text))
+    for time_ns in matching.found_ns[matching.false].tolist():
+        pair = reasons.wrong_time(time_ns)
+        answers = "" if pair is None else f"{pair.text}; "
+        text = answers + _let_pass(narrowest(evidence, time_ns))
+        wrong.append(_moment(time_ns, start_ns, "false", steps, text))
+    return wrong
+
+
+def _let_pass(gate: GateReading | None) -> str:
+    """Say which gate let something pass that should not have."""
+    if gate is None:
+        return "it passed every gate"
+    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    return f"let pass by {gate.gate} {gate.value:.4g}{unit} (threshold {gate.threshold:.4g}{unit})"
+
+
+def _wrong_picks(evidence: Evidence) -> list[PageMoment]:
+    """Return late, early, missed and false picks where true arrivals are known."""
+    picking = any(part.spec.emits == "pick" for part in evidence.stages)
+    if not picking or not any(label.kind == "pick" for label in evidence.labels):
+        return []
+    found = pick_account(evidence)
+    return [
+        PageMoment(bad.time_s, bad.state, found.stage, f"{bad.channel}: {bad.reason.text}")
+        for bad in found.bad
+    ]
+
+
+def _wrong_passes(evidence: Evidence, events: Sequence[Event]) -> list[PageMoment]:
+    """Return missed and false passes of the last stage that finds passes."""
+    stage, wrong = wrong_passes(evidence, events)
+    start_ns = evidence.start_ns
+    return [_moment(one.time_ns, start_ns, one.verdict, stage, one.text) for one in wrong]

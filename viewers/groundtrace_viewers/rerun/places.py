@@ -1,0 +1,698 @@
+"""What is known of places, on the map of a site: sensors, places found, tracks, disagreements."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from groundtrace.localizers.arrival_order import (
+    borders,
+    corners,
+    distances,
+    known_regions,
+    measured_signs,
+)
+from groundtrace.localizers.base import first_arrivals, outline_of
+from groundtrace.pipeline.stage import LEAST_PICKS
+from groundtrace_codecs.events import SMOOTHED, Disagreement, Fix, TrackPoint
+from groundtrace_codecs.signals import NS_PER_S
+
+from .site import SITE, SensorMap, bounds
+from .timeline import (
+    DISAGREEMENT,
+    FAINT,
+    FIX_COLOURS,
+    TRACK_COLOURS,
+    Entity,
+    GrowingLine,
+    Strips,
+    dimmed,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+    from rerun import ComponentColumn, ComponentColumnList
+
+    from groundtrace.localizers.arrival_order import Regions
+    from groundtrace.pipeline.engine import Session
+    from groundtrace_codecs.events import Event, Pick, StageSpec
+    from groundtrace_codecs.geometry import Geometry
+
+    from .decisions import LogLines
+    from .site import Bounds, Views
+    from .timeline import SensorColours, Timeline
+
+    Ring = NDArray[np.float64]
+
+
+class Places:
+    """Logs the map of a site; a walker has one of its own, and without places there is none.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        What is replayed.
+    colours
+        Of the sensors.
+    lines
+        Where disagreements are told.
+
+    Attributes
+    ----------
+    shown
+        What the map must show; None without a map.
+    sensors
+        The sensors on it, or None.
+    views
+        What it shows of events, by their kind.
+    """
+
+    def __init__(
+        self, timeline: Timeline, session: Session, colours: SensorColours, lines: LogLines
+    ) -> None:
+        shown = None if session.application == "walker" else bounds(session)
+        self.shown = shown
+        self.sensors = SensorMap(timeline, session, colours) if shown else None
+        on_road = session.application == "vehicle"
+        self._fixes = FixLog(timeline, shown, crosses=on_road) if shown else None
+        self._tracks = TrackLog(timeline, shown) if shown and not on_road else None
+        unit = session.geometry.length_unit if session.geometry is not None else "m"
+        self._disagreements = DisagreementLog(timeline, lines, unit, on_map=shown is not None)
+
+    def stage(self, spec: StageSpec) -> int:
+        """Take a stage and return the colour of its places."""
+        if spec.emits != "fix" or self._fixes is None:
+            return FIX_COLOURS[0]
+        self._fixes.begin(spec.stage)
+        return self._fixes.colour(spec.stage) or FIX_COLOURS[0]
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival of the stage that has the last word on arrivals."""
+        if self.sensors is not None:
+            self.sensors.arrival(pick.time_ns, pick.channel)
+
+    def fix(self, fix: Fix) -> None:
+        """Take a place."""
+        self._disagreements.fix(fix)
+        if self._fixes is not None:
+            self._fixes.add(fix)
+
+    def track(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        if self._tracks is not None:
+            self._tracks.add(point)
+
+    def disagreement(self, found: Disagreement) -> None:
+        """Take a disagreement of localizers."""
+        self._disagreements.add(found)
+
+    def event(self, event: Event) -> None:
+        """Take an event; one of a kind without a view here is not shown on the map."""
+        view = self.views.get(type(event))
+        if view is not None:
+            view(self, event)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        for part in (self.sensors, self._fixes, self._tracks):
+            if part is not None:
+                part.flush()
+
+    def close(self) -> None:
+        """Log what was held back."""
+        if self._tracks is not None:
+            self._tracks.close()
+
+    views: ClassVar[Views] = {Fix: fix, TrackPoint: track, Disagreement: disagreement}
+
+
+FIXES = f"{SITE}/fixes"
+POINTS, ELLIPSES = f"{FIXES}/points", f"{FIXES}/ellipses"
+#: Of fixes that come in every cycle and are crosses; and their size as a part of the map's width.
+CROSSES, CROSS_ELLIPSES, CROSS = f"{SITE}/crosses/places", f"{SITE}/crosses/ellipses", 0.013
+FIX_KEY = f"{FIXES}/key"
+CORNERS = 33
+#: The key stands above the site, this far up the margin.
+FIX_MARGIN = 0.8
+
+
+#: A cross as one line, from tip to tip through the middle.
+TIPS = np.array([(-1, -1), (1, 1), (0, 0), (-1, 1), (1, -1)], np.float32)
+
+
+def ellipse(fix: Fix) -> NDArray[np.float32]:
+    """Return the closed line at one standard deviation about a fix, shape (CORNERS, 2) [m].
+
+    A covariance that is unknown gives the place alone.
+    """
+    xx, xy, yy = fix.covariance
+    place = np.array([fix.x_m, fix.y_m])
+    matrix = np.array([[xx, xy], [xy, yy]])
+    if not np.isfinite(matrix).all():
+        return np.tile(place, (CORNERS, 1)).astype(np.float32)
+    value, vector = np.linalg.eigh(matrix)
+    turn = np.linspace(0.0, 2 * np.pi, CORNERS)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    line: NDArray[np.float64] = place + circle * np.sqrt(np.maximum(value, 0.0)) @ vector.T
+    return line.astype(np.float32)
+
+
+class FixLog:
+    """Logs fixes: those of the last seconds are shown, the layout says how many.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    shown
+        What of the site the map shows; the key stands in its margin.
+    crosses
+        Draw crosses, not points.
+    """
+
+    def __init__(self, timeline: Timeline, shown: Bounds, *, crosses: bool = False) -> None:
+        self._crosses = crosses
+        self._timeline = timeline
+        self._shown = shown
+        self._stages: list[str] = []
+        self._pending: list[Fix] = []
+
+    def begin(self, stage: str) -> None:
+        """Give a stage that finds places its colour, and name it in the key."""
+        import rerun as rr
+
+        if stage in self._stages:
+            return
+        self._stages.append(stage)
+        key = rr.Points2D(
+            self._shown.key(len(self._stages), FIX_MARGIN),
+            labels=self._stages,
+            show_labels=True,
+            colors=np.array([self.colour(s) for s in self._stages], np.uint32),
+            radii=-5.0,
+        )
+        self._timeline.static(FIX_KEY, key)
+
+    def add(self, fix: Fix) -> None:
+        """Take a fix."""
+        self.begin(fix.stage)
+        self._pending.append(fix)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        for stage in dict.fromkeys(fix.stage for fix in self._pending):
+            self._send(stage, [fix for fix in self._pending if fix.stage == stage])
+        self._pending = []
+
+    def _send(self, stage: str, fixes: list[Fix]) -> None:
+        import rerun as rr
+
+        colours = np.full(len(fixes), self.colour(stage), np.uint32)
+        lines = rr.LineStrips2D.columns(
+            strips=np.stack([ellipse(fix) for fix in fixes]),
+            colors=colours,
+            radii=np.full(len(fixes), -0.8),
+        )
+        shapes = self._cross(fixes, colours) if self._crosses else _points(fixes, colours)
+        paths = (CROSSES, CROSS_ELLIPSES) if self._crosses else (POINTS, ELLIPSES)
+        for root, columns in zip(paths, (shapes, lines), strict=True):
+            self._timeline.declare(Entity(f"{root}/{stage}", "map"))
+            self._timeline.send(f"{root}/{stage}", [fix.time_ns for fix in fixes], columns)
+
+    def _cross(self, fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
+        import rerun as rr
+
+        size = CROSS * (self._shown.x[1] - self._shown.x[0])
+        places = np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32)
+        return rr.LineStrips2D.columns(
+            strips=places[:, np.newaxis, :] + size * TIPS,
+            colors=colours,
+            radii=np.full(len(fixes), -1.2),
+        )
+
+    def colour(self, stage: str) -> int:
+        """Return the colour of the places of a stage that has begun."""
+        return FIX_COLOURS[self._stages.index(stage) % len(FIX_COLOURS)]
+
+
+def _points(fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
+    import rerun as rr
+
+    return rr.Points2D.columns(
+        positions=np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32),
+        colors=colours,
+        radii=np.full(len(fixes), -4.0),
+    )
+
+
+REGIONS = f"{SITE}/regions"
+BORDERS, FILLS, RINGS = f"{REGIONS}/borders", f"{REGIONS}/fills", f"{REGIONS}/rings"
+PAGE = "/signs"
+#: On the page before the first step that has signs.
+NO_STEP = f"No step with {LEAST_PICKS} arrivals so far."
+#: Strokes that fill a region; they overlap, so that no gap is seen between them.
+STROKES, OVERLAP = 24, 1.15
+#: Brightness of the fill as part of the border's.
+FILL = 0.4
+#: With more regions than this equally good the signs say nothing: none is lit.
+MOST_HITS = 24
+
+
+def strokes(ring: Ring) -> tuple[list[Ring], float]:
+    """Fill a convex ring with level strokes: their ends, each of shape (2, 2), and their radius."""
+    low, high = ring[:, 1].min(), ring[:, 1].max()
+    radius = (high - low) / STROKES / 2
+    x, y = ring.T
+    x_after, y_after = np.roll(ring, -1, axis=0).T
+    lines = []
+    for level in low + radius * (2 * np.arange(STROKES) + 1):
+        crossed = (y - level) * (y_after - level) < 0
+        if np.count_nonzero(crossed) < 2:
+            continue
+        share = (level - y[crossed]) / (y_after[crossed] - y[crossed])
+        ends = x[crossed] + share * (x_after[crossed] - x[crossed])
+        left, right = ends.min() + radius, ends.max() - radius
+        if left < right:
+            lines.append(np.array([(left, level), (right, level)]))
+    return lines, radius * OVERLAP
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """How a region is drawn: its border, and the strokes that fill it with their radii [m]."""
+
+    rings: list[Ring]
+    lines: list[Ring]
+    radii: list[float]
+
+
+class RegionLog:
+    """Logs the regions of a stage that locates by signs, and the signs of each step.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    geometry
+        Where the sensors are.
+    picking
+        The stage whose arrivals the localizer takes.
+    window_s
+        How long after a step arrivals belong to it [s].
+    colour
+        Of the stage's places.
+    """
+
+    def __init__(
+        self,
+        timeline: Timeline,
+        geometry: Geometry,
+        picking: StageSpec,
+        window_s: float,
+        colour: int,
+    ) -> None:
+        self._timeline = timeline
+        self._window_s = window_s
+        self._colour = colour
+        self._channels, self._positions = geometry.placed(picking.channels)
+        self._offsets = geometry.clock_offsets(self._channels)
+        self._outline = np.array(geometry.outline, np.float64)
+        shown = {s.channel: s.name for s in geometry.sensors}
+        self._names = [shown[channel] for channel in self._channels]
+        self._regions = known_regions(self._positions, self._outline)
+        self._room = outline_of(self._positions, self._outline)
+        self._picking = picking.stage
+        self._fills = Strips(timeline, FILLS, -40.0)
+        self._rings = Strips(timeline, RINGS, -20.0)
+        self._pages = [(timeline.start_ns, NO_STEP)]
+        self._drawn: dict[int, Drawn] = {}
+        self._timeline.declare(Entity(PAGE, "page", "Signs"))
+        self._log_borders()
+
+    @staticmethod
+    def fits(geometry: Geometry | None, picking: StageSpec | None) -> bool:
+        """Whether there are enough sensors with places to have regions."""
+        if geometry is None or picking is None:
+            return False
+        _, positions = geometry.placed(picking.channels)
+        return len(np.unique(positions, axis=0)) >= LEAST_PICKS
+
+    def _log_borders(self) -> None:
+        import rerun as rr
+
+        lines = [line.astype(np.float32) for line in borders(self._regions, self._room)]
+        faint = np.full(len(lines), FAINT, np.uint32)
+        strips = rr.LineStrips2D(lines, colors=faint, radii=-0.5, draw_order=-30.0)
+        self._timeline.declare(Entity(BORDERS, "map"), strips)
+
+    def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
+        """Light the regions that fit a step's arrivals best, and tell its signs."""
+        own = [pick for pick in picks if pick.stage == self._picking]
+        times = first_arrivals(own, self._channels, time_ns, self._window_s, self._offsets)
+        if np.isfinite(times).sum() < LEAST_PICKS:
+            self.clear(time_ns)
+            return
+        signs = signs_of(self._regions, times)
+        if len(signs.hit) > MOST_HITS:
+            self.clear(time_ns)
+        else:
+            self._light(time_ns, signs.hit)
+        when = self._timeline.seconds(time_ns)
+        page = signs_page(signs, self._regions, self._names, when)
+        self._pages.append((time_ns, page))
+
+    def _light(self, time_ns: int, hit: NDArray[np.intp]) -> None:
+        drawn = [self._drawing(int(row)) for row in hit]
+        rings = [ring for part in drawn for ring in part.rings]
+        lines = [line for part in drawn for line in part.lines]
+        radii = [radius for part in drawn for radius in part.radii]
+        dim = dimmed(self._colour, FILL)
+        self._fills.add(time_ns, lines, [dim] * len(lines), radii)
+        self._rings.add(time_ns, rings, [self._colour] * len(rings), [-0.8] * len(rings))
+
+    def _drawing(self, row: int) -> Drawn:
+        """Return how a region is drawn; walkers come back to the same ones."""
+        if row not in self._drawn:
+            rings = corners(self._regions, row, self._room)
+            filled = [strokes(ring) for ring in rings]
+            lines = [line for part, _ in filled for line in part]
+            radii = [radius for part, radius in filled for _ in part]
+            self._drawn[row] = Drawn(rings, lines, radii)
+        return self._drawn[row]
+
+    def clear(self, time_ns: int) -> None:
+        """Light no region any more."""
+        self._fills.clear(time_ns)
+        self._rings.clear(time_ns)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        self._fills.flush()
+        self._rings.flush()
+        if self._pages:
+            times, pages = zip(*self._pages, strict=True)
+            kinds = ["text/markdown"] * len(pages)
+            columns = rr.TextDocument.columns(text=list(pages), media_type=kinds)
+            self._timeline.send(PAGE, times, columns)
+            self._pages = []
+
+
+#: Wrong pairs named one by one; the rest are in the matrix.
+NAMED = 6
+#: With more sensors than this the matrix would not fit beside the log.
+MATRIX_SENSORS, FEW_SENSORS = 16, 10
+MARKS = {1: "+", -1: "−", 0: "·"}
+SIGN_KEY = (
+    "Sign of the time at i (column) less that at j (row): + the wave reached j first, − i first, "
+    "✗ the region lit on the map says otherwise, · not known."
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signs:
+    """The signs of one step.
+
+    Attributes
+    ----------
+    hit
+        Shape (k,): the regions that fit best.
+    measured, expected
+        Shape (n_pairs,): sign(t_i - t_j), 0 where there is none, and that of the first such region.
+    compared
+        Shape (n_pairs,): which pairs were measured and tell regions apart.
+    distance
+        Of the regions that fit best, (5.6).
+    """
+
+    hit: NDArray[np.intp]
+    measured: NDArray[np.int8]
+    expected: NDArray[np.int8]
+    compared: NDArray[np.bool_]
+    distance: float
+
+    @property
+    def wrong(self) -> NDArray[np.intp]:
+        """Pairs whose measured sign is not the region's."""
+        found: NDArray[np.intp] = np.flatnonzero(self.compared & (self.measured != self.expected))
+        return found
+
+    @property
+    def residual(self) -> float:
+        """Part of the compared signs that the region contradicts."""
+        return self.distance / max(int(self.compared.sum()), 1)
+
+
+def signs_of(regions: Regions, times_s: NDArray[np.float64]) -> Signs:
+    """Return the signs of arrivals, shape (n,) [s], NaN where a sensor has none."""
+    signs, compared = measured_signs(regions, times_s)
+    apart = distances(regions, signs, compared)
+    hit = np.flatnonzero(apart == apart.min())
+    expected = regions.signs[hit[0]]
+    return Signs(hit, signs.astype(np.int8), expected, compared, float(apart.min()))
+
+
+def signs_page(signs: Signs, regions: Regions, names: Sequence[str], when: str) -> str:
+    """Return the signs of a step as a page, markdown.
+
+    Parameters
+    ----------
+    signs, regions
+        Of the step, and of the room.
+    names
+        Of the sensors.
+    when
+        The step's time, for people.
+    """
+    wrong, count = signs.wrong, int(signs.compared.sum())
+    tied = f", {len(signs.hit)} regions fit equally" if len(signs.hit) > 1 else ""
+    lines = [
+        f"**Step at {when}: {len(wrong)} of {count} signs wrong**, "
+        f"residual {signs.residual:.2g}{tied}",
+        "",
+    ]
+    if len(names) <= MATRIX_SENSORS:
+        lines += ["```", *_matrix(signs, regions, names), "```", ""]
+    if len(wrong):
+        lines += ["| pair i–j | measured | region |", "|---|---|---|"]
+        lines += [_row(signs, regions, names, pair) for pair in wrong[:NAMED]]
+        more = len(wrong) - NAMED
+        lines += ["", f"and {more} more" if more > 0 else "", ""]
+    lines += [SIGN_KEY]
+    return "\n".join(lines)
+
+
+def _row(signs: Signs, regions: Regions, names: Sequence[str], pair: int) -> str:
+    i, j = names[regions.first[pair]], names[regions.second[pair]]
+    measured, expected = (MARKS[int(s[pair])] for s in (signs.measured, signs.expected))
+    return f"| {i}–{j} | {measured} ✗ | {expected} |"
+
+
+def _matrix(signs: Signs, regions: Regions, names: Sequence[str]) -> list[str]:
+    """Return the signs of all pairs i < j: i a column, j a row, the names on the diagonal."""
+    width = 3 if len(names) <= FEW_SENSORS else 2
+    marks = np.array([MARKS[int(s)] for s in signs.measured], dtype=object)
+    marks[~signs.compared] = MARKS[0]
+    marks[signs.wrong] = "✗"
+    cell = np.full((len(names), len(names)), "", dtype=object)
+    cell[regions.second, regions.first] = marks
+    return [
+        "".join(str(mark).ljust(width) for mark in cell[row, :row]) + name
+        for row, name in enumerate(names)
+    ]
+
+
+DISAGREEMENT_LINES = f"{SITE}/disagreements"
+#: Places of so many fixes are remembered: a step is compared when the next has been located.
+MOST_FIXES = 64
+
+
+class DisagreementLog:
+    """Logs disagreements.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    lines
+        The log.
+    unit
+        Of lengths.
+    on_map
+        Whether there is a map.
+    """
+
+    def __init__(self, timeline: Timeline, lines: LogLines, unit: str, *, on_map: bool) -> None:
+        self._timeline = timeline
+        self._lines = lines
+        self._unit = unit
+        self._on_map = on_map
+        self._places: dict[tuple[int, str], tuple[float, float]] = {}
+        self._order: deque[tuple[int, str]] = deque()
+
+    def fix(self, fix: Fix) -> None:
+        """Remember a place."""
+        key = (fix.time_ns, fix.stage)
+        self._places[key] = (fix.x_m, fix.y_m)
+        self._order.append(key)
+        if len(self._order) > MOST_FIXES:
+            self._places.pop(self._order.popleft(), None)
+
+    def add(self, found: Disagreement) -> None:
+        """Take a disagreement."""
+        where = self._timeline.seconds(found.time_ns)
+        text = (
+            f"{where}  {found.methods.replace(', ', ' and ')} disagree by "
+            f"{found.distance_m:.2f} {self._unit}, {found.value:.1f} sigma ({found.stage})"
+        )
+        self._lines.add("disagreements", found.time_ns, text, "WARN")
+        stages = found.methods.split(", ")
+        ends = [self._places.get((found.time_ns, stage)) for stage in stages]
+        if self._on_map and len(ends) == 2 and None not in ends:
+            self._line(found.time_ns, np.array(ends, np.float32))
+
+    def _line(self, time_ns: int, ends: np.ndarray) -> None:
+        import rerun as rr
+
+        columns = rr.LineStrips2D.columns(
+            strips=ends[np.newaxis],
+            colors=np.array([DISAGREEMENT], np.uint32),
+            radii=np.array([-0.8], np.float32),
+        )
+        self._timeline.declare(Entity(DISAGREEMENT_LINES, "map"))
+        self._timeline.send(DISAGREEMENT_LINES, [time_ns], columns)
+
+
+TRACKS = f"{SITE}/tracks"
+TRACK_LINES, PRESENT = f"{TRACKS}/lines", f"{TRACKS}/present"
+TRACK_KEY = f"{TRACKS}/key"
+#: A walker is shown where it was last for so long after its last step [s].
+HOLD_S = 2.0
+#: The key stands below the site, this far down the margin.
+TRACK_MARGIN = 0.55
+#: More would not fit below the site.
+MOST_NAMED = 4
+
+
+class TrackLog:
+    """Logs tracks; a smoothed one is known when it ends, but drawn at the times of its steps.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    shown
+        What of the site the map shows; the key stands in its margin. None where that is not known
+        yet: :meth:`name` then says so at the end.
+    """
+
+    def __init__(self, timeline: Timeline, shown: Bounds | None) -> None:
+        self._timeline = timeline
+        self._shown = shown
+        self._keys: list[tuple[str, int]] = []
+        self._last: dict[tuple[str, int], TrackPoint] = {}
+        self._lines: dict[tuple[str, int], GrowingLine] = {}
+        self._pending: list[TrackPoint] = []
+
+    def add(self, point: TrackPoint) -> None:
+        """Take a point; those of a track come in the order of time."""
+        if (point.stage, point.track) not in self._keys:
+            self._keys.append((point.stage, point.track))
+            if self._shown is not None:
+                self.name(self._shown)
+        self._pending.append(point)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        for key in dict.fromkeys((p.stage, p.track) for p in self._pending):
+            points = [p for p in self._pending if (p.stage, p.track) == key]
+            self._line(key, points)
+            if not key[0].endswith(SMOOTHED):
+                self._present(key, points)
+            self._last[key] = points[-1]
+        self._pending = []
+
+    def close(self) -> None:
+        """Log what is pending, and that the walkers are gone some time after their last step."""
+        self.flush()
+        for line in self._lines.values():
+            line.close()
+        for (stage, track), point in self._last.items():
+            if not stage.endswith(SMOOTHED):
+                time_ns = point.time_ns + round(HOLD_S * NS_PER_S)
+                for path, columns in _drawn(_present_path(stage, track), [point]):
+                    none = [column.partition([0]) for column in columns]
+                    self._timeline.send(path, [time_ns], none)
+
+    def _line(self, key: tuple[str, int], points: list[TrackPoint]) -> None:
+        """Log the way to each point from the one before it."""
+        if key not in self._lines:
+            path = f"{TRACK_LINES}/{key[0]}/{key[1]}"
+            self._lines[key] = GrowingLine(self._timeline, path, _colour(*key), -1.8)
+        self._lines[key].add([(p.time_ns, (p.x_m, p.y_m)) for p in points])
+
+    def _present(self, key: tuple[str, int], points: list[TrackPoint]) -> None:
+        for path, columns in _drawn(_present_path(*key), points):
+            self._timeline.declare(Entity(path, "map"))
+            self._timeline.send(path, [p.time_ns for p in points], columns)
+
+    def name(self, shown: Bounds) -> None:
+        """Name the tracks in the key: by their stages, and where there are several by number."""
+        import rerun as rr
+
+        if not self._keys:
+            return
+        known = sorted(self._keys)[:MOST_NAMED]
+        several = len({number for _, number in self._keys}) > 1
+        texts = [f"{stage} {number}" if several else stage for stage, number in known]
+        key = rr.Points2D(
+            shown.key(len(known), -TRACK_MARGIN),
+            labels=texts,
+            show_labels=True,
+            colors=np.array([_colour(*key) for key in known], np.uint32),
+            radii=-5.0,
+        )
+        self._timeline.static(TRACK_KEY, key)
+
+
+def _present_path(stage: str, track: int) -> str:
+    return f"{PRESENT}/{stage}/{track}"
+
+
+def _drawn(path: str, points: list[TrackPoint]) -> list[tuple[str, list[ComponentColumn]]]:
+    """Return where and how to log walkers: a point, and the line at one standard deviation."""
+    import rerun as rr
+
+    colours = np.array([_colour(p.stage, p.track) for p in points], np.uint32)
+    dots = rr.Points2D.columns(
+        positions=np.array([(p.x_m, p.y_m) for p in points], np.float32),
+        colors=colours,
+        radii=np.full(len(points), -6.0),
+    )
+    lines = rr.LineStrips2D.columns(
+        strips=np.stack([ellipse(_place(p)) for p in points]),
+        colors=colours,
+        radii=np.full(len(points), -1.0),
+    )
+    return [(f"{path}/place", list(dots)), (f"{path}/ellipse", list(lines))]
+
+
+def _place(point: TrackPoint) -> Fix:
+    """Return a point as the fix it amounts to."""
+    unknown = float("nan")
+    return Fix(
+        point.time_ns, point.x_m, point.y_m, point.covariance, unknown, "track", 0, point.stage
+    )
+
+
+def _colour(stage: str, track: int) -> int:
+    filtered, smoothed = TRACK_COLOURS[(track - 1) % len(TRACK_COLOURS)]
+    return smoothed if stage.endswith(SMOOTHED) else filtered

@@ -1,0 +1,682 @@
+"""The site from above: outline, sensors in their colours, shot points and the true path.
+
+Record section: the traces of a shot side by side, each scaled to itself, with its picks.
+
+True amplitudes of a shot span decades from the nearest geophone to the farthest. Scaled to its own
+maximum every trace shows its onset, and picks lie on the travel-time curve.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import cycle, pairwise
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+from .timeline import (
+    ACCEPTED,
+    IMPACT,
+    LEFT,
+    OUTLINE,
+    RIGHT,
+    ROAD,
+    ROAD_SIGN,
+    SILENT,
+    TRACE,
+    TRUTH,
+    WALKER_COLOURS,
+    Entity,
+    GrowingLine,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace.pipeline.engine import Session
+    from groundtrace_codecs.events import (
+        CandidateBlock,
+        Event,
+        Gap,
+        Label,
+        Pick,
+        StageSpec,
+        StepEvent,
+        TraceBlock,
+    )
+    from groundtrace_codecs.geometry import Geometry, Sensor
+    from groundtrace_codecs.signals import SignalBlock, Stream
+
+    from .signals import Recent
+    from .timeline import SensorColours, Timeline
+
+    #: What shows the events of a kind, by the kind: methods that take one event.
+    Views = Mapping[type[Any], Callable[[Any, Any], None]]
+
+#: Everything on the map hangs below this entity, which turns y upwards.
+SITE = "/map/site"
+ARRIVALS = f"{SITE}/arrivals"
+NAMES = f"{SITE}/names"
+#: Above this many sensors only some are named: labels must not cover each other.
+MOST_NAMES = 16
+#: Radius of a sensor in screen points, how much larger one is that a wave reaches, and the width
+#: that a map may count on.
+RADIUS, LIT, MAP_POINTS = 6.0, 1.4, 480.0
+#: Around the site, as parts of its extent: at the sides, and above and below.
+SIDE, MARGIN = 0.1, 0.16
+#: Side of a shot point's triangle and height of its name, as parts of the site's extent.
+TRIANGLE, NAME = 0.022, 0.09
+#: What is shown beyond sensors that vehicles pass: a part of their extent, and this at least [m].
+REACH, LEAST_REACH_M = 0.45, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What of the site to show [m], y upwards; above and below is room for the map's key."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def key(self, count: int, height: float) -> NDArray[np.float64]:
+        """Return places in a row beside the site, shape (count, 2) [m].
+
+        Parameters
+        ----------
+        count
+            How many.
+        height
+            How far up the margin above the site; below it where negative.
+        """
+        (left, right), (low, high) = self.x, self.y
+        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
+        margin = MARGIN * extent
+        across = left + (right - left) * (np.arange(count) + 0.5) / count
+        up = (high if height > 0 else low) + (height - np.sign(height)) * margin
+        return np.stack([across, np.full(count, up)], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """The name of a sensor on the map, or of several at one place.
+
+    Attributes
+    ----------
+    name, colour
+        As shown.
+    x, y
+        Where [m].
+    channels
+        That are recorded there.
+    """
+
+    name: str
+    colour: int
+    x: float
+    y: float
+    channels: tuple[str, ...]
+
+
+def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
+    """Return one sign for each place with sensors, of the vertical sensor's colour."""
+    placed: dict[tuple[float, float], list[Sensor]] = {}
+    for sensor in geometry.sensors:
+        placed.setdefault((sensor.x, sensor.y), []).append(sensor)
+    found = []
+    for (x, y), sensors in placed.items():
+        main = next((s for s in sensors if s.axis == "z"), sensors[0])
+        channels = tuple(s.channel for s in sensors)
+        found.append(Sign(main.name, colours.of(main.channel), x, y, channels))
+    return found
+
+
+def placed(session: Session) -> list[Label]:
+    """Return the labels that the map shows as places; vehicles come from afar, and go."""
+    if session.application == "vehicle":
+        return []
+    return [x for x in session.labels if x.x_m is not None and x.y_m is not None]
+
+
+def places(session: Session) -> NDArray[np.float64]:
+    """Return every place the map must show, shape (n, 2) [m]."""
+    points: list[tuple[float, float]] = [
+        (label.x_m or 0.0, label.y_m or 0.0) for label in placed(session)
+    ]
+    if session.geometry is not None:
+        geometry = session.geometry
+        points += [(s.x, s.y) for s in geometry.sensors]
+        points += list(geometry.outline)
+        points += [(x, y) for _, x, y in geometry.sources]
+    known = np.array(points, np.float64).reshape(-1, 2)
+    return _around(known) if session.application == "vehicle" and len(known) else known
+
+
+def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the corners of what is shown around sensors that vehicles pass."""
+    low, high = known.min(axis=0), known.max(axis=0)
+    reach = np.maximum(REACH * (high - low), LEAST_REACH_M)
+    return np.array([low - reach, high + reach])
+
+
+def bounds(session: Session) -> Bounds | None:
+    """Return what the map must show, or None where the session knows fewer than two places."""
+    return framed(places(session))
+
+
+def framed(known: NDArray[np.float64]) -> Bounds | None:
+    """Return what a map of places, shape (n, 2) [m], must show; None for fewer than two."""
+    if len(np.unique(known, axis=0)) < 2:
+        return None
+    low, high = known.min(axis=0), known.max(axis=0)
+    extent = float(np.max(high - low))
+    side, margin = SIDE * extent, MARGIN * extent
+    return Bounds(
+        (float(low[0]) - side, float(high[0]) + side),
+        (float(low[1]) - margin, float(high[1]) + margin),
+    )
+
+
+def labelled(count: int) -> list[int]:
+    """Return which of the sensors are named: all, or every fourth and the last."""
+    if count <= MOST_NAMES:
+        return list(range(count))
+    kept = list(range(0, count - 2, 4))
+    return [*kept, count - 1]
+
+
+def marker_radius(points: Sequence[tuple[float, float]], extent_m: float) -> float:
+    """Return the radius [screen points] that keeps neighbours apart on a map of that extent."""
+    if len(points) < 2:
+        return RADIUS
+    apart = np.linalg.norm(np.diff(np.array(points), axis=0), axis=1)
+    nearest = float(np.median(apart)) / extent_m * MAP_POINTS
+    return float(np.clip(0.3 * nearest, 2.0, RADIUS))
+
+
+def log_outline(timeline: Timeline, outline: Sequence[tuple[float, float]]) -> None:
+    """Log the walls."""
+    import rerun as rr
+
+    line = rr.LineStrips2D([[*outline, outline[0]]], colors=[OUTLINE], radii=-1.0)
+    timeline.static(f"{SITE}/outline", line)
+
+
+class SensorMap:
+    """Logs the map of a session and lights sensors up as waves arrive.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Gives geometry and truth.
+    colours
+        Of the sensors.
+
+    Attributes
+    ----------
+    signs, names
+        The sensors that are named, and what their names say over time.
+    """
+
+    def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
+        import rerun as rr
+
+        self._timeline = timeline
+        self._colours = colours
+        sensors = session.geometry.sensors if session.geometry else ()
+        self._place = {s.channel: (s.x, s.y) for s in sensors}
+        self._arrivals: list[tuple[int, str]] = []
+        self.signs: tuple[Sign, ...] = ()
+        self._extent = float(np.ptp(places(session), axis=0).max())
+        self._radius = marker_radius(list(dict.fromkeys(self._place.values())), self._extent)
+        upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
+        timeline.declare(Entity(SITE, "map"), upwards)
+        if session.geometry is not None:
+            self._log_geometry(session.geometry)
+        self.names = ArrivalSigns(timeline, NAMES, self.signs, session.start_ns)
+        log_truth_places(timeline, placed(session))
+
+    def _log_geometry(self, geometry: Geometry) -> None:
+        import rerun as rr
+
+        if geometry.outline:
+            log_outline(self._timeline, geometry.outline)
+        if geometry.road:
+            log_road(self._timeline, SITE, geometry.road, self._extent)
+        signs = signs_of(geometry, self._colours)
+        if signs:
+            sensors = rr.Points2D(
+                [(s.x, s.y) for s in signs],
+                colors=np.array([s.colour for s in signs], np.uint32),
+                radii=-self._radius,
+            )
+            self._timeline.static(f"{SITE}/sensors", sensors)
+            self.signs = tuple(signs[i] for i in labelled(len(signs)))
+            # what the names say is logged over time
+            names = rr.Points2D.from_fields(
+                positions=[(s.x, s.y) for s in self.signs],
+                show_labels=True,
+                radii=[-self._radius],
+            )
+            self._timeline.static(NAMES, names)
+        if geometry.sources:
+            self._log_sources(geometry.sources)
+
+    def _log_sources(self, sources: Sequence[tuple[str, float, float]]) -> None:
+        """Log a triangle that stands on each shot point, clear of the sensors' names below."""
+        import rerun as rr
+
+        x = np.array([s[1] for s in sources])
+        y = np.array([s[2] for s in sources])
+        side, name = TRIANGLE * self._extent, NAME * self._extent
+        corners = np.array([(0.0, 0.3), (-0.5, 1.2), (0.5, 1.2), (0.0, 0.3), (0.0, 1.2)]) * side
+        strips = np.stack([x, y], axis=1)[:, np.newaxis, :] + corners
+        colours = np.full(len(sources), IMPACT, np.uint32)
+        triangles = rr.LineStrips2D(list(strips.astype(np.float32)), colors=colours, radii=-2.2)
+        self._timeline.static(f"{SITE}/sources", triangles)
+        if len(sources) <= MOST_NAMES:
+            names = rr.Points2D(
+                np.stack([x, y + name], axis=1),
+                labels=[s[0] for s in sources],
+                show_labels=True,
+                colors=colours,
+                radii=-0.1,
+            )
+            self._timeline.static(f"{SITE}/sources/names", names)
+
+    def arrival(self, time_ns: int, channel: str) -> None:
+        """Take the arrival of a wave at a sensor."""
+        if channel in self._place:
+            self._arrivals.append((time_ns, channel))
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        self.names.flush()
+        if not self._arrivals:
+            return
+        times = [t for t, _ in self._arrivals]
+        names = [name for _, name in self._arrivals]
+        columns = rr.Points2D.columns(
+            positions=np.array([self._place[n] for n in names], np.float32),
+            colors=np.array([self._colours.of(n) for n in names], np.uint32),
+            radii=np.full(len(names), -LIT * self._radius),
+        )
+        self._timeline.declare(Entity(ARRIVALS, "map"))
+        self._timeline.send(ARRIVALS, times, columns)
+        self._arrivals = []
+
+
+def first_at(signs: Sequence[Sign], picks: Sequence[Pick]) -> dict[str, int]:
+    """Return the first arrival of each sign that has one [ns], by the sign's name."""
+    owner = {channel: sign.name for sign in signs for channel in sign.channels}
+    found: dict[str, int] = {}
+    for pick in picks:
+        name = owner.get(pick.channel)
+        if name is not None:
+            found[name] = min(found.get(name, pick.time_ns), pick.time_ns)
+    return found
+
+
+def shown_names(signs: Sequence[Sign], arrived: Mapping[str, int]) -> list[str]:
+    """Return the signs' texts: name, and how long after the first arrival its own came."""
+    first_ns = min(arrived.values(), default=0)
+    return [
+        f"{sign.name} {(arrived[sign.name] - first_ns) / NS_PER_S * 1e3:+.1f} ms"
+        if sign.name in arrived
+        else sign.name
+        for sign in signs
+    ]
+
+
+class ArrivalSigns:
+    """Logs the names of the sensors; at a step with their arrivals, grey where there is none.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    path
+        Of the names on the map: places and sizes are there already.
+    signs
+        The names shown.
+    start_ns
+        From when on names alone are shown [ns].
+    """
+
+    def __init__(self, timeline: Timeline, path: str, signs: Sequence[Sign], start_ns: int) -> None:
+        self._timeline = timeline
+        self._path = path
+        self._signs = tuple(signs)
+        self._rows: list[tuple[int, list[str], list[int]]] = []
+        self.clear(start_ns)
+
+    def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
+        """Show a step's arrivals."""
+        arrived = first_at(self._signs, picks)
+        shades = [s.colour if s.name in arrived else SILENT for s in self._signs]
+        self._rows.append((time_ns, shown_names(self._signs, arrived), shades))
+
+    def clear(self, time_ns: int) -> None:
+        """Show names alone."""
+        names = [sign.name for sign in self._signs]
+        self._rows.append((time_ns, names, [sign.colour for sign in self._signs]))
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        if not self._signs or not self._rows:
+            return
+        columns = rr.Points2D.columns(
+            labels=[text for _, texts, _ in self._rows for text in texts],
+            colors=np.array([colours for _, _, colours in self._rows], np.uint32).ravel(),
+        )
+        counts = [len(self._signs)] * len(self._rows)
+        self._timeline.send(self._path, [row[0] for row in self._rows], columns.partition(counts))
+        self._rows = []
+
+
+TRUE = "/map/site/truth"
+PATH, FOOTFALLS = f"{TRUE}/path", f"{TRUE}/footfalls"
+
+
+def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
+    """Log where steps and impacts were, and between steps the path, which grows."""
+    import rerun as rr
+
+    if not labels:
+        return
+    known = sorted(labels)
+    targets = sorted({x.target for x in known})
+    walkers = dict(zip(targets, cycle(WALKER_COLOURS), strict=False))
+    feet = {"left": LEFT, "right": RIGHT} if len(targets) == 1 else {}
+    columns = rr.Points2D.columns(
+        positions=np.array([(x.x_m, x.y_m) for x in known], np.float32),
+        colors=np.array([feet.get(x.label, walkers[x.target]) for x in known], np.uint32),
+        radii=np.full(len(known), -4.0),
+    )
+    timeline.declare(Entity(FOOTFALLS, "map"))
+    timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
+    for target in targets:
+        walked = [x for x in known if x.kind != "impact" and x.target == target]
+        path = f"{PATH}/{target}" if target else PATH
+        line = GrowingLine(timeline, path, walkers[target], -1.2)
+        line.add([(x.time_ns, (x.x_m or 0.0, x.y_m or 0.0)) for x in walked])
+        line.close()
+
+
+#: What is shown of a shot: from a little before it until the waves have passed.
+BEFORE_NS = 50_000_000
+AFTER_NS = 300_000_000
+#: Largest deflection of a trace, in distances between traces.
+DEFLECTION = 1.5
+
+
+def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return traces scaled to their own maximum and offset by channel.
+
+    Parameters
+    ----------
+    values
+        Shape (n, n_channels).
+
+    Returns
+    -------
+    numpy.ndarray
+        Shape (n, n_channels): channel ``i`` swings about ``i + 1``; a constant one is a line.
+    """
+    swing = values - np.median(values, axis=0)
+    peak = np.abs(swing).max(axis=0)
+    offset: NDArray[np.float64] = np.arange(1.0, values.shape[1] + 1.0)
+    return offset + DEFLECTION * swing / np.where(peak > 0, peak, 1.0)
+
+
+class Section:
+    """Logs the section of one stream around its shots.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    stream
+        Its seismic channels are shown, in their order.
+    labels
+        Labelled impacts are shots; elsewhere a shot begins with its first pick.
+    recent
+        Holds the stream's last samples.
+    """
+
+    def __init__(
+        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: Recent
+    ) -> None:
+        self._timeline = timeline
+        self._columns = stream.columns_of(SEISMIC_QUANTITIES)
+        self._names = [stream.channels[i].name for i in self._columns]
+        self._topic = stream.topic
+        self._path = f"/section/{stream.topic.strip('/')}"
+        self._period_ns = round(stream.period_ns)
+        self._recent = recent
+        self._pending: list[tuple[int, int]] = []
+        self._windows: list[tuple[int, int]] = []
+        self._picks: list[Pick] = []
+        known = sorted(labels)
+        for label in known:
+            if label.kind == "impact":
+                self._open(label.time_ns)
+        self._log_truth([x for x in known if x.kind == "pick" and x.channel in self._names])
+
+    @staticmethod
+    def fits(stream: Stream) -> bool:
+        """Whether a stream has seismic channels that can stand side by side."""
+        return len(stream.columns_of(SEISMIC_QUANTITIES)) > 1
+
+    def _open(self, time_ns: int) -> None:
+        """Ask for the window of a shot, without what another window shows already."""
+        start, end = time_ns - BEFORE_NS, time_ns + AFTER_NS
+        place = bisect_right(self._windows, time_ns, key=lambda w: w[0])
+        if place:
+            if time_ns < self._windows[place - 1][1]:
+                return
+            start = max(start, self._windows[place - 1][1])
+        if place < len(self._windows):
+            end = min(end, self._windows[place][0])
+        self._windows.insert(place, (start, end))
+        self._pending.append((start, end))
+
+    def add(self, pick: Pick) -> None:
+        """Take a pick."""
+        if pick.channel in self._names:
+            self._picks.append(pick)
+            self._open(pick.time_ns)
+
+    def advance(self, end_ns: int | None = None) -> None:
+        """Log the windows that end before a time, or all."""
+        ready = [w for w in self._pending if end_ns is None or w[1] <= end_ns]
+        self._pending = [w for w in self._pending if w not in ready]
+        for start, end in sorted(ready):
+            pieces = list(self._recent.between(start, end))
+            if pieces:
+                times = np.concatenate([t for t, _ in pieces])
+                self._log_traces(times, np.concatenate([v for _, v in pieces])[:, self._columns])
+
+    def _log_traces(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        import rerun as rr
+
+        if not len(times):
+            return
+        count = len(self._names)
+        scale = "each trace scaled to its own maximum, offset by channel"
+        title = f"Section {self._topic}: {scale} (● picks, + truth)"
+        style = rr.SeriesLines(
+            names=self._names,
+            colors=np.full(count, TRACE, np.uint32),
+            widths=1.0,
+            aggregation_policy=rr.components.AggregationPolicy.MinMax,
+        )
+        entity = Entity(f"{self._path}/traces", "section", title, count, top=count + 1.5)
+        self._timeline.declare(entity, style)
+        # Curves end with the window: the viewer would draw a line to the next.
+        times = np.append(times, times[-1] + self._period_ns)
+        rows = np.vstack([scaled(values), np.full((1, count), np.nan)])
+        self._timeline.scalars(f"{self._path}/traces", times, rows)
+
+    def flush(self) -> None:
+        """Log the pending picks."""
+        import rerun as rr
+
+        if self._picks:
+            style = rr.SeriesPoints(
+                names="pick",
+                colors=np.array([ACCEPTED], np.uint32),
+                markers="circle",
+                marker_sizes=3.5,
+            )
+            self._timeline.static(f"{self._path}/picks", style)
+            marks = [(p.time_ns, p.channel) for p in self._picks]
+            self._log_marks("picks", marks)
+            self._picks = []
+
+    def _log_truth(self, labels: list[Label]) -> None:
+        """Log the arrivals of the truth, in a shape that shows whatever lies on it."""
+        import rerun as rr
+
+        if labels:
+            style = rr.SeriesPoints(
+                names="truth",
+                colors=np.array([TRUTH], np.uint32),
+                markers="plus",
+                marker_sizes=8.0,
+            )
+            self._timeline.static(f"{self._path}/truth", style)
+            self._log_marks("truth", [(x.time_ns, x.channel) for x in labels])
+
+    def _log_marks(self, what: str, marks: list[tuple[int, str]]) -> None:
+        heights = np.array([self._names.index(name) + 1.0 for _, name in marks])
+        path = f"{self._path}/{what}"
+        self._timeline.scalars(path, [t for t, _ in marks], heights[:, np.newaxis])
+
+
+#: Between two signs and size of one, as parts of the site's extent; more would hide the road.
+APART, SIZE, MOST_SIGNS = 0.2, 0.03, 60
+#: A tip that points along x.
+TIP = np.array([(-1.0, 0.8), (0.0, 0.0), (-1.0, -0.8)])
+
+
+def log_road(
+    timeline: Timeline, site: str, road: Sequence[tuple[float, float]], extent_m: float
+) -> None:
+    """Log a road below the entity of a site, beneath all else.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    site
+        Entity of the site.
+    road
+        Corners [m].
+    extent_m
+        Of the site.
+    """
+    import rerun as rr
+
+    line = rr.LineStrips2D([list(road)], colors=[ROAD], radii=-5.0, draw_order=-25.0)
+    timeline.static(f"{site}/road", line)
+    tips = signs(road, APART * extent_m, SIZE * extent_m)
+    if tips:
+        drawn = rr.LineStrips2D(tips, colors=[ROAD_SIGN], radii=-0.8, draw_order=-3.0)
+        timeline.static(f"{site}/road/forward", drawn)
+
+
+def signs(
+    road: Sequence[tuple[float, float]], apart_m: float, size_m: float
+) -> list[NDArray[np.float32]]:
+    """Return tips along a road, each of shape (3, 2) [m], the same way apart from one another."""
+    corners = np.array(road, np.float64)
+    length = float(np.hypot(*np.diff(corners, axis=0).T).sum())
+    apart_m = max(apart_m, length / MOST_SIGNS)
+    tips: list[NDArray[np.float32]] = []
+    gone = 0.0
+    for start, end in pairwise(corners):
+        way = float(np.hypot(*(end - start)))
+        if way == 0.0:
+            continue
+        x, y = (end - start) / way
+        turned = size_m * TIP @ np.array([(x, y), (-y, x)])
+        first = np.ceil(gone / apart_m) * apart_m
+        along = np.arange(first, gone + way, apart_m) - gone
+        at = start + np.outer(along, (x, y))
+        tips += list((at[:, np.newaxis] + turned).astype(np.float32))
+        gone += way
+    return tips
+
+
+class Details:
+    """Shows nothing; an application's own part overrides what it has something to show of.
+
+    Attributes
+    ----------
+    views
+        What it shows of events, by their kind.
+    """
+
+    views: ClassVar[Views] = {}
+
+    def event(self, event: Event) -> None:
+        """Take an event; one of a kind without a view here is not shown by this part."""
+        view = self.views.get(type(event))
+        if view is not None:
+            view(self, event)
+
+    def stage(self, spec: StageSpec, colour: int) -> None:
+        """Take a stage; ``colour`` is that of its places."""
+
+    def draws(self, spec: StageSpec) -> bool:  # noqa: ARG002
+        """Whether this part draws the plot of a stage's decision function."""
+        return False
+
+    def tells(self, spec: StageSpec) -> bool:  # noqa: ARG002
+        """Whether this part fills the lane of a stage's decisions."""
+        return False
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+
+    def gap(self, gap: Gap) -> None:
+        """Take a gap."""
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of a decision function."""
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival."""
+
+    def expect(self, time_ns: int) -> None:
+        """Take a moment that the signal has just come past, and that may be told of later."""
+
+    def near(self, time_ns: int) -> None:
+        """Show every sample around a moment; those of steps come after the steps."""
+
+    def step(self, step: StepEvent) -> None:
+        """Take a step of the stage that has the last word on steps."""
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What a map of this part's own must show; None without one."""
+        return None
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; lanes up to a time [ns], as channels lag behind each other."""
+
+    def close(self) -> None:
+        """Log what was held back."""

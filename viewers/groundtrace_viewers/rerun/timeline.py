@@ -1,0 +1,791 @@
+"""The one timeline every signal and event is logged on, and the record of what was logged.
+
+Colours: one per sensor everywhere, told apart by colour-blind people, on a dark background.
+
+Colours are ``0xRRGGBBAA`` integers, as the viewer stores them.
+
+Lines on a map that grow with time.
+
+The viewer draws all rows of a line's past in every frame, so that a segment a row makes a long walk
+slow. The last seconds have a row a segment; what is older has a row every twenty seconds.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from groundtrace.errors import PipelineError, PluginError
+from groundtrace.pipeline.config import parse_pipeline
+from groundtrace.pipeline.parameters import build
+from groundtrace.pipeline.plugins import stage_named
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    import rerun as rr
+    from numpy.typing import ArrayLike, NDArray
+    from rerun import AsComponents
+
+    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.results import Results
+    from groundtrace_codecs.events import StageSpec
+    from groundtrace_codecs.signals import Channel, Stream
+
+    #: A time [ns], and a place [m].
+    Passed = tuple[int, tuple[float, float]]
+
+#: Name of the timeline: time since the recording's first sample.
+TIMELINE = "t"
+
+
+@dataclass(frozen=True, slots=True)
+class Entity:
+    """Something logged that a layout may show.
+
+    Attributes
+    ----------
+    path
+        Entity path, e.g. ``/envelope/seismic``.
+    role
+        What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
+        ``norm``, ``spectrogram``, ``tones``, ``section``, ``detector``, ``decision``, ``masses``,
+        ``heading``, ``ratio``, ``road``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``,
+        ``table``, ``page``, ``map``.
+    title
+        Heading of its view.
+    series
+        How many curves it has.
+    rate_hz
+        Sampling rate of a signal, else 0.
+    quantity
+        Quantity of a signal, else empty.
+    top, bottom
+        Ends of the value axis where the upper one is known, else 0.
+    """
+
+    path: str
+    role: str
+    title: str = ""
+    series: int = 1
+    rate_hz: float = 0.0
+    quantity: str = ""
+    top: float = 0.0
+    bottom: float = 0.0
+
+
+class Timeline:
+    """Sends columns of data to a recording; the only caller of ``send_columns``.
+
+    Parameters
+    ----------
+    recording
+        Where to.
+    start_ns
+        Time that becomes zero [ns].
+    """
+
+    def __init__(self, recording: rr.RecordingStream, start_ns: int) -> None:
+        self._recording = recording
+        self._start_ns = start_ns
+        self._entities: dict[str, Entity] = {}
+
+    @property
+    def start_ns(self) -> int:
+        """Time that is zero [ns]."""
+        return self._start_ns
+
+    @property
+    def entities(self) -> tuple[Entity, ...]:
+        """What was declared, in order."""
+        return tuple(self._entities.values())
+
+    def declare(self, entity: Entity, *static: AsComponents) -> None:
+        """Announce an entity to the layout and log what does not change about it."""
+        self._entities.setdefault(entity.path, entity)
+        self.static(entity.path, *static)
+
+    def static(self, path: str, *archetypes: AsComponents) -> None:
+        """Log what holds at all times."""
+        if archetypes:
+            self._recording.log(path, *archetypes, static=True)
+
+    def send(self, path: str, times_ns: ArrayLike, columns: Iterable[rr.ComponentColumn]) -> None:
+        """Log columns at times on the recording's clock.
+
+        Parameters
+        ----------
+        path
+            Entity path.
+        times_ns
+            Shape (n,), int64 [ns].
+        columns
+            One row a time.
+        """
+        import rerun as rr
+
+        since = np.asarray(times_ns, np.int64) - self._start_ns
+        index = rr.TimeColumn(TIMELINE, duration=since.astype("timedelta64[ns]"))
+        self._recording.send_columns(path, indexes=[index], columns=columns)
+
+    def scalars(self, path: str, times_ns: ArrayLike, values: NDArray[np.floating]) -> None:
+        """Log curves: ``values`` has shape (n, n_curves)."""
+        import rerun as rr
+
+        rows, curves = values.shape
+        columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, np.float64).ravel())
+        self.send(path, times_ns, columns.partition(np.full(rows, curves)))
+
+    def seconds(self, time_ns: int) -> str:
+        """Return a time as text: seconds since the start."""
+        since = time_ns - self._start_ns
+        return f"{since / 1e9:+.3f} s"
+
+
+def stream_of(name: str, application: str) -> rr.RecordingStream:
+    """Return a stream to the viewer's recording of a replay.
+
+    Parameters
+    ----------
+    name
+        File name of the replayed recording.
+    application
+        Kind of recording, as the pipeline has it.
+    """
+    import rerun as rr
+
+    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
+    return rr.RecordingStream(
+        f"groundtrace-{application}", recording_id=digest, send_properties=False
+    )
+
+
+#: Okabe and Ito (2008) without black, its blue lightened, then colours between them.
+SENSOR_COLOURS = (
+    0xE69F00FF,
+    0x56B4E9FF,
+    0x00B283FF,
+    0xF0E442FF,
+    0x4C8FE0FF,
+    0xE8702AFF,
+    0xDB8FBBFF,
+    0xB8C4CCFF,
+    0xA6D854FF,
+    0x9E7BD6FF,
+    0xFFC9A3FF,
+    0x2FD0D6FF,
+    0xC7A35CFF,
+    0xFF8FA3FF,
+    0x8CB369FF,
+    0x8EA4F5FF,
+)
+AXIS_COLOURS = {"x": 0xE8702AFF, "y": 0x00B283FF, "z": 0x56B4E9FF}
+
+ACCEPTED = 0x4CE08AFF
+REJECTED = 0xB4B4BCA0
+THRESHOLD = 0xFF5D5DFF
+LEFT = 0x56B4E9FF
+RIGHT = 0xE69F00FF
+STEP = 0x4CE08AFF
+IMPACT = 0xF0E442FF
+SPAN = 0x5B6B7AFF
+IGNORED = 0x8A7050FF
+LOSS = 0xC0392BFF
+OUTLINE = 0x8A94A0FF
+TRUTH = 0xB7A6FFFF
+TRACE = 0xB4BCC6FF
+NORM = 0xF2F2F2FF
+#: Of places found, by the order of their stages.
+FIX_COLOURS = (0xFF6FB5FF, 0x2FE6D6FF, 0xFFFFFFFF, 0x9E7BD6FF)
+#: Of courses, the last word first; of vehicles, by number; of estimators of a ratio.
+COURSE_COLOURS = (0xB6F23CFF, 0xFF7A6BFF, 0x3DDCA0FF, 0xFFE45CFF)
+VEHICLE_COLOURS = (0xB6F23CFF, 0x35C9F0FF, 0xFFE45CFF, 0xFF7A6BFF)
+ESTIMATOR_COLOURS = {
+    "blue": 0x56B4E9FF,
+    "yellow": 0xF0E442FF,
+    "green": 0x00B283FF,
+    "orange": 0xE8702AFF,
+}
+#: A road, and the signs of its forward direction.
+ROAD, ROAD_SIGN = 0x2C333CFF, 0x66707CFF
+#: Of borders between regions, and of sensors without an arrival.
+FAINT = 0x424A55FF
+SILENT = 0x6A727CFF
+FILTERED_TRACK = 0xB6F23CFF
+SMOOTHED_TRACK = 0xFFA733FF
+#: Filtered and smoothed tracks, by the number of the track.
+TRACK_COLOURS = (
+    (FILTERED_TRACK, SMOOTHED_TRACK),
+    (0x35C9F0FF, 0x7F8CFFFF),
+    (0xFFE45CFF, 0xFF7A6BFF),
+    (0x3DDCA0FF, 0xC68CF0FF),
+)
+#: True paths of several walkers, by the order of their names.
+WALKER_COLOURS = (TRUTH, 0xE8C9A0FF, 0x9FD8C8FF, 0xF0A6C6FF)
+MISSED = 0xFF4D4DFF
+FALSE = 0xE85AD8FF
+DISAGREEMENT = 0xFFD23FFF
+STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
+#: Types of steps, besides left and right; the second contact of a side step.
+TYPE_COLOURS = {"forward": STEP, "backward": 0xE85AD8FF, "trailing": 0x7A8794FF}
+#: Of what people marked; steps by foot and type are as everywhere.
+ANNOTATION_COLOURS = {
+    "missed": 0xE8702AFF,
+    "false": 0xDB8FBBFF,
+    "step": 0x00B283FF,
+    "pick": 0xF2F2F2FF,
+    "note": 0xF0E442FF,
+    "walking": SPAN,
+    "ignore": IGNORED,
+    "disturbed": 0x9E7BD6FF,
+    "pass": 0x4C8FE0FF,
+    "span": 0x8EA4F5FF,
+}
+#: A step detector's signal, the valleys of its candidates, and those refused.
+CURVE, VALLEY, REFUSED = 0xC9D2DBFF, 0x56B4E9FF, 0xFF7A6BFF
+#: Masses on a peak, none, and either, and the conflict.
+PEAK, NO_PEAK, EITHER, CONFLICT = 0x4CE08AFF, 0xFF7A6BFF, 0x8A94A0FF, 0xFFD23FFF
+#: Headings by the order of their stages; spans in which they are disturbed.
+HEADING_COLOURS = {"green": 0xB6F23CFF, "blue": 0x35A9F0FF, "pink": 0xFF6FB5FF, "white": 0xF2F2F2FF}
+DISTURBED, DISTURBED_SHADE = 0xC8862AFF, 0xE0A04AFF
+WAYPOINT, SATELLITE = 0xFFFFFFFF, 0x35C9F0FF
+
+#: Colours of rejections, by the place of the failing gate in the detector.
+REJECTION_COLOURS = (0xA85A5AFF, 0xA67C4AFF, 0x7F66A8FF, 0x4F7EA8FF, 0x5F927AFF, 0x92925FFF)
+
+#: Dark violet over red and orange to pale yellow, of evenly rising lightness.
+_HEAT = np.array(
+    [
+        (10, 8, 26),
+        (38, 14, 74),
+        (84, 18, 106),
+        (132, 32, 104),
+        (180, 50, 84),
+        (218, 78, 54),
+        (242, 122, 26),
+        (248, 180, 48),
+        (250, 246, 176),
+    ],
+    np.float64,
+)
+
+
+class SensorColours:
+    """Assigns colours to channels: by place in the geometry, else by order of appearance."""
+
+    def __init__(self, session: Session) -> None:
+        names = [s.channel for s in session.geometry.sensors] if session.geometry else []
+        for stream in session.streams:
+            names += [stream.channels[i].name for i in stream.columns_of(SEISMIC_QUANTITIES)]
+        self._place = {name: i for i, name in enumerate(dict.fromkeys(names))}
+
+    def of(self, name: str) -> int:
+        """Return the colour of the channel called ``name``."""
+        place = self._place.setdefault(name, len(self._place))
+        return SENSOR_COLOURS[place % len(SENSOR_COLOURS)]
+
+    def of_channel(self, channel: Channel) -> int:
+        """Return the axis' colour for a worn sensor's axis, else the sensor's."""
+        if channel.quantity not in SEISMIC_QUANTITIES and channel.axis in AXIS_COLOURS:
+            return AXIS_COLOURS[channel.axis]
+        return self.of(channel.name)
+
+
+def vehicle_colour(number: int) -> int:
+    """Return the colour of a vehicle, numbered from 1."""
+    return VEHICLE_COLOURS[(number - 1) % len(VEHICLE_COLOURS)]
+
+
+def dimmed(colour: int, part: float) -> int:
+    """Return a colour that is only so bright: ``part`` of each of its components."""
+    parts = [round(((colour >> shift) & 0xFF) * part) << shift for shift in (24, 16, 8)]
+    return sum(parts) | (colour & 0xFF)
+
+
+def heat(level: NDArray[np.floating]) -> NDArray[np.uint32]:
+    """Return the colours of levels within [0, 1], of the same shape; others are clipped."""
+    stops = np.linspace(0.0, 1.0, len(_HEAT))
+    packed = np.full(np.shape(level), 0xFF, np.uint32)
+    for shift, component in zip((24, 16, 8), _HEAT.T, strict=True):
+        packed |= np.rint(np.interp(level, stops, component)).astype(np.uint32) << np.uint32(shift)
+    return packed
+
+
+#: How long a moment is drawn: long enough to be seen with half a minute in view.
+MARK_NS = 100_000_000
+#: Where the lanes of a replay stand among each other: those of truth and score, then of stages by
+#: what they emit.
+TRUTH_LANES, SCORE, GAPS = "/state/1-truth", "/state/2-score", "/state/7-gaps"
+ORDER = {
+    "step": 3, "impact": 3, "presence": 3, "pick": 4, "pass": 5, "fix": 5, "bearing": 5,
+    "disagreement": 5, "track": 6,
+}  # fmt: skip
+LAST = 6
+PLACING = frozenset({"fix", "bearing", "disagreement"})
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Mark:
+    """A state over a half-open span [ns]."""
+
+    start_ns: int
+    end_ns: int
+    state: str
+
+
+class Lane:
+    """One lane: marks may come in any order; the next mark ends the one before.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    path
+        Entity path, shown at the lane.
+    colours
+        Of the states that may come.
+    """
+
+    def __init__(self, timeline: Timeline, path: str, colours: Mapping[str, int]) -> None:
+        self._timeline = timeline
+        self._path = path
+        self._colours = colours
+        self._marks: list[Mark] = []
+        self._declared = False
+
+    def allow(self, colours: Mapping[str, int]) -> None:
+        """Let more states come."""
+        if not colours.keys() <= self._colours.keys():
+            self._colours = {**self._colours, **colours}
+            if self._declared:
+                self._declare()
+
+    def add(self, start_ns: int, state: str, end_ns: int | None = None) -> None:
+        """Take a mark; without an end it is a moment."""
+        end = start_ns + MARK_NS if end_ns is None else max(end_ns, start_ns + MARK_NS)
+        self._marks.append(Mark(start_ns, end, state))
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log the marks that end before a time, or all.
+
+        Marks added later must not start before that time.
+        """
+        marks = sorted(self._marks)
+        if before_ns is None:
+            ready = len(marks)
+        else:
+            ready = next((i for i, m in enumerate(marks) if m.end_ns > before_ns), len(marks))
+        changes: list[tuple[int, str]] = []
+        for i, mark in enumerate(marks[:ready]):
+            following = marks[i + 1].start_ns if i + 1 < len(marks) else None
+            if following is None or following > mark.start_ns:
+                changes.append((mark.start_ns, mark.state))
+                if following is None or following > mark.end_ns:
+                    changes.append((mark.end_ns, ""))
+        self._marks = marks[ready:]
+        self._send(changes)
+
+    def _send(self, changes: list[tuple[int, str]]) -> None:
+        import rerun as rr
+
+        if not changes:
+            return
+        if not self._declared:
+            self._declare()
+        times, states = zip(*changes, strict=True)
+        self._timeline.send(self._path, times, rr.StateChange.columns(state=list(states)))
+
+    def _declare(self) -> None:
+        import rerun as rr
+
+        style = rr.StateConfiguration(
+            values=list(self._colours), colors=np.array(list(self._colours.values()), np.uint32)
+        )
+        self._timeline.declare(Entity(self._path, "lane"), style)
+        self._declared = True
+
+
+class StageLanes:
+    """The lanes of stages: one for every stage and topic, by the stage's name alone if it can be.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    ordered
+        Number the lanes in the order in which they are read, as the viewer sorts them by name, and
+        let all stages that say where share one.
+    """
+
+    def __init__(self, timeline: Timeline, *, ordered: bool = False) -> None:
+        self._timeline = timeline
+        self._ordered = ordered
+        self._lanes: dict[tuple[str, str], Lane] = {}
+
+    def shared(self, emits: str) -> bool:
+        """Whether stages that emit this have one lane together."""
+        return self._ordered and emits in PLACING
+
+    def of(
+        self,
+        stage: str,
+        topic: str,
+        colours: Mapping[str, int] = STEP_COLOURS | TYPE_COLOURS,
+        emits: str = "step",
+    ) -> Lane:
+        """Return the lane of a stage on a topic; whoever asks says which states may come."""
+        if self.shared(emits):
+            stage, topic = "places", ""
+        key = (stage, topic)
+        if key not in self._lanes:
+            alone = all(other != stage for other, _ in self._lanes)
+            where = "" if alone else "/" + topic.strip("/")
+            place = f"{ORDER.get(emits, LAST)}-" if self._ordered else ""
+            self._lanes[key] = Lane(self._timeline, f"/state/{place}{stage}{where}", colours)
+        self._lanes[key].allow(colours)
+        return self._lanes[key]
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log all lanes up to a time."""
+        for lane in self._lanes.values():
+            lane.flush(before_ns)
+
+
+def coincident(
+    time_ns: NDArray[np.int64], accepted: NDArray[np.bool_], window_ns: int
+) -> list[int]:
+    """Combine what several channels decided about the same moment.
+
+    Parameters
+    ----------
+    time_ns
+        Shape (n,), ascending [ns].
+    accepted
+        Shape (n,).
+    window_ns
+        Decisions within this time of a group's first belong to the group.
+
+    Returns
+    -------
+    list
+        One index per group: its first accepted decision, else its first.
+    """
+    chosen = []
+    start = 0
+    while start < len(time_ns):
+        stop = int(np.searchsorted(time_ns, time_ns[start] + window_ns, side="left"))
+        stop = max(stop, start + 1)
+        chosen.append(start + int(np.argmax(accepted[start:stop])))
+        start = stop
+    return chosen
+
+
+class Strips:
+    """Lines of one entity: those of a time hold until the next time.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    path
+        Entity path.
+    order
+        What is drawn over what: larger numbers over smaller ones, points are at 30.
+    role
+        Of the entity.
+    """
+
+    def __init__(
+        self, timeline: Timeline, path: str, order: float = 20.0, role: str = "map"
+    ) -> None:
+        self._timeline = timeline
+        self._path = path
+        self._order = order
+        self._role = role
+        self._times: list[int] = []
+        self._counts: list[int] = []
+        self._lines: list[NDArray[np.float32]] = []
+        self._colours: list[int] = []
+        self._radii: list[float] = []
+
+    def add(
+        self,
+        time_ns: int,
+        lines: Sequence[NDArray[np.floating]],
+        colours: Sequence[int],
+        radii: Sequence[float],
+    ) -> None:
+        """Take the lines of a time: each of shape (k, 2), with its colour and radius."""
+        self._times.append(time_ns)
+        self._counts.append(len(lines))
+        self._lines += [line.astype(np.float32) for line in lines]
+        self._colours += colours
+        self._radii += radii
+
+    def clear(self, time_ns: int) -> None:
+        """Show no lines from a time on."""
+        self.add(time_ns, [], [], [])
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        if not self._times:
+            return
+        style = rr.LineStrips2D.from_fields(draw_order=self._order)
+        self._timeline.declare(Entity(self._path, self._role), style)
+        # columns cannot be made of nothing: a line that no time shows stands for it
+        lines = self._lines or [np.zeros((2, 2), np.float32)]
+        columns = rr.LineStrips2D.columns(
+            strips=lines,
+            colors=np.array(self._colours or [0], np.uint32),
+            radii=np.array(self._radii or [0.0], np.float32),
+        )
+        self._timeline.send(self._path, self._times, columns.partition(self._counts))
+        self._times, self._counts = [], []
+        self._lines, self._colours, self._radii = [], [], []
+
+
+#: Segments are joined into a run of this length, or where nothing follows for so long [ns].
+RUN_NS, PAUSE_NS = 20 * NS_PER_S, 20 * NS_PER_S
+#: Single segments are shown for so long [s]: until their run is.
+SEGMENTS_S = (RUN_NS + PAUSE_NS) / NS_PER_S
+#: Where runs are, below the entity of the segments.
+RUNS = "runs"
+
+
+class GrowingLine:
+    """Logs one line, from place to place.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    path
+        Entity of its segments.
+    colour
+        Of the line.
+    radius
+        Half its width, in the viewer's measure.
+    """
+
+    def __init__(self, timeline: Timeline, path: str, colour: int, radius: float) -> None:
+        self._timeline = timeline
+        self._path = path
+        self._colour = colour
+        self._radius = radius
+        self._run: list[Passed] = []
+
+    def add(self, passed: Sequence[Passed]) -> None:
+        """Take places in the order of their times."""
+        known = [*self._run[-1:], *passed]
+        if len(known) > 1:
+            segments = [[a[1], b[1]] for a, b in pairwise(known)]
+            self._log(self._path, [time_ns for time_ns, _ in known[1:]], segments)
+        runs: list[list[Passed]] = []
+        for time_ns, place in passed:
+            run = self._run
+            long = len(run) > 1 and run[-1][0] - run[0][0] >= RUN_NS
+            if len(run) > 1 and (long or time_ns - run[-1][0] >= PAUSE_NS):
+                runs.append(run)
+                self._run = run[-1:]
+            self._run.append((time_ns, place))
+        self._log_runs(runs)
+
+    def close(self) -> None:
+        """End the line."""
+        if len(self._run) > 1:
+            self._log_runs([self._run])
+        self._run = self._run[-1:]
+
+    def _log_runs(self, runs: list[list[Passed]]) -> None:
+        if runs:
+            lines = [[place for _, place in run] for run in runs]
+            self._log(f"{self._path}/{RUNS}", [run[-1][0] for run in runs], lines)
+
+    def _log(self, path: str, times_ns: list[int], lines: list[list[tuple[float, float]]]) -> None:
+        import rerun as rr
+
+        columns = rr.LineStrips2D.columns(
+            strips=[np.array(line, np.float32) for line in lines],
+            colors=np.full(len(lines), self._colour, np.uint32),
+            radii=np.full(len(lines), self._radius),
+        )
+        self._timeline.declare(Entity(path, "map"))
+        self._timeline.send(path, times_ns, columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """A plugin as a stage uses it: its class, its parameters and its topics."""
+
+    kind: type[Any]
+    parameters: Any
+    topics: tuple[str, ...]
+
+
+def used(session: Session, spec: StageSpec) -> Used | None:
+    """Return what a stage runs; None where the session does not say, or it is not installed."""
+    try:
+        config = parse_pipeline(session.pipeline.encode(), session.name)
+        stage = next(s for s in config.stage if (s.key, s.use) == (spec.stage, spec.plugin))
+        kind = stage_named(stage.use)
+        return Used(kind, build(kind.Parameters, stage.parameters, stage.key), stage.topics)
+    except (PipelineError, PluginError, StopIteration):
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What a replay is made with: the names of ``groundtrace replay``'s options.
+
+    Attributes
+    ----------
+    pipeline
+        The pipeline's file.
+    geometry
+        The geometry's file; None without one.
+    from_, to
+        The span, in seconds after the first sample; None where it is the recording's end.
+    """
+
+    pipeline: Path
+    geometry: Path | None
+    from_: float | None
+    to: float | None
+
+
+def written_recipe(results: Results, folder: Path) -> Recipe:
+    """Write what results were made with, for another replay.
+
+    Parameters
+    ----------
+    results
+        Of an earlier replay.
+    folder
+        Where to.
+    """
+    origin = results.provenance
+    pipeline, geometry = folder / "pipeline.toml", folder / "geometry.toml"
+    pipeline.write_text(origin.pipeline, "utf-8")
+    if results.geometry is not None:
+        geometry.write_text(results.geometry.to_toml(), "utf-8")
+    return Recipe(
+        pipeline,
+        None if results.geometry is None else geometry,
+        _since(origin.from_ns, origin.start_ns),
+        _since(origin.to_ns, origin.start_ns),
+    )
+
+
+def _since(time_ns: int | None, start_ns: int) -> float | None:
+    return None if time_ns is None else (time_ns - start_ns) / NS_PER_S
+
+
+PAGE = "/about"
+
+_READING = """\
+## How to read it
+
+* Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
+zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor; \
+the waveform at the cursor follows it.
+* Envelopes are the largest |x| of each bucket, so that no impact is lost: per 10 ms; in \
+recordings longer than a minute per 50 ms, with 10 ms and the whole recording in the tabs beside. \
+Spectrograms: time to the right, frequency upwards, lighter is louder.
+* Samples of fast signals that are not everywhere are where the lane `full-rate` says; there the \
+decision functions and the spectrogram of 3 ms are too. Elsewhere those plots are empty: \
+everything is in the recording, and `groundtrace replay --full-rate FROM-TO` shows another part.
+* One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
+a wave arrives; at a step its name says how long after the first arrival, and is grey where it has \
+none. Triangles on the map are shot points.
+* Lines across the room part regions with the same order of distances to the sensors. At a step \
+those are lit whose signs differ least from the measured ones; the page Signs says which signs do.
+* At stations of three axes: rays on the map point where a step's wave came from, with one sigma \
+to either side. Hodograms: motion from the station's arrival on, from above (x–y, with the bearing \
+in white) and from the side (r–z: away from the source, and up), one scale for both.
+* A yellow line joins two places of one step that localizers disagree about.
+* Places found are points on the map, of the last three seconds, a colour for each stage; the key \
+is above the site. The line about the newest is its one-sigma ellipse.
+* Tracks are lines that grow: filtered as the fixes came (light green, with the walker now and its \
+one-sigma ellipse), and smoothed by what came later (orange); of several tracks each has its own \
+colours, and of several walkers each true path.
+* Detector: the decision function of every channel, the threshold in red, accepted candidates as \
+green triangles, rejected ones as grey crosses. The plot of a ratio is cut at four thresholds, \
+since its peaks reach thousands; candidates beyond lie at its upper edge. Below the samples around \
+the cursor is the same at every sample, 0.1 s before to 0.1 s after each step, found or missed. \
+Rejected candidates below half the threshold are in the results alone.
+* Walkers: the detector's plot has its filtered signal at every sample, with accepted peaks as \
+green triangles, their valleys as blue ones, and rejected ones as red crosses. Masses: what each \
+sensor, and both combined, believe of each candidate; the three add up to one.
+* Headings are drawn with the full turn that is nearest to the truth, or without jumps where there \
+is none. The shade is where a stage finds the field disturbed; the truth's own spans are a lane.
+* The way of a walker: truth, waypoints, satellite fixes in metres from the first, tracks. Up is \
+north where the arrow says so; elsewhere a track's direction is free, and the truth is turned and \
+shifted onto the last track, as the key then says: distances between the two are then no errors.
+* Spectrogram at steps: 0.5 s before to 0.5 s after each, down to 45 dB below the loudest.
+* Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
+number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
+The next tab has true amplitudes.
+* Picks come from the last stage that picks; those of stages before it are its candidates.
+* Lanes: what each stage decided, and for a rejected candidate the first gate that failed; \
+`places` has what stages that say where rejected, and where they disagree. \
+`truth` lanes come from the recording's labels. `score`: a step that was hit, missed or false, \
+within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
+* A curve that ends abruptly ends at a gap.
+"""
+
+_VEHICLES = """\
+## How to read it
+
+* Time runs from the recording's first sample. Plots share one time axis: drag to pan, scroll to \
+zoom, double-click to see everything. Click in a plot or on a line of the log to move the cursor.
+* One colour per sensor, in every plot and on the map. Truth is violet everywhere.
+* Map: the road is grey, its signs point forward. The image is the log-likelihood of the vehicle's \
+place in the cycle: the lightest is likeliest, clear what is less likely by 9 or more. Crosses are \
+places of single cycles in the last 12 s, a colour for each stage (key above), the lines about the \
+newest one-sigma ellipses. Dashed: courses through all cycles of a vehicle (key below); they are \
+known when it has gone, and drawn at the times they are of. The last stage's is green and broader, \
+with the vehicle now and its ellipse. Green dots: lines crossed, at the map's side when and how \
+fast.
+* Power: over the noise floor, one value a cycle and channel, the threshold in red.
+* θ of A2 / A1 is (r of A2 / r of A1)ⁿ by the ratio of powers, in dB, 0 where both distances are \
+alike; a colour for each estimator, the bar is one theoretical standard deviation to either side. \
+Estimators of a cycle stand 0.06 s beside each other. Violet: what true distances give by the law.
+* Way along the road: dots are passes of stations in the sensors' colours, grey crosses those that \
+no vehicle has, red ones those that were missed. A line is a vehicle; its steepness is its speed.
+* Lanes: `truth` and `passes` by direction along the road, each vehicle from its first station to \
+its last, with its speed; `presence`: when any channel hears a vehicle, or which gate says that \
+what is loud is none; `places`: the cycles that gave no place, and why; one lane for each stage of \
+courses; `score`: passes that were hit, missed or false, within a second.
+* Spectrograms: time to the right, frequency upwards, lighter is louder.
+* A curve that ends abruptly ends at a gap.
+"""
+
+
+def _names(stream: Stream) -> str:
+    names = [c.name for c in stream.channels]
+    return ", ".join(names) if len(names) <= 10 else f"{names[0]} … {names[-1]} ({len(names)})"
+
+
+def about(session: Session) -> str:
+    """Return the page as markdown."""
+    rows = "\n".join(
+        f"| `{s.topic}` | {_names(s)} | {s.rate_hz:g} Hz"
+        f"{' (irregular)' if s.irregular else ''} "
+        f"| {', '.join(dict.fromkeys(c.unit for c in s.channels))} |"
+        for s in session.streams
+    )
+    reading = _VEHICLES if session.application == "vehicle" else _READING
+    duration_s = (session.end_ns - session.start_ns) / 1e9
+    return (
+        f"# {session.name}\n\n{duration_s:.1f} s, {len(session.labels)} labels.\n\n"
+        f"| stream | channels | rate | unit |\n|---|---|---|---|\n{rows}\n\n"
+        f"{reading}\n## Pipeline\n\n```toml\n{session.pipeline.strip()}\n```\n"
+    )

@@ -1,0 +1,705 @@
+"""What is shown of a walker: the detectors' signals, masses, headings, and the map.
+
+The way of a walker on a street map, where it is asked for: the viewer loads its tiles.
+
+Nothing here is shown by default, since the tiles' server learns where the recording was made.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from groundtrace.evaluation.positions import turn_onto
+from groundtrace.inertial.steps import TangentPlane, satellite_columns, satellite_fixes
+from groundtrace_codecs.events import Disturbance, Heading, TrackPoint
+
+from .decisions import MassLog, StepCurve, step_like
+from .places import TrackLog
+from .site import (
+    MARGIN,
+    MOST_NAMES,
+    SITE,
+    TRUE,
+    Bounds,
+    Details,
+    framed,
+    log_outline,
+    log_truth_places,
+)
+from .timeline import (
+    DISTURBED,
+    DISTURBED_SHADE,
+    HEADING_COLOURS,
+    NORM,
+    SATELLITE,
+    TRACK_COLOURS,
+    TRUTH,
+    WAYPOINT,
+    Entity,
+    GrowingLine,
+    Lane,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from groundtrace.pipeline.engine import Session
+    from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
+    from groundtrace_codecs.signals import SignalBlock
+
+    from .site import Views
+    from .timeline import Timeline
+
+    #: Places on the map of metres [m].
+    Places = list[tuple[float, float]]
+
+
+class Walk(Details):
+    """Logs everything that is particular to walkers.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        What is replayed.
+    tiles
+        Whether a street map is asked for.
+    """
+
+    def __init__(self, timeline: Timeline, session: Session, *, tiles: bool = False) -> None:
+        self._timeline = timeline
+        self._session = session
+        self._curves: dict[tuple[str, str], StepCurve] = {}
+        self._masses: dict[tuple[str, str], MassLog] = {}
+        self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
+        self._headings = HeadingLog(timeline, session.labels)
+        self._azimuths = AzimuthLog(timeline)
+        walker = session.application == "walker"
+        self._map = WalkMap(timeline, session) if walker else None
+        self._streets = StreetMap(timeline, session) if walker and tiles else None
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What the map must show; None without one."""
+        return self._map.bounds if self._map is not None else None
+
+    def stage(self, spec: StageSpec, colour: int) -> None:  # noqa: ARG002
+        """Take a stage."""
+        session, key = self._session, (spec.stage, spec.topic)
+        span_ns = session.shown_ns or (session.start_ns, session.end_ns)
+        if step_like(spec) and spec.trace and key not in self._curves:
+            curve = StepCurve(self._timeline, session, spec, span_ns)
+            if curve.known:
+                self._curves[key] = curve
+                if spec.topic in self._last:
+                    curve.feed(self._last[spec.topic])
+        if MassLog.fits(spec) and key not in self._masses:
+            self._masses[key] = MassLog(self._timeline, spec, span_ns)
+
+    def draws(self, spec: StageSpec) -> bool:
+        """Whether a stage's decision function is drawn at every sample."""
+        return (spec.stage, spec.topic) in self._curves
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+        self._last[block.topic] = block
+        for curve in self._curves.values():
+            curve.feed(block)
+        if self._map is not None:
+            self._map.signal(block)
+        if self._streets is not None:
+            self._streets.signal(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Take a gap."""
+        for curve in self._curves.values():
+            curve.interrupt(gap)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        key = (block.spec.stage, block.spec.topic)
+        if key in self._curves:
+            self._curves[key].candidates(block)
+        if key in self._masses:
+            self._masses[key].candidates(block)
+        self._headings.frames(block)
+        self._azimuths.candidates(block)
+
+    def track(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        if self._map is not None:
+            self._map.add(point)
+        if self._streets is not None:
+            self._streets.track(point)
+
+    def heading(self, heading: Heading) -> None:
+        """Take a heading."""
+        self._headings.heading(heading)
+
+    def disturbance(self, span: Disturbance) -> None:
+        """Take a span in which headings are disturbed."""
+        self._headings.disturbance(span)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log what is pending."""
+        for curve in self._curves.values():
+            curve.flush()
+        self._headings.flush()
+        self._azimuths.flush()
+        if self._map is not None:
+            self._map.flush()
+
+    def close(self) -> None:
+        """Log what was held back."""
+        for curve in self._curves.values():
+            curve.close()
+        self._headings.close()
+        self._azimuths.flush()
+        if self._map is not None:
+            self._map.close()
+        if self._streets is not None:
+            self._streets.close()
+
+    views: ClassVar[Views] = {TrackPoint: track, Heading: heading, Disturbance: disturbance}
+
+
+SATELLITES = f"{SITE}/satellites"
+WAYPOINTS = f"{TRUE}/waypoints"
+FRAME = f"{SITE}/frame"
+KEY = f"{SITE}/key"
+AXES = ("x_m", "y_m")
+#: Waypoints this close are one on the map, as a part of its extent.
+SAME = 0.01
+#: Lengths of the scale's bar are these times a power of ten, at most this part of the map's extent.
+ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
+
+
+class WalkMap:
+    """Logs what is known about where the walker was; shows nothing where nothing is.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Gives truth, outline and start.
+    """
+
+    def __init__(self, timeline: Timeline, session: Session) -> None:
+        self._timeline = timeline
+        site = session.geometry
+        self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        self._points: list[tuple[float, float]] = []
+        self._true: list[Label] = []
+        self._passed: dict[str, list[TrackPoint]] = {}
+        self._keys: list[tuple[str, int]] = []
+        self._between = GrowingLine(timeline, f"{SATELLITES}/lines", SATELLITE & 0xFFFFFF50, -0.6)
+        self._tracks = TrackLog(timeline, None)
+        self._begun = False
+        quantities = {c.quantity for s in session.streams for c in s.channels}
+        self._northward = bool(quantities & {"magnetic_field", "latitude"})
+        if site is not None and site.outline:
+            self._reach(*site.outline)
+            log_outline(timeline, site.outline)
+        self._log_truth(session)
+
+    @property
+    def bounds(self) -> Bounds | None:
+        """What the map must show; None where fewer than two places are known."""
+        true = [(x.x_m or 0.0, x.y_m or 0.0) for x in self._true]
+        return framed(np.array([*self._points, *true], np.float64).reshape(-1, 2))
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block: satellite fixes are shown."""
+        if satellite_columns(block.stream) is None:
+            return
+        for fix in satellite_fixes(block, self._plane, 0.0):
+            self._log_fix(fix.time_ns, (fix.x_m, fix.y_m))
+
+    def add(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        self._reach((point.x_m, point.y_m))
+        self._passed.setdefault(point.stage, []).append(point)
+        self._tracks.add(point)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        self._tracks.flush()
+
+    def close(self) -> None:
+        """Log what is pending, the key, north and the scale."""
+        self._tracks.close()
+        self._between.close()
+        if not self._northward:
+            self._turn_truth()
+        bounds = self.bounds
+        if bounds is None or not self._begun:
+            return
+        self._tracks.name(bounds)
+        self._log_key(bounds)
+        self._log_scale(bounds)
+        if self._northward:
+            self._log_north(bounds)
+
+    def _turn_truth(self) -> None:
+        """Turn and shift the truth onto the last track, whose direction is free."""
+        import rerun as rr
+
+        points = next(reversed(self._passed.values()), [])
+        times = np.array([p.time_ns for p in points])
+        near = [x for x in self._true if points and times[0] <= x.time_ns <= times[-1]]
+        if len(near) < 2:
+            return
+        at = np.array([x.time_ns for x in near])
+        tracked = [np.interp(at, times, [getattr(p, axis) for p in points]) for axis in AXES]
+        turn = turn_onto(
+            np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in near]), np.stack(tracked, 1)
+        )
+        rotation, shift = np.eye(3), np.zeros(3)
+        rotation[:2, :2], shift[:2] = turn.rotation, turn.shift
+        self._timeline.static(TRUE, rr.Transform3D(translation=shift, mat3x3=rotation))
+        places = turn(np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true]))
+        moved = zip(self._true, places.tolist(), strict=True)
+        self._true = [replace(x, x_m=place[0], y_m=place[1]) for x, place in moved]
+        self._keys = [(f"{name}, turned onto the track", colour) for name, colour in self._keys]
+
+    def _begin(self) -> None:
+        import rerun as rr
+
+        if not self._begun:
+            upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
+            self._timeline.declare(Entity(SITE, "map"), upwards)
+            self._begun = True
+
+    def _reach(self, *places: tuple[float, float]) -> None:
+        self._begin()
+        self._points += places
+
+    def _log_truth(self, session: Session) -> None:
+        placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
+        if not placed:
+            return
+        self._begin()
+        self._true = placed
+        walked = [x for x in placed if x.kind == "step"]
+        walked = walked or [x for x in placed if x.kind == "heading"]
+        if walked:
+            log_truth_places(self._timeline, walked)
+            self._keys.append(("truth", TRUTH))
+        self._log_waypoints([x for x in placed if x.kind == "waypoint"])
+
+    def _log_waypoints(self, labels: list[Label]) -> None:
+        """Log the distinct waypoints, named by their labels, else by number."""
+        import rerun as rr
+
+        known = np.array([(x.x_m or 0.0, x.y_m or 0.0) for x in self._true])
+        apart = SAME * float(np.ptp(known, axis=0).max())
+        places: list[tuple[float, float]] = []
+        names: list[list[str]] = []
+        for label in sorted(labels):
+            place = (label.x_m or 0.0, label.y_m or 0.0)
+            same = [i for i, p in enumerate(places) if np.hypot(*np.subtract(p, place)) <= apart]
+            if not same:
+                places.append(place)
+                names.append([])
+            entry = names[same[0] if same else -1]
+            if label.label and label.label not in entry:
+                entry.append(label.label)
+        if not places:
+            return
+        texts = [", ".join(name) or str(number) for number, name in enumerate(names, 1)]
+        points = rr.Points2D(
+            places,
+            labels=texts if len(places) <= MOST_NAMES else None,
+            show_labels=len(places) <= MOST_NAMES,
+            colors=np.full(len(places), WAYPOINT, np.uint32),
+            radii=-4.0,
+        )
+        self._timeline.static(WAYPOINTS, points)
+        self._keys.append(("waypoint", WAYPOINT))
+
+    def _log_fix(self, time_ns: int, place: tuple[float, float]) -> None:
+        """Log a satellite fix, and a line to it from the one before."""
+        import rerun as rr
+
+        if ("GNSS", SATELLITE) not in self._keys:
+            self._keys.append(("GNSS", SATELLITE))
+        self._reach(place)
+        points = rr.Points2D.columns(
+            positions=[place], colors=np.array([SATELLITE], np.uint32), radii=[-1.8]
+        )
+        self._timeline.declare(Entity(f"{SATELLITES}/points", "map"))
+        self._timeline.send(f"{SATELLITES}/points", [time_ns], points)
+        self._between.add([(time_ns, place)])
+
+    def _log_key(self, bounds: Bounds) -> None:
+        import rerun as rr
+
+        if self._keys:
+            key = rr.Points2D(
+                bounds.key(len(self._keys), 0.6),
+                labels=[name for name, _ in self._keys],
+                show_labels=True,
+                colors=np.array([colour for _, colour in self._keys], np.uint32),
+                radii=-5.0,
+            )
+            self._timeline.static(KEY, key)
+
+    def _log_north(self, bounds: Bounds) -> None:
+        """Log an arrow in the upper right corner."""
+        import rerun as rr
+
+        (left, right), (low, high) = bounds.x, bounds.y
+        length = 0.07 * max(right - left, high - low)
+        at = (right - 0.3 * length, high - 1.3 * length)
+        arrow = rr.Arrows2D(
+            origins=[at], vectors=[(0.0, length)], labels=["N"], colors=[NORM], radii=-1.5
+        )
+        self._timeline.static(f"{FRAME}/north", arrow)
+
+    def _log_scale(self, bounds: Bounds) -> None:
+        """Log a bar of a round length in the lower left corner."""
+        import rerun as rr
+
+        (left, right), (low, high) = bounds.x, bounds.y
+        extent = max(right - left, high - low)
+        most = LONGEST * extent
+        decade = 10.0 ** np.floor(np.log10(most))
+        length = next(float(part * decade) for part in ROUND if part * decade <= most)
+        x, y = left + 0.02 * extent, low + MARGIN * extent * 0.6
+        bar = rr.LineStrips2D(
+            [[(x, y), (x + length, y)]],
+            labels=[f"{length:g} m"],
+            show_labels=True,
+            colors=[NORM],
+            radii=-1.5,
+        )
+        self._timeline.static(f"{FRAME}/scale", bar)
+
+
+ROOT = "/geo"
+FIXES, PRESENT = f"{ROOT}/satellites", f"{ROOT}/present"
+
+
+class StreetMap:
+    """Logs satellite fixes, tracks, truth and waypoints by latitude and longitude.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    session
+        Gives start and truth.
+    """
+
+    def __init__(self, timeline: Timeline, session: Session) -> None:
+        site = session.geometry
+        self._timeline = timeline
+        self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        self._tracks: dict[str, list[TrackPoint]] = {}
+        placed = sorted(x for x in session.labels if x.x_m is not None and x.y_m is not None)
+        known: dict[str, Places] = {}
+        for label in placed:
+            known.setdefault(label.kind, []).append((label.x_m or 0.0, label.y_m or 0.0))
+        self._truth = known.get("step") or known.get("heading", [])
+        self._waypoints = known.get("waypoint", [])
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block: satellite fixes are shown as they come."""
+        if satellite_columns(block.stream) is None:
+            return
+        fixes = satellite_fixes(block, self._plane, 0.0)
+        if fixes:
+            places = [(fix.x_m, fix.y_m) for fix in fixes]
+            self._log_points(FIXES, [fix.time_ns for fix in fixes], places, SATELLITE, 2.5)
+
+    def track(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        self._tracks.setdefault(point.stage, []).append(point)
+
+    def close(self) -> None:
+        """Log what needs the first satellite fix: without one nothing else has a place on earth."""
+        if self._plane.origin is None:
+            return
+        for number, (stage, points) in enumerate(self._tracks.items()):
+            colour = TRACK_COLOURS[0][min(number, 1)]
+            places = [(p.x_m, p.y_m) for p in points]
+            self._log_line(f"{ROOT}/tracks/{stage}", places, colour)
+            if number == 0:
+                self._log_points(PRESENT, [p.time_ns for p in points], places, colour, 6.0)
+        self._log_line(f"{ROOT}/truth", self._truth, TRUTH)
+        if self._waypoints:
+            self._log_waypoints(self._waypoints)
+
+    def _degrees(self, places: Places) -> list[tuple[float, float]]:
+        positions = [self._plane.position(*place) for place in places]
+        return [tuple(pair) for pair in np.degrees(positions).tolist()]
+
+    def _log_points(
+        self, path: str, times_ns: Iterable[int], places: Places, colour: int, radius: float
+    ) -> None:
+        """Log a point a row; radii in the viewer's points."""
+        import rerun as rr
+
+        columns = rr.GeoPoints.columns(
+            positions=self._degrees(places),
+            colors=np.full(len(places), colour, np.uint32),
+            radii=np.full(len(places), -radius),
+        )
+        self._timeline.declare(Entity(path, "geo"))
+        self._timeline.send(path, list(times_ns), columns)
+
+    def _log_line(self, path: str, places: Places, colour: int) -> None:
+        import rerun as rr
+
+        if len(places) > 1:
+            line = rr.GeoLineStrings(
+                lat_lon=[np.array(self._degrees(places))],
+                colors=np.array([colour], np.uint32),
+                radii=-1.5,
+            )
+            self._timeline.declare(Entity(path, "geo"), line)
+
+    def _log_waypoints(self, places: Places) -> None:
+        import rerun as rr
+
+        points = rr.GeoPoints(
+            lat_lon=self._degrees(places), colors=np.array([WAYPOINT], np.uint32), radii=-4.0
+        )
+        self._timeline.declare(Entity(f"{ROOT}/waypoints", "geo"), points)
+
+
+HEADING = "/heading"
+DISTURBANCES = "/state/6-disturbances"
+#: Longer without a heading, the curve is interrupted [ns].
+PATIENCE_NS = 2_000_000_000
+#: The shade of disturbances reaches this far up and down [degrees]: beyond any plot, which is
+#: scaled to the headings alone.
+SHADE_DEG = 1e5
+#: Columns of a heading stage's frames that are headings [degrees], by one kind of sensor alone.
+ALONE = ("gyroscope", "compass")
+
+
+class HeadingLog:
+    """Logs headings in degrees, without jumps at the full turn.
+
+    The truth is unwrapped, and each heading is given the turn that is nearest to it; without
+    truth, nearest to the latest heading of the first stage. Those by gyroscope or compass alone
+    come with the frames of their stage.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    labels
+        Truth; those of kind ``heading`` are drawn.
+    """
+
+    def __init__(self, timeline: Timeline, labels: Sequence[Label]) -> None:
+        self._timeline = timeline
+        known = sorted(x for x in labels if x.kind == "heading" and x.value is not None)
+        self._true_ns = np.array([x.time_ns for x in known], np.int64)
+        self._true = np.degrees(np.unwrap([x.value or 0.0 for x in known]))
+        self._pending: dict[str, list[Heading]] = {}
+        self._frames: list[CandidateBlock] = []
+        self._stages: list[str] = []
+        self._latest: tuple[int, float] | None = None  # of the first stage [ns], [degrees]
+        self._ended: dict[str, int] = {}
+        self._shown: tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]] = ([], [])
+        self._lane = Lane(timeline, DISTURBANCES, {"disturbed": DISTURBED})
+        self._spans: list[Disturbance] = []
+
+    def heading(self, heading: Heading) -> None:
+        """Take a heading; those of a stage come in the order of time."""
+        self._pending.setdefault(heading.stage, []).append(heading)
+
+    def frames(self, block: CandidateBlock) -> None:
+        """Take the frames of a stage; those with headings by one kind of sensor are drawn."""
+        if block.spec.emits == "heading":
+            self._frames.append(block)
+
+    def disturbance(self, disturbance: Disturbance) -> None:
+        """Take a span in which the field is disturbed."""
+        self._spans.append(disturbance)
+        self._lane.add(disturbance.time_ns, "disturbed", disturbance.end_ns)
+
+    def flush(self) -> None:
+        """Log the headings that are pending."""
+        for stage, headings in self._pending.items():
+            if stage not in self._stages:
+                self._begin(stage)
+            self._log(stage, headings)
+        self._pending = {}
+        for block in self._frames:
+            names = [column.name for column in block.spec.columns]
+            for name in (name for name in ALONE if name in names):
+                degrees = block.value[:, names.index(name)].astype(np.float64)
+                self._log_alone(f"{block.spec.stage}/{name}", block.time_ns, degrees)
+        self._frames = []
+
+    def close(self) -> None:
+        """Log what is pending, and shade what is disturbed."""
+        self.flush()
+        self._lane.flush()
+        if self._stages and self._spans:
+            self._shade()
+
+    def _begin(self, stage: str) -> None:
+        if not self._stages and len(self._true):
+            self._log_truth()
+        name = list(HEADING_COLOURS)[len(self._stages) % len(HEADING_COLOURS)]
+        title = f"{stage.replace('/', ': ')} {name}"
+        self._timeline.declare(Entity(f"{HEADING}/{stage}", "heading", title))
+        self._stages.append(stage)
+
+    def _log_truth(self) -> None:
+        import rerun as rr
+
+        style = rr.SeriesLines(names="truth", colors=np.array([TRUTH], np.uint32), widths=1.5)
+        self._timeline.declare(Entity(f"{HEADING}/truth", "heading", "truth violet"), style)
+        self._timeline.scalars(f"{HEADING}/truth", self._true_ns, self._true[:, np.newaxis])
+
+    def _log(self, stage: str, headings: list[Heading]) -> None:
+        times = np.array([h.time_ns for h in headings], np.int64)
+        degrees = self._turned(stage, times, np.degrees([h.heading_rad for h in headings]))
+        sigma = np.degrees([h.sigma_rad for h in headings])
+        if stage == self._stages[0]:
+            self._shown[0].append(times)
+            self._shown[1].append(degrees)
+        self._interrupted(stage, times, degrees, sigma)
+
+    def _log_alone(
+        self, curve: str, times: NDArray[np.int64], degrees: NDArray[np.float64]
+    ) -> None:
+        """Log headings by one kind of sensor, with the turn nearest to the truth or the fused."""
+        if curve not in self._stages:
+            self._begin(curve)
+        known = (self._true_ns, self._true)
+        if not len(self._true) and self._shown[0]:
+            known = (np.concatenate(self._shown[0]), np.concatenate(self._shown[1]))
+        if len(known[0]):
+            near = np.interp(times, *known)
+            degrees = degrees + 360.0 * np.round((near - degrees) / 360.0)
+        self._interrupted(curve, times, degrees, np.zeros(len(times)))
+
+    def _interrupted(
+        self,
+        stage: str,
+        times: NDArray[np.int64],
+        degrees: NDArray[np.float64],
+        sigma: NDArray[np.float64],
+    ) -> None:
+        """Log a curve, interrupted where nothing is known for long."""
+        before = self._ended.get(stage)
+        self._ended[stage] = int(times[-1])
+        starts = np.append(before if before is not None else times[0], times[:-1])
+        late = np.flatnonzero(times - starts > PATIENCE_NS)
+        times = np.insert(times, late, starts[late] + 1)
+        degrees, sigma = (np.insert(x, late, np.nan) for x in (degrees, sigma))
+        self._send(stage, times, degrees, sigma)
+
+    def _send(
+        self,
+        stage: str,
+        times: NDArray[np.int64],
+        degrees: NDArray[np.float64],
+        sigma: NDArray[np.float64],
+    ) -> None:
+        import rerun as rr
+
+        colours = list(HEADING_COLOURS.values())
+        colour = colours[self._stages.index(stage) % len(colours)]
+        rows = len(times)
+        columns = rr.Measurements.columns(
+            values=degrees,
+            variances=np.nan_to_num(sigma) ** 2,
+            units=["°"] * rows,
+            colors=np.full(rows, colour, np.uint32),
+            widths=np.full(rows, 1.5, np.float32),
+            names=[stage] * rows,
+        )
+        self._timeline.send(f"{HEADING}/{stage}", times, columns)
+
+    def _turned(
+        self, stage: str, times: NDArray[np.int64], degrees: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return headings with the turn that is nearest to the truth, else to the first stage."""
+        if len(self._true):
+            near = np.interp(times, self._true_ns, self._true)
+            return degrees + 360.0 * np.round((near - degrees) / 360.0)
+        near_deg = self._latest[1] if self._latest is not None else float(degrees[0])
+        whole = np.unwrap(np.append(near_deg, degrees), period=360.0)[1:]
+        if stage == self._stages[0]:
+            self._latest = (int(times[-1]), float(whole[-1]))
+        return whole
+
+    def _shade(self) -> None:
+        """Log a band over each span: that of measurements whose deviation covers the plot."""
+        import rerun as rr
+
+        known_ns, known = np.concatenate(self._shown[0]), np.concatenate(self._shown[1])
+        times: list[int] = []
+        values: list[float] = []
+        end_ns = 0
+        for span in sorted(self._spans, key=lambda s: s.time_ns):
+            start_ns = max(span.time_ns, end_ns)
+            if span.end_ns > start_ns:
+                times += [start_ns, span.end_ns - 1, span.end_ns]
+                edges = np.interp([start_ns, span.end_ns], known_ns, known)
+                values += [*edges.tolist(), math.nan]
+                end_ns = span.end_ns + 1
+        rows = len(times)
+        columns = rr.Measurements.columns(
+            values=np.array(values),
+            variances=np.full(rows, SHADE_DEG**2),
+            units=[""] * rows,
+            colors=np.full(rows, DISTURBED_SHADE, np.uint32),
+            widths=np.zeros(rows, np.float32),
+            names=["disturbed"] * rows,
+        )
+        self._timeline.send(f"{HEADING}/disturbed", times, columns)
+
+
+#: Columns of a reckoner's candidates that the table shows, with their names there.
+SHOWN = {"azimuth": "azimuth_deg", "length": "length_m", "mounting": "mounting_deg"}
+
+
+class AzimuthLog:
+    """Adds columns to the rows of steps that a reckoner took.
+
+    A row of the table is a moment, so that what is logged at the time of a step stands in its row.
+    """
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._pending: list[CandidateBlock] = []
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates; those of a reckoner are the steps, moment by moment."""
+        names = {column.name for column in block.spec.columns}
+        if block.spec.emits == "track" and SHOWN.keys() <= names:
+            self._pending.append(block)
+
+    def flush(self) -> None:
+        """Log what is pending."""
+        import rerun as rr
+
+        for spec in dict.fromkeys(block.spec for block in self._pending):
+            blocks = [block for block in self._pending if block.spec == spec]
+            taken = np.concatenate([block.accepted for block in blocks])
+            times = np.concatenate([block.time_ns for block in blocks])[taken]
+            values = np.concatenate([block.value for block in blocks])[taken]
+            names = [column.name for column in spec.columns]
+            # more digits would only fill the table
+            values = values.astype(np.float64).round(2)
+            shown = {title: values[:, names.index(name)] for name, title in SHOWN.items()}
+            if len(times):
+                self._timeline.send("/table/steps", times, rr.AnyValues.columns(**shown))
+        self._pending = []

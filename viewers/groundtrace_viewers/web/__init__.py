@@ -1,0 +1,1 @@
+"""Pages: annotation server, shared folders, summaries, notebooks."""

@@ -1,0 +1,416 @@
+"""``groundtrace annotate --serve``: the page with a replay, its marks kept beside the recording."""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import tempfile
+import threading
+import webbrowser
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import Response
+from starlette.routing import Route
+
+from groundtrace.annotate.agreement import Item, item_of, label_of
+from groundtrace.annotate.store import Annotations, named
+from groundtrace.api.files import unheard
+from groundtrace.api.pipelines import fitting_pipeline
+from groundtrace.api.replay import replay_to_files, terminable
+from groundtrace.errors import AnnotationError
+from groundtrace.explain.suitability import SIGNALS
+from groundtrace.pipeline.config import parse_pipeline
+from groundtrace.pipeline.results import Results, file_sha256, read_results
+from groundtrace_codecs.annotations import sidecar_path
+from groundtrace_codecs.errors import CodecError
+from groundtrace_codecs.recording import Recording
+
+from ..errors import ViewerError
+from ..rerun.annotations import layer_rrd, states
+from ..rerun.moments import moments_of_results
+from ..rerun.process import LOOPBACK
+from ..rerun.timeline import Recipe, written_recipe
+from .server import listen, page_app, refusal, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from starlette.requests import Request
+
+    from groundtrace.api.files import Report
+    from groundtrace_codecs.annotations import Annotation
+
+    #: Shows how much of a total, in a unit, is done of what is named.
+    Progress = Callable[[float, str, str], AbstractContextManager[Callable[[float], None]]]
+
+
+def unseen(
+    _total: float, _what: str, _unit: str
+) -> AbstractContextManager[Callable[[float], None]]:
+    """Show nothing of how much is done."""
+    return nullcontext(lambda _done: None)
+
+
+def serve(
+    recording: Path,
+    results: Path | None,
+    pipeline: str,
+    author: str,
+    port: int,
+    open_browser: bool,
+    report: Report = unheard,
+    progress: Progress = unseen,
+) -> None:
+    """Serve the page that annotates a recording, until Ctrl-C.
+
+    The recording is replayed first, in a folder that goes when the server ends. Marks are on the
+    disk before a page hears that they are kept.
+
+    Parameters
+    ----------
+    recording
+        The recording; its annotations are kept beside it.
+    results
+        Results whose pipeline is shown, or None.
+    pipeline
+        What is shown without results: a pipeline's name or file; empty takes the one that fits the
+        recording, or the signals alone where none does.
+    author
+        Who annotates, unless the page says otherwise.
+    port
+        Of the page; 0 takes a free one.
+    open_browser
+        Show the page in the browser.
+    report
+        Told where the page is, and what a person should know.
+    progress
+        Shows how much of the recording is replayed.
+
+    Raises
+    ------
+    GroundtraceError, CodecError, ViewerError
+        Where the recording cannot be replayed, its annotations are open elsewhere, or the viewer is
+        not installed.
+    """
+    with (
+        tempfile.TemporaryDirectory(prefix="groundtrace-") as folder,
+        Annotations.open(recording, author) as store,
+    ):
+        drawn = store.items
+        try:
+            with terminable():
+                made = replayed(recording, results, pipeline, Path(folder), report, progress)
+            rrd, shown = made
+            with Recording.open(recording) as opened:
+                moments = moments_of_results(shown, opened.streams)
+        except KeyboardInterrupt:
+            report(f"stopped before the page was ready; {_kept(store, recording)}")
+            return
+        token, listening = secrets.token_urlsafe(24), listen(port)
+        desk = Desk(store, _application(shown), drawn)
+        port = listening.getsockname()[1]
+        app = page_app(rrd, moments.json(), port, "server", api(desk, token))
+        for remark in store.remarks:
+            report(remark)
+        with terminable(), suppress(KeyboardInterrupt):
+            run(
+                app,
+                listening,
+                lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser, report),
+            )
+        report(f"stopped; {_kept(store, recording)}")
+
+
+def _kept(store: Annotations, recording: Path) -> str:
+    """Return in words what is on the disk when the server ends."""
+    count, kept = len(store.items), sidecar_path(recording).name
+    if count == 0:
+        return f"{recording.name} has no annotations"
+    return f"{count} annotation{' is' if count == 1 else 's are'} kept in {kept}"
+
+
+def replayed(
+    recording: Path,
+    results: Path | None,
+    pipeline: str,
+    folder: Path,
+    report: Report = unheard,
+    progress: Progress = unseen,
+) -> tuple[Path, Results]:
+    """Replay a recording into a folder: return the viewer's file, and the results.
+
+    Parameters
+    ----------
+    recording, results, pipeline, report, progress
+        As :func:`serve`.
+    folder
+        Where to.
+    """
+    rrd, fresh = folder / "replay.rrd", folder / "results.mcap"
+    if results is not None:
+        earlier = read_results(results)
+        _check(earlier, recording)
+        recipe = written_recipe(earlier, folder)
+    else:
+        recipe = Recipe(Path(pipeline or _fitting(recording)), None, None, None)
+    with progress(100.0, "replaying", "%") as show:
+        replay_to_files(
+            recording,
+            recipe.pipeline,
+            fresh,
+            rrd,
+            geometry=recipe.geometry,
+            from_s=recipe.from_,
+            to_s=recipe.to,
+            report=report,
+            progress=lambda part: show(100 * part),
+        )
+    return rrd, read_results(fresh)
+
+
+def _fitting(recording: Path) -> str:
+    with Recording.open(recording) as opened:
+        return fitting_pipeline(opened) or SIGNALS
+
+
+def _check(results: Results, recording: Path) -> None:
+    origin = results.provenance
+    if origin.sha256 != file_sha256(recording):
+        raise ViewerError(
+            f"{results.name}: recording: expected results of {recording.name} as it is, "
+            f"found those of {origin.recording} with another SHA-256"
+        )
+
+
+def _application(results: Results) -> str:
+    """Return the kind of recording, which is part of the name that layers join a replay by."""
+    recipe = results.provenance.pipeline.encode()
+    return parse_pipeline(recipe, f"{results.name}: pipeline").application
+
+
+def _announce(url: str, open_browser: bool, report: Report) -> None:
+    report(f"annotating at {url} (Ctrl-C ends it)")
+    if open_browser:
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+TOKEN = "x-groundtrace-token"  # the name of a header
+#: A mark is a few lines of text [bytes].
+LARGEST_BODY = 64 * 1024
+#: What is wrong with a request rather than with the server.
+REFUSED = (AnnotationError, CodecError, msgspec.DecodeError, UnicodeDecodeError, RecursionError)
+
+
+class Mark(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page says of a mark; the fields are those of the exchange format's items."""
+
+    kind: str
+    time_s: float
+    end_s: float | None = None
+    label: str = ""
+    channel: str = ""
+    note: str = ""
+    time_ns: str = ""
+    end_ns: str | None = None
+
+
+class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The body of a request that changes something."""
+
+    author: str = ""
+    mark: Mark | None = None
+
+
+class Listing(msgspec.Struct, frozen=True):
+    """The answer: all marks, and which one was made or changed.
+
+    ``revision`` numbers what the layer is drawn from; ``undo`` says whether there may be something
+    to take back.
+    """
+
+    author: str
+    marks: tuple[Item, ...]
+    undo: bool
+    revision: int
+    id: str | None = None
+
+
+class Desk:
+    """An open set of annotations that pages change, one after the other.
+
+    Parameters
+    ----------
+    store
+        The annotations.
+    application
+        Kind of the recording, as its replay was made.
+    drawn
+        The annotations that the replay's file shows.
+    """
+
+    def __init__(
+        self, store: Annotations, application: str, drawn: tuple[Annotation, ...] = ()
+    ) -> None:
+        self._store = store
+        self._application = application
+        self._author = store.author
+        self._undo = bool(store.items)
+        self._revisions = [drawn]
+        self._one_at_a_time = threading.Lock()
+
+    def listing(self, id_: str | None = None) -> Listing:
+        """Return everything as it is now."""
+        items, start_ns = self._store.items, self._store.key.start_ns
+        if items != self._revisions[-1]:
+            self._revisions.append(items)
+        marks = tuple(item_of(item, start_ns) for item in items)
+        return Listing(self._author, marks, self._undo, len(self._revisions) - 1, id_)
+
+    def current(self) -> Listing:
+        """Return everything as it is now, between two changes."""
+        with self._one_at_a_time:
+            return self.listing()
+
+    def add(self, asked: Asked) -> Listing:
+        """Keep a new mark."""
+        label = label_of(_item(asked), self._store.key.start_ns)
+        with self._one_at_a_time:
+            self._known(asked)
+            added = self._store.add(replace(label, author=self._author))
+            self._undo = True
+            return self.listing(added.id)
+
+    def edit(self, id_: str, asked: Asked) -> Listing:
+        """Change a mark; what a page does not show of it stays."""
+        said = label_of(_item(asked), self._store.key.start_ns)
+        with self._one_at_a_time:
+            self._known(asked)
+            before = next((item.label for item in self._store.items if item.id == id_), said)
+            label = replace(
+                before,
+                time_ns=said.time_ns,
+                end_ns=said.end_ns,
+                kind=said.kind,
+                channel=said.channel,
+                label=said.label,
+                note=said.note,
+            )
+            self._store.edit(id_, label)
+            self._undo = True
+            return self.listing(id_)
+
+    def delete(self, id_: str, asked: Asked) -> Listing:
+        """Take a mark away."""
+        with self._one_at_a_time:
+            self._known(asked)
+            self._store.delete(id_)
+            self._undo = True
+            return self.listing()
+
+    def undo(self, asked: Asked) -> Listing:
+        """Take the author's last change back."""
+        with self._one_at_a_time:
+            self._known(asked)
+            self._undo = self._store.undo() is not None
+            return self.listing()
+
+    def layer(self, drawn: int) -> bytes:
+        """Return the layer that shows what is now to a page that shows revision ``drawn``.
+
+        Raises
+        ------
+        AnnotationError
+            Where there is no such revision.
+        """
+        with self._one_at_a_time:
+            newest = len(self._revisions) - 1
+            if not 0 <= drawn <= newest:
+                raise AnnotationError(f"drawn: expected 0 to {newest}, found {drawn}")
+            earlier, current = self._revisions[: drawn + 1], self._revisions[-1]
+        changed_ns = {time_ns for items in earlier for time_ns, _ in states(items)}
+        key = self._store.key
+        return layer_rrd(
+            key.name, self._application, key.start_ns, current, earlier[-1], changed_ns
+        )
+
+    def _known(self, asked: Asked) -> None:
+        """Take over the name of whoever changes something."""
+        if asked.author:
+            self._author = self._store.author = named(asked.author)
+
+
+def _item(asked: Asked) -> Item:
+    if asked.mark is None:
+        raise AnnotationError("mark: expected one, found none")
+    return Item(id="", **msgspec.structs.asdict(asked.mark))
+
+
+def api(desk: Desk, token: str) -> list[Route]:
+    """Return the routes of the marks; each asks for the token.
+
+    Parameters
+    ----------
+    desk
+        What answers.
+    token
+        What the page got with its address.
+    """
+
+    def route(path: str, method: str, act: Callable[[Request, Asked], Any]) -> Route:
+        async def answer(request: Request) -> Response:
+            # As bytes, since only ASCII text can be compared in constant time.
+            given = request.headers.get(TOKEN, "").encode()
+            if not hmac.compare_digest(given, token.encode()):
+                return refusal(403, "token: expected that of the address, found another")
+            try:
+                asked = await _asked(request)
+                found = await run_in_threadpool(act, request, asked)
+            except _TooLargeError:
+                return refusal(413, f"body: expected at most {LARGEST_BODY} bytes, found more")
+            except REFUSED as error:
+                return refusal(400, str(error))
+            if isinstance(found, bytes):
+                return Response(found, media_type="application/octet-stream")
+            return Response(msgspec.json.encode(found), media_type="application/json")
+
+        return Route(f"/api{path}", answer, methods=[method])
+
+    def id_(request: Request) -> str:
+        return str(request.path_params["id"])
+
+    return [
+        route("/annotations", "GET", lambda _, __: desk.current()),
+        route("/annotations", "POST", lambda _, asked: desk.add(asked)),
+        route("/annotations/{id}", "PUT", lambda request, asked: desk.edit(id_(request), asked)),
+        route(
+            "/annotations/{id}", "DELETE", lambda request, asked: desk.delete(id_(request), asked)
+        ),
+        route("/undo", "POST", lambda _, asked: desk.undo(asked)),
+        route("/layer.rrd", "GET", lambda request, _: desk.layer(_drawn(request))),
+    ]
+
+
+def _drawn(request: Request) -> int:
+    text = request.query_params.get("drawn", "0")
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise AnnotationError(f"drawn: expected a revision's number, found {text[:40]!r}")
+    return int(text)
+
+
+class _TooLargeError(Exception):
+    """A body is larger than any mark."""
+
+
+async def _asked(request: Request) -> Asked:
+    """Read the body of a request; nothing is an empty one."""
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > LARGEST_BODY:
+            raise _TooLargeError
+    return msgspec.json.decode(bytes(body), type=Asked) if body else Asked()

@@ -1,0 +1,89 @@
+"""A result in a notebook: the viewer as a widget, out of the package ``rerun-notebook``."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import tempfile
+from contextlib import redirect_stdout
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ..errors import ViewerError
+
+PACKAGE = "rerun_notebook"
+#: Where the widget takes the viewer from: the installed package, or by default a server of others.
+ASSET = "RERUN_NOTEBOOK_ASSET"
+
+
+def show(
+    results: Path | str,
+    *,
+    recording: Path | str | None = None,
+    rrd: Path | str | None = None,
+    height: int = 720,
+    at_s: float | None = None,
+) -> Any:
+    """Show a result in a notebook, without a network.
+
+    Parameters
+    ----------
+    results
+        Results MCAP that ``groundtrace replay`` wrote.
+    recording
+        Their recording, where it does not lie beside them.
+    rrd
+        A timeline that ``groundtrace replay`` wrote, instead of replaying the recording.
+    height
+        Of the widget [px]; it is as wide as its cell.
+    at_s
+        Where its cursor stands [s since the first sample]; None leaves it.
+
+    Returns
+    -------
+    The widget of ``rerun-notebook``: shown where it is the last line of a cell.
+
+    Raises
+    ------
+    GroundtraceError, CodecError, ViewerError
+        Where ``rerun-notebook`` is not installed, or there is nothing to show.
+    """
+    widget_class = _widget_class()
+    # what replays is not imported with the package
+    from groundtrace.api.files import recording_of
+
+    from ..rerun.blueprint import layout_of
+    from ..rerun.timeline import TIMELINE
+    from .share import timeline_file
+    from .summary import sources_of
+
+    path = Path(results)
+    found = recording_of(path, None if recording is None else Path(recording))
+    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+        target = Path(folder, "replay.rrd")
+        given = None if rrd is None else Path(rrd)
+        timeline_file(sources_of(path, found), given, False, target)
+        # the layout goes first: without one the viewer makes its own, and keeps it
+        parts = layout_of(target), target.read_bytes()
+    widget = widget_class(width="auto", height=height)
+    for part in parts:
+        widget.send_rrd(part)
+    if at_s is not None:
+        widget.set_time_ctrl(TIMELINE, duration_nanos=round(at_s * 1e9), play=False)
+    return widget
+
+
+def _widget_class() -> Any:
+    """Return the widget, which decides when it is imported where it takes the viewer from."""
+    if PACKAGE not in sys.modules:
+        if find_spec(PACKAGE) is None:
+            raise ViewerError(
+                "show: expected the package rerun-notebook (pip install 'groundtrace[notebook]'), "
+                "found none; groundtrace share makes a page instead"
+            )
+        os.environ.setdefault(ASSET, "inline")
+    with redirect_stdout(io.StringIO()):  # it says that it does as it was asked
+        return import_module(PACKAGE).Viewer

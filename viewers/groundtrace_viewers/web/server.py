@@ -1,0 +1,263 @@
+"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT < MOMENTS.json``.
+
+It listens on this machine only, answers only pages of its own (their host and origin are looked
+at, so that no other site can reach it through a browser), and its page talks to nobody else.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route
+
+from ..errors import ViewerError
+from ..rerun.blueprint import layout_of
+from ..rerun.process import LOOPBACK, VIEWER_FILES, viewer_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from starlette.requests import Request
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+FOLDER = Path(__file__).parent / "page"
+#: Order in which the script modules may stand in one script: each after what it imports.
+MODULES = (
+    "dom.js",
+    "assets.js",
+    "exchange.js",
+    "jumps.js",
+    "keys.js",
+    "marks.js",
+    "player.js",
+    "stores.js",
+    "strip.js",
+    "viewer.js",
+    "main.js",
+)
+#: What a page may do whose files lie beside it: run them, make a program of bytes (the viewer) but
+#: not of text, and talk to where it came from.
+POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; "
+    "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
+    "base-uri 'none'; form-action 'none'"
+)
+_CHARSET = '<meta charset="utf-8">'
+_IMPORT = re.compile(r"^import \{[^}]*\} from \"\./[a-z]+\.js\";\n", re.MULTILINE)
+_EXPORT = re.compile(r"^export (?=(async )?(function|class|const) )", re.MULTILINE)
+
+
+def page_file(name: str) -> bytes:
+    """Return one file of the page: ``index.html``, ``style.css`` or one of :data:`MODULES`."""
+    return (FOLDER / name).read_bytes()
+
+
+def index_page(policy: str = POLICY) -> str:
+    """Return ``index.html`` with a content security policy inside, for who sends no headers."""
+    inside = f'{_CHARSET}\n    <meta http-equiv="Content-Security-Policy" content="{policy}">'
+    return page_file("index.html").decode().replace(_CHARSET, inside, 1)
+
+
+def joined_script() -> str:
+    """Return all modules as one: the body of one ``<script type="module">``.
+
+    A page opened from a file cannot import modules from beside it.
+    """
+    parts = (page_file(name).decode() for name in MODULES)
+    return "\n".join(_EXPORT.sub("", _IMPORT.sub("", part)) for part in parts)
+
+
+HEADERS = {
+    "content-security-policy": f"{POLICY}; frame-ancestors 'none'",
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-cache",
+}
+KINDS = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "wasm": "application/wasm",
+    "ico": "image/x-icon",
+    "json": "application/json",
+    "rrd": "application/octet-stream",
+}
+
+
+def refusal(status: int, text: str) -> JSONResponse:
+    """Return an error: one line of text in a JSON document."""
+    return JSONResponse({"error": " ".join(text.split())}, status)
+
+
+class Gate:
+    """Lets in requests that name this server, from pages of this server or from none.
+
+    A browser tells which page asks and which name it looked up; a foreign page that points its own
+    name at this machine thus stays out.
+
+    Parameters
+    ----------
+    app
+        What answers.
+    port
+        Where it listens.
+    """
+
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        self._app = app
+        self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        headers = Headers(scope=scope)
+        origin = headers.get("origin")
+        if headers.get("host") not in self._hosts:
+            answer: ASGIApp = refusal(403, "host: expected this machine's, found another")
+        elif origin is not None and origin.removeprefix("http://") not in self._hosts:
+            answer = refusal(403, "origin: expected this page, found another")
+        elif headers.get("sec-fetch-site") in ("cross-site", "same-site"):
+            answer = refusal(403, "request: expected one of this page, found another site's")
+        else:
+            answer = self._app
+        await answer(scope, receive, guarded)
+
+
+def _fixed(path: str, content: bytes) -> Route:
+    kind = KINDS[path.rpartition(".")[2]] if "." in path else KINDS["html"]
+
+    async def answer(_: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return Route(path, answer)
+
+
+def _on_disk(path: str, file: Path, kind: str) -> Route:
+    async def answer(_: Request) -> Response:
+        return FileResponse(file, media_type=kind)
+
+    return Route(path, answer)
+
+
+def page_app(
+    rrd: Path, moments: bytes, port: int, annotations: str, more: Sequence[Route] = ()
+) -> ASGIApp:
+    """Return the page's server: an ASGI application.
+
+    Parameters
+    ----------
+    rrd
+        The viewer's file.
+    moments
+        As JSON, see :class:`~.rerun.moments.Moments`.
+    port
+        Where it will listen.
+    annotations
+        Where marks are kept: ``server``, ``browser`` or ``off``.
+    more
+        Routes beside the page's.
+
+    Raises
+    ------
+    ViewerError
+        Where the viewer is not installed, or the file is not one of its replays.
+    """
+    folder = viewer_folder()
+    index = page_file("index.html")
+    routes = [
+        _fixed("/", index),
+        _fixed("/index.html", index),
+        *(_fixed(f"/page/{name}", page_file(name)) for name in (*MODULES, "style.css")),
+        *(
+            _on_disk(f"/{name}", folder / name, KINDS[name.rpartition(".")[2]])
+            for name in VIEWER_FILES
+        ),
+        _on_disk("/replay.rrd", rrd, KINDS["rrd"]),
+        _fixed("/layout.rrd", layout_of(rrd)),
+        _fixed("/moments.json", moments),
+        _fixed("/page.json", json.dumps({"annotations": annotations}).encode()),
+        *more,
+    ]
+    return Gate(Starlette(routes=routes, exception_handlers={404: _absent, 405: _absent}), port)
+
+
+async def _absent(request: Request, _: Exception) -> Response:
+    return refusal(404, f"{request.url.path[:200]}: expected a file of the page, found none")
+
+
+def listen(port: int) -> socket.socket:
+    """Return a socket that listens on this machine only; port 0 takes a free one.
+
+    Raises
+    ------
+    ViewerError
+        Where somebody else listens there.
+    """
+    try:
+        return socket.create_server((LOOPBACK, port))
+    except OSError as error:
+        raise ViewerError(f"port {port}: expected a free one, found: {error.strerror}") from error
+
+
+class _Server(uvicorn.Server):
+    """Says when it answers."""
+
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        self._ready()
+
+
+def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lambda: None) -> None:
+    """Serve an application until Ctrl-C.
+
+    Parameters
+    ----------
+    app
+        See :func:`page_app`.
+    listening
+        See :func:`listen`.
+    ready
+        Called when requests are answered.
+    """
+    config = uvicorn.Config(
+        app,
+        log_level="error",
+        access_log=False,
+        lifespan="off",
+        ws="none",
+        server_header=False,
+        timeout_graceful_shutdown=1,
+    )
+    _Server(config, ready).run([listening])
+
+
+def main(rrd: Path, port: int, moments: bytes) -> None:
+    """Serve a recording until the process ends; marks are kept in the browser."""
+    listening = listen(port)
+    run(page_app(rrd, moments, port, "browser"), listening)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), sys.stdin.buffer.read())

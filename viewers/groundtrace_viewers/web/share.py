@@ -1,0 +1,547 @@
+"""A result as others get it: a folder, an archive of it, or one page, with all that it shows."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import re
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+
+from groundtrace.annotate.agreement import item_of, to_json
+from groundtrace.api.files import unheard
+from groundtrace.api.replay import replay_to_files
+from groundtrace.evaluation.html import score_page
+from groundtrace.pipeline.results import appearing, read_results
+from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
+
+from ..errors import ViewerError
+from ..rerun.blueprint import layout_of
+from ..rerun.decisions import TOLERANCE_S
+from ..rerun.process import VIEWER_FILES, quiet_environment, viewer_folder, viewer_program
+from ..rerun.timeline import stream_of, written_recipe
+from .server import POLICY, index_page, joined_script, page_file
+from .summary import sources_of, summary_page
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from groundtrace.api.files import Report
+    from groundtrace.pipeline.results import Results
+
+    from .summary import Sources
+
+#: What a folder is known by as one that was shared.
+OWN_FILES = ("index.html", "summary.html", "moments.json", "layout.rrd", "replay.rrd")
+FORMS = ("folder", "zip", "html")
+#: Bytes in which an archive's member is told the same everywhere: the earliest date there is.
+EPOCH = (1980, 1, 1, 0, 0, 0)
+
+
+def share_view(
+    results: Path,
+    out: Path,
+    *,
+    form: str = "folder",
+    recording: Path | None = None,
+    rrd: Path | None = None,
+    light: bool = False,
+    force: bool = False,
+    report: Report = unheard,
+) -> None:
+    """Write a result for others: replay, summary, score, annotations, pipeline.
+
+    The output appears whole, under its name, or not at all.
+
+    Parameters
+    ----------
+    results
+        The results' file.
+    out
+        The folder or file to write.
+    form
+        ``folder``, ``zip`` (of that folder) or ``html``: one page that opens by a double click.
+    recording
+        The recording of the results; None where it is not there.
+    rrd
+        Its viewer's file, instead of replaying the recording.
+    light
+        Leave the samples of fast signals out.
+    force
+        Replace what was shared there before.
+    report
+        Told what a person should know of it.
+
+    Raises
+    ------
+    GroundtraceError, CodecError, ViewerError
+        Where something cannot be read, or ``out`` must not be written.
+    """
+    if form not in FORMS:
+        raise ViewerError(f"form: expected one of {', '.join(FORMS)}, found {form!r}")
+    used = [path for path in (results, recording, rrd) if path is not None]
+    _check_target(out, form == "folder", force, used)
+    sources = sources_of(results, recording, report)
+    with appearing(out) as fresh:
+        folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
+        folder.mkdir()
+        try:
+            _fill(folder, sources, rrd, light, report, alone=form == "html")
+            if form == "zip":
+                _pack(folder, out.stem, fresh)
+            elif form == "html":
+                fresh.write_text(_one_page(folder, sources), "utf-8")
+        finally:
+            if folder != fresh:
+                shutil.rmtree(folder)
+
+
+def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) -> None:
+    """Refuse to overwrite what was not asked for, or what nobody shared."""
+    if not out.resolve().parent.is_dir():
+        raise ViewerError(f"{out}: expected an existing folder to write it in, found none")
+    for path in used:
+        if out.resolve() in (path.resolve(), *path.resolve().parents):
+            raise ViewerError(f"{out}: expected a new place, found the one that {path} is read at")
+    if not (out.exists() or out.is_symlink()):
+        return
+    if not force:
+        raise ViewerError(f"{out}: expected a new place, found an existing one; see --force")
+    if out.is_symlink() or out.is_dir() != folder:
+        found = "a link" if out.is_symlink() else "a folder" if out.is_dir() else "a file"
+        raise ViewerError(f"{out}: expected {'a folder' if folder else 'a file'}, found {found}")
+    if folder and any(out.iterdir()) and not all((out / name).is_file() for name in OWN_FILES):
+        raise ViewerError(
+            f"{out}: expected a folder that groundtrace share wrote, found another: it stays"
+        )
+
+
+def _fill(
+    folder: Path,
+    sources: Sources,
+    rrd: Path | None,
+    light: bool,
+    report: Report,
+    *,
+    alone: bool,
+) -> None:
+    """Write everything into a folder; ``alone`` leaves out what one page has inside."""
+    shown = timeline_file(sources, rrd, light, folder / "replay.rrd", report)
+    (folder / "layout.rrd").write_bytes(layout_of(folder / "replay.rrd"))
+    (folder / "moments.json").write_bytes(sources.moments.json())
+    (folder / "page.json").write_bytes(_config(sources))
+    if sources.scored:
+        page = score_page(sources.results, sources.labels, sources.score, TOLERANCE_S)
+        (folder / "report.html").write_text(page, "utf-8")
+    links = [] if alone else _links(sources)
+    (folder / "summary.html").write_text(summary_page(sources, shown, links), "utf-8")
+    for download in _downloads(sources):
+        (folder / download.name).write_bytes(download.content)
+    if alone:
+        return
+    if sources.sidecar is not None:
+        shutil.copyfile(sources.sidecar, folder / f"{sources.stem}.annotations.mcap")
+    viewer = viewer_folder()
+    for name in VIEWER_FILES:
+        shutil.copyfile(viewer / name, folder / name)
+    (folder / "page").mkdir()
+    (folder / "page" / "style.css").write_bytes(folder_style())
+    index = folder_page(_papers(folder), _downloads(sources))
+    (folder / "index.html").write_text(index, "utf-8")
+    (folder / "README.txt").write_text(_readme(sources), "utf-8")
+
+
+def _config(sources: Sources) -> bytes:
+    """Return what a page must know of marks: it keeps them itself, and begins with these."""
+    start_ns = sources.results.provenance.start_ns
+    marks = [item_of(annotation, start_ns) for annotation in sources.annotations]
+    return msgspec.json.encode({"annotations": "browser", "marks": marks})
+
+
+def _links(sources: Sources) -> list[tuple[str, str]]:
+    links = [("Replay", "index.html")]
+    links += [("Score in full", "report.html")] if sources.scored else []
+    return [*links, *((d.name, d.name) for d in _downloads(sources))]
+
+
+def _papers(folder: Path) -> list[Paper]:
+    """Return the documents beside a replay."""
+    titles = {"summary.html": "Summary", "report.html": "Score"}
+    there = ((title, folder / name) for name, title in titles.items())
+    return [Paper(t, path.name, path.read_text("utf-8")) for t, path in there if path.is_file()]
+
+
+def _downloads(sources: Sources) -> list[Download]:
+    recipe = sources.results.provenance.pipeline.encode()
+    found = [Download("pipeline.toml", "text/plain", recipe)]
+    if sources.annotations:
+        marks = to_json(sources.key, sources.annotations)
+        found.append(Download(f"{sources.stem}.annotations.json", "application/json", marks))
+    return found
+
+
+def _readme(sources: Sources) -> str:
+    return (
+        f"A replay of {sources.name}, shared by groundtrace.\n\n"
+        "summary.html opens by a double click, report.html (where there is truth) too.\n"
+        "The replay: open a terminal in this folder, run\n\n"
+        "    python -m http.server 8000\n\n"
+        "and open http://localhost:8000 in a browser (Chrome, Edge or Firefox of 2024 or later).\n"
+        "Nothing is asked of the internet. Marks made there are kept in that browser; its button\n"
+        "'download' gives them as a file, which whoever shared this takes in with\n\n"
+        f"    groundtrace annotate {sources.name} --merge FILE\n\n"
+        "With rerun-sdk installed, rerun replay.rrd shows the same without a browser.\n"
+    )
+
+
+def _pack(folder: Path, name: str, target: Path) -> None:
+    """Write a folder as an archive; members have no date, so that it says nothing of a clock."""
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
+        for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+            inside = f"{name}/{path.relative_to(folder).as_posix()}"
+            entry = zipfile.ZipInfo(inside, EPOCH)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            with path.open("rb") as source, archive.open(entry, "w", force_zip64=True) as member:
+                shutil.copyfileobj(source, member, 1 << 20)
+
+
+def _one_page(folder: Path, sources: Sources) -> str:
+    names = ("page.json", "moments.json", "layout.rrd", "replay.rrd")
+    assets = {name: (folder / name).read_bytes() for name in names}
+    return whole_page(assets, _papers(folder), _downloads(sources))
+
+
+STYLE = """
+#papers { display: flex; flex-wrap: wrap; gap: 4px 14px; padding: 6px 12px 0; font-size: 12px; }
+#papers a, #from-file a { color: var(--accent); }
+#papers button { height: auto; padding: 0; border: 0; background: none; color: var(--accent); }
+#papers button { text-decoration: underline; }
+.paper { width: min(1240px, 94vw); height: 92vh; padding: 0; border: 1px solid var(--line); }
+.paper { border-radius: 8px; overflow: hidden; background: #fff; }
+.paper::backdrop { background: rgb(0 0 0 / 60%); }
+.paper iframe { display: block; width: 100%; height: 100%; border: 0; }
+.paper button { position: absolute; top: 8px; right: 24px; }
+#from-file { display: none; }
+html[data-from-file] :is(#status, #panel) { display: none; }
+html[data-from-file] #from-file {
+  position: absolute; inset: 0; display: grid; place-content: center; justify-items: start;
+  gap: 10px; padding: 2em max(2em, calc(50% - 21em)); background: var(--ground); font-size: 14px;
+}
+#from-file p { margin: 0; } #from-file code { color: #fff; }
+"""
+#: A browser lets no page that was opened as a file read the files beside it.
+FROM_FILE = """<div id="from-file">
+        <p>The replay needs one more step: a browser lets no page that was opened by a double click
+          read the files beside it.</p>
+        <p>Open a terminal in this folder and run <code>python -m http.server 8000</code>, then
+          open <code>http://localhost:8000</code> in the browser. Nothing leaves this machine.</p>
+        <p>Without Python, ask for the same as one file: <code>groundtrace share RESULTS
+          --single-file -o REPLAY.html</code> opens by a double click.</p>
+        <p>{links}</p>
+      </div>
+"""
+FROM_FILE_SCRIPT = (
+    'if (location.protocol === "file:") document.documentElement.dataset.fromFile = "";'
+)
+
+
+class Paper(NamedTuple):
+    """A document that lies beside the replay: its title, file name, and HTML."""
+
+    title: str
+    name: str
+    html: str
+
+
+class Download(NamedTuple):
+    """A file to be taken from the page: its name, its type, its bytes."""
+
+    name: str
+    kind: str
+    content: bytes
+
+
+def folder_page(papers: Sequence[Paper], downloads: Sequence[Download]) -> str:
+    """Return ``index.html`` of a folder that any web server of files can serve.
+
+    Its script stands in it: some servers call script files text, and then they do not run.
+
+    Parameters
+    ----------
+    papers, downloads
+        What lies beside it.
+    """
+    script = joined_script()
+    policy = _after(POLICY, "script-src ", f"{_hash(FROM_FILE_SCRIPT)} {_hash(script)} ")
+    links = "".join(f'<a href="{escape(p.name)}">{escape(p.title)}</a> ' for p in papers)
+    files = "".join(f'<a href="{escape(d.name)}" download>{escape(d.name)}</a>' for d in downloads)
+    html = index_page(policy)
+    html = _before(html, "</main>", FROM_FILE.format(links=links))
+    html = _after(html, "</header>", f'<nav id="papers">{links}{files}</nav>')
+    start, end = (
+        f"<script>{FROM_FILE_SCRIPT}</script>\n",
+        f'<script type="module">{script}</script>',
+    )
+    there = '<script type="module" src="page/main.js"></script>'
+    return _before(_before(html, there, start), there, end).replace(there, "", 1)
+
+
+def folder_style() -> bytes:
+    """Return ``page/style.css`` of such a folder."""
+    return page_file("style.css") + STYLE.encode()
+
+
+def whole_page(
+    assets: Mapping[str, bytes], papers: Sequence[Paper], downloads: Sequence[Download]
+) -> str:
+    """Return a page with everything inside, which opens by a double click.
+
+    Parameters
+    ----------
+    assets
+        As :func:`single_page` takes them.
+    papers
+        Shown above the replay when asked for.
+    downloads
+        Files that it gives away.
+    """
+    buttons = "".join(
+        f'<button popovertarget="paper-{i}">{escape(p.title)}</button>'
+        for i, p in enumerate(papers)
+    )
+    files = "".join(
+        f'<a href="data:{d.kind};base64,{base64.b64encode(d.content).decode()}" '
+        f'download="{escape(d.name)}">{escape(d.name)}</a>'
+        for d in downloads
+    )
+    html = single_page(assets)
+    html = _after(html, "</header>", f'<nav id="papers">{buttons}{files}</nav>')
+    html = _before(html, '<dialog id="help">', "".join(map(_held, range(len(papers)), papers)))
+    html = _before(html, "</head>", f"<style>{STYLE}</style>")
+    # a document inside a page obeys the page's policy too
+    styles = [STYLE, *(s for p in papers for s in re.findall("<style>(.*?)</style>", p.html, re.S))]
+    hashes = " ".join(dict.fromkeys(map(_hash, styles)))
+    return _after(html, "style-src ", f"{hashes} ")
+
+
+def _held(number: int, paper: Paper) -> str:
+    """Return a document that a button shows."""
+    held = escape(paper.html, quote=True)
+    return (
+        f'<div class="paper" id="paper-{number}" popover>'
+        f'<iframe title="{escape(paper.title)}" srcdoc="{held}"></iframe>'
+        f'<button popovertarget="paper-{number}" popovertargetaction="hide">Close</button></div>\n'
+    )
+
+
+def _before(html: str, there: str, new: str) -> str:
+    head, found, tail = html.partition(there)
+    return head + new + found + tail
+
+
+def _after(html: str, there: str, new: str) -> str:
+    head, found, tail = html.partition(there)
+    return head + found + new + tail
+
+
+def _hash(content: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
+
+
+#: What of the signals a file shows, for people.
+LIGHT = "envelopes of fast signals, without their samples"
+FULL = "all that groundtrace replay shows"
+
+
+def timeline_file(
+    sources: Sources, given: Path | None, light: bool, target: Path, report: Report = unheard
+) -> str:
+    """Write the viewer's file of a result, and return what of the signals it shows.
+
+    A file that is ``given`` is taken as it is; else the recording is replayed; where the recording
+    is not there, the file that ``groundtrace replay`` left beside the results is taken.
+
+    Parameters
+    ----------
+    sources
+        What is shared.
+    given
+        A viewer's file of the same recording, or None.
+    light
+        Leave the samples of fast signals out.
+    target
+        The file to write.
+    report
+        Told what a person should know of it.
+
+    Raises
+    ------
+    ViewerError
+        Where there is neither recording nor file, or the file is of another recording.
+    """
+    if given is None and sources.recording is not None:
+        _replayed(sources, sources.recording, light, target, report)
+        return LIGHT if light else FULL
+    there = given if given is not None else _beside(sources)
+    if there is None:
+        raise ViewerError(
+            f"{sources.path.name}: expected its recording {sources.name} beside it, --recording "
+            f"FILE or --rrd FILE, found none of them"
+        )
+    if given is None:
+        report(f"{sources.name} is not there: its timeline {there.name} is taken as it is")
+    _check(sources, there)
+    if light:
+        _without_samples(there, target)
+        return LIGHT
+    target.write_bytes(there.read_bytes())
+    return f"what {there.name} has"
+
+
+def _replayed(sources: Sources, recording: Path, light: bool, target: Path, report: Report) -> None:
+    """Replay a recording as the results say that it was."""
+    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+        fresh = Path(folder, "fresh.mcap")
+        recipe = written_recipe(sources.results, Path(folder))
+        lines: list[str] = []
+        replay_to_files(
+            recording,
+            recipe.pipeline,
+            fresh,
+            target,
+            geometry=recipe.geometry,
+            from_s=recipe.from_,
+            to_s=recipe.to,
+            full_rate="none" if light else "",
+            report=lines.append,
+        )
+        for line in lines:
+            if "annotations are left out" not in line:  # said already
+                report(line)
+        if _decided(read_results(fresh)) != _decided(sources.results):
+            report(
+                f"{sources.path.name}: this version decides otherwise than when it was made: the "
+                f"timeline shows what it decides now; replay and share again to have both the same"
+            )
+
+
+def _decided(results: Results) -> list[str]:
+    kinds = (StepEvent, Pick, Fix, TrackPoint)
+    return sorted(repr(event) for event in results.events if isinstance(event, kinds))
+
+
+def _beside(sources: Sources) -> Path | None:
+    """Return the viewer's file that a replay left with the results."""
+    stem = sources.path.name.removesuffix(".mcap").removesuffix(".results")
+    names = dict.fromkeys((f"{stem}.rrd", f"{sources.stem}.rrd"))
+    return next((p for p in map(sources.path.with_name, names) if p.is_file()), None)
+
+
+def _check(sources: Sources, rrd: Path) -> None:
+    """Refuse a file that shows another recording; the viewer's id of one is made of its name."""
+    import rerun as rr
+
+    try:
+        shown = rr.chunk.RrdReader(str(rrd)).recordings()
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ViewerError(f"{rrd.name}: expected a viewer's file, found: {reason}") from error
+    expected = stream_of(sources.name, sources.config.application).get_recording_id()
+    if expected not in {each.recording_id for each in shown}:
+        raise ViewerError(
+            f"{rrd.name}: expected the timeline of {sources.name}, found that of another recording"
+        )
+
+
+def _without_samples(rrd: Path, target: Path) -> None:
+    """Copy a viewer's file without the samples of signals that have an envelope."""
+    import rerun as rr
+
+    paths = {chunk.entity_path for chunk in rr.chunk.RrdReader(str(rrd)).stream()}
+    tails = [path.removeprefix("/envelope") for path in paths if path.startswith("/envelope/")]
+    drop = sorted(f"/signals{tail}" for tail in tails if f"/signals{tail}" in paths)
+    command = [str(viewer_program()), "rrd", "filter", str(rrd), "-o", str(target)]
+    if drop:
+        command += ["--drop-entity", *drop]
+    done = subprocess.run(command, env=quiet_environment(), capture_output=True, text=True)
+    if done.returncode or not target.is_file():
+        reason = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
+        raise ViewerError(f"{rrd.name}: expected it to be filtered, found: {reason}")
+
+
+#: What a page shows beside the viewer's program, by the names that its script asks for.
+ASSETS = ("page.json", "moments.json", "layout.rrd", "replay.rrd")
+
+
+def single_page(assets: Mapping[str, bytes]) -> str:
+    """Return the page with everything inside; it asks nobody for anything.
+
+    Parameters
+    ----------
+    assets
+        Contents of :data:`ASSETS`: ``page.json`` is ``{"annotations": "browser"}`` or ``"off"``,
+        with ``"marks"`` those that the page begins with, as items of the exchange format,
+        ``moments.json`` as of :class:`~.rerun.moments.Moments`, ``layout.rrd`` as of
+        :func:`~.rerun.blueprint.layout_of`, and the viewer's file.
+
+    Returns
+    -------
+    str
+        HTML.
+
+    Raises
+    ------
+    ViewerError
+        Where the viewer is not installed.
+    """
+    folder = viewer_folder()
+    style = page_file("style.css").decode()
+    viewer = _inside((folder / "re_viewer.js").read_text("utf-8"))
+    script = _inside(joined_script())
+    policy = _policy((viewer, script), style)
+    held = {name: assets[name] for name in ASSETS}
+    held["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
+    replaced = {
+        '<link rel="icon" href="favicon.ico">': '<link rel="icon" href="data:,">',
+        '<link rel="stylesheet" href="page/style.css">': f"<style>{style}</style>",
+        '<script src="re_viewer.js"></script>': f"<script>{viewer}</script>",
+        '<script type="module" src="page/main.js"></script>': "\n".join(
+            [
+                *(_held_in_page(name, content) for name, content in held.items()),
+                f'<script type="module">{script}</script>',
+            ]
+        ),
+    }
+    html = index_page(policy)
+    for there, instead in replaced.items():
+        before, _, after = html.partition(there)
+        html = before + instead + after
+    return html
+
+
+def _inside(script: str) -> str:
+    """Return a script that an HTML element may hold."""
+    return script.replace("</script", "<\\/script")
+
+
+def _held_in_page(name: str, content: bytes) -> str:
+    packed = base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+    return f'<script type="text/plain" data-asset="{name}">{packed}</script>'
+
+
+def _policy(scripts: tuple[str, ...], style: str) -> str:
+    """Return a policy that runs these scripts, no others, and lets nothing leave the page."""
+    allowed = " ".join(_hash(script) for script in scripts)
+    return (
+        f"default-src 'none'; script-src {allowed} 'wasm-unsafe-eval'; style-src {_hash(style)}; "
+        "img-src data: blob:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
+        "form-action 'none'"
+    )
