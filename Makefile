@@ -32,6 +32,7 @@ fmt: dev
 check: dev
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 
 warm: dev ## what replays run is compiled once, before those who would compile it at the same time
