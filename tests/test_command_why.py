@@ -106,6 +106,28 @@ def test_a_step_that_has_no_type_is_explained_and_nothing_is_offered(capsys: Cap
     assert (missed["reason"]["gate"], missed["remedy"]) == ("share", None)
 
 
+def test_a_step_without_a_type_has_the_reason_of_the_stage_that_did_not_find_it(
+    capsys: Capture,
+) -> None:
+    setting = ("--set", "steps.share=0.9")
+    done(capsys, "replay", WALK, "--pipeline", "step-types", "--no-viewer", *setting)
+    found = done(capsys, "why", "waist-walk.results.mcap", "--json").document
+    check_schema("why", found)
+    reasons = [missed["reason"] for missed in found["missed"]]
+    by_finder = [r for r in reasons if r["stage"] == "steps"]
+    assert len(by_finder) > 10
+    assert {(r["cause"], r["gate"]) for r in by_finder} == {("threshold", "share")}
+    assert found["untried"] == "types"
+    assert (
+        "remedies: none sought; types takes signal"
+        in done(capsys, "why", "waist-walk.results.mcap").out
+    )
+    step = found["missed"][0]["step"]
+    assert (
+        "smallest change" not in done(capsys, "why", "waist-walk.results.mcap", "--step", step).out
+    )
+
+
 def test_without_a_stage_every_step_is_undecided(capsys: Capture) -> None:
     done(capsys, "replay", str(WALK), "--pipeline", "signals", "--no-viewer", "--out", "s.mcap")
     table = done(capsys, "why", "s.mcap").out

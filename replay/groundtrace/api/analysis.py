@@ -374,11 +374,12 @@ def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int 
     step = asked.step if at_ns is None else None
     time_ns = _time_of(evidence, name, asked) if at_ns is None else at_ns
     found = moment(evidence, time_ns, tolerance_s)
-    sought = step is not None and found.reason is not None
+    redecider = Redecider(evidence)
+    sought = step is not None and found.reason is not None and not redecider.untried
     remedy = None
     if sought:
         reasons = StepReasons(evidence, tolerance_s)
-        remedy = remedy_of(Healer(Redecider(evidence), tolerance_s), reasons, time_ns)
+        remedy = remedy_of(Healer(redecider, tolerance_s), reasons, time_ns)
     return Answer("steps", found, time_ns, step, remedy, sought)
 
 

@@ -467,11 +467,13 @@ def print_account(found: Account) -> None:
         ("misses", found.mended_missed, found.missed),
         ("false steps", found.mended_false, found.false),
     ):
-        if wrong:
+        if wrong and not found.untried:
             print(
                 f"remedies of {noun}: {mended.one} one change, {mended.two} a pair of changes, "
                 f"{mended.none} none"
             )
+    if found.untried and (found.missed or found.false):
+        print(f"remedies: none sought; {_untried_text(found.untried)}")
     if found.bad_fixes:
         print(f"places: {found.bad_fixes} far off, rejected or missing; see --kind fixes")
     if found.bad_picks:
@@ -510,7 +512,11 @@ def _change_text(wrong: Missed | False_, found: Account) -> str:
         left_ms = wrong.pair.late_ms - found.shift.late_ms
         if abs(left_ms) <= found.tolerance_s * 1e3:
             return f"the shift of all detections ({found.shift.late_ms:+.0f} ms)"
-    return remedy_text(wrong.remedy)
+    return "-" if found.untried else remedy_text(wrong.remedy)
+
+
+def _untried_text(stage: str) -> str:
+    return f"{stage} takes signal, so what it makes of other settings takes a replay"
 
 
 def remedy_text(remedy: Remedy | None) -> str:

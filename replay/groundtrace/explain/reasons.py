@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from groundtrace_codecs.events import Pick
+from groundtrace_codecs.events import Pick, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..detectors.trace import FRAME_S
@@ -525,6 +525,7 @@ CAUSES = (
     "walking",
     "gap",
     "taken",
+    "dropped",
     "undecided",
 )
 
@@ -642,6 +643,15 @@ class StepReasons:
         pair = self.pair_of(time_ns)
         if pair is not None and pair.truth_ns == time_ns:
             return self._found(final, pair, near)
+        finder = _finder(evidence, final)
+        if finder and not near:  # what found no step gave none to the stage that works on steps
+            found = self._candidates(finder, time_ns, within)
+            given = [(part, row) for part, row in found if part.accepted[row]]
+            if given:
+                part, row = min(given, key=lambda item: closeness(item[0], item[1], time_ns))
+                text = f"{finder} finds it, {final} does not give it again"
+                return replace(self._timing(part, row, text), cause="dropped")
+            final, near = finder, found
         if near:
             part, row = min(near, key=lambda item: closeness(item[0], item[1], time_ns))
             return self._failed(part, row, time_ns, within)
@@ -746,6 +756,20 @@ def reason_at(evidence: Evidence, time_ns: int, tolerance_s: float) -> Reason:
 def _last_stage(evidence: Evidence, emits: str) -> str:
     stages = [part.spec.stage for part in evidence.stages if part.spec.emits == emits]
     return stages[-1] if stages else ""
+
+
+def _finder(evidence: Evidence, stage: str) -> str:
+    """Return whose steps a stage gives again, as one that tells their types; else nothing."""
+    order = [each.key for each in evidence.config.stage]
+    if stage not in order:
+        return ""
+    index = order.index(stage)
+    if not any(
+        need.kind is StepEvent for need in stage_named(evidence.config.stage[index].use).takes
+    ):
+        return ""
+    before = [p.spec for p in evidence.stages if p.spec.stage in order[:index]]
+    return next((spec.stage for spec in reversed(before) if spec.emits == "step"), "")
 
 
 def _failed(evidence: Evidence, part: StageEvidence, row: int, time_ns: int, reach: int) -> Reason:

@@ -108,6 +108,13 @@ class Redecider:
             for stage, kind in self.stages
         }
 
+    @property
+    def untried(self) -> str:
+        """The stage that gives the steps, where it takes signal and steps: it takes a replay."""
+        steps = [p.spec.stage for p in self.evidence.stages if p.spec.emits == "step"]
+        decided = {stage.key for stage, _ in self.stages}
+        return steps[-1] if steps and steps[-1] not in decided else ""
+
     def outcome(
         self, settings: Settings | None = None, span_ns: tuple[int, int] | None = None
     ) -> Outcome:

@@ -159,6 +159,8 @@ class Healer:
         truth = TrueSteps.of(evidence.labels, evidence.start_ns, evidence.end_ns, tolerance_s)
         self._truth = StepTruth(truth)
         self._tries = Tries.of(redecider)
+        #: The stage whose decisions of other settings are not known without a replay; else nothing.
+        self.untried = redecider.untried
         self._tried: dict[Changes, _Trial | None] = {}
         self._singles: list[_Trial] | None = None
         self._pairs: list[_Trial] | None = None
@@ -203,7 +205,7 @@ class Healer:
 
     def _mended(self, time_ns: int, works: Works) -> Remedy | None:
         """Return the smallest change of one parameter that works; else the best pair."""
-        if self._tries is None:
+        if self._tries is None or self.untried:
             return None
         near = self._about(self._tries, time_ns)
         best = self._nearby(self._tries, near, time_ns, works)

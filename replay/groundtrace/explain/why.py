@@ -115,6 +115,8 @@ class Account:
     shift
         The one shift of all detections that mends most steps found at the wrong time; None where
         none mends most of them.
+    untried
+        The stage for which no changes were tried: what it makes of them takes a replay.
     """
 
     recording: str
@@ -130,6 +132,7 @@ class Account:
     missed: tuple[Missed, ...]
     false: tuple[False_, ...]
     shift: TimeShift | None = None
+    untried: str = ""
 
 
 def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
@@ -174,6 +177,7 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
         missed,
         false,
         best_shift(matching, reasons.pairs),
+        healer.untried,
     )
 
 
