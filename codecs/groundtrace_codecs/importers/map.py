@@ -268,7 +268,7 @@ class _Read:
 
 
 def import_tables(tables: Sequence[Table], map_: ImportMap) -> Imported:
-    """Return what files of one map hold; several are one recording, see :mod:`.map`.
+    """Return what files of one map hold; several are one recording, end to end.
 
     Raises
     ------

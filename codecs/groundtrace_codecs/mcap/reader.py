@@ -234,7 +234,7 @@ class McapFile:
         """Read messages in the order in which they were recorded, for a copy.
 
         As :meth:`messages`, but where a clock was set back: there the messages of each channel
-        come in the order of the file (:mod:`.reader`), which a copy has to keep.
+        come in the order of the file, which a copy has to keep.
         """
         wanted = self.channels.keys() if channel_ids is None else channel_ids
         clock = self.reading_clock(wanted)

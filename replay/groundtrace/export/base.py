@@ -133,7 +133,7 @@ class Exporter(Protocol):
     suffixes
         Ends of file names that mean this format, lower case, with the dot.
     kinds
-        What it can write, by the names of :mod:`.base`.
+        What it can write, by the names of :func:`all_kinds`.
     one_kind
         True where a file holds a single kind; a folder then takes a file of each.
     """

@@ -1,6 +1,6 @@
 """What a worn sensor felt, in axes that stay level and do not turn: acceleration and field.
 
-The orientation is that of :mod:`.` without its compass: level, turned about the
+The orientation is that of :mod:`.attitude` without its compass: level, turned about the
 vertical by an unknown angle, and drifting slowly. What the field says is taken in elsewhere, where
 it can be weighed against everything else that is known.
 

@@ -296,7 +296,7 @@ AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
 class DeadReckoning(Stage):
     """Steps times length along their azimuth, a filter's errors with them.
 
-    The steps are those of one stage, with a sensor that has a gyroscope, see :mod:`.pdr`.
+    The steps are those of one stage, with a sensor that has a gyroscope.
     Streams of the placement of the steps' topic are one sensor; the last of the sensors is heard
     now. A gap of that topic, or of its gyroscope, that is not bridged ends the track; the next
     begins where it ended, in a direction that is to be found anew. Of the labels only waypoints are

@@ -21,7 +21,7 @@ counts. At a threshold the two answers are alike; at twice the threshold one of 
 the habit, 0.67 at most). The confidence is the product along the questions. Method and numbers are
 ours.
 
-Watches a worn sensor while its wearer walks, until :mod:`.placement` can be asked.
+Watches a worn sensor while its wearer walks, until there is enough for a guess.
 
 Everything runs in windows on the grid of :mod:`.dsp.resample`: what is found does not depend
 on how the signal comes in blocks.

@@ -5,7 +5,7 @@ One implementation for all who read a recording: ``import`` and ``info`` give li
 Which axes and unit of a gyroscope fit the acceleration and the field that came with it.
 
 A hypothesis is one sensor whose columns carry the wrong axes or signs. Acceleration and field each
-judge the gyroscope (:mod:`.worn_sensor_faults`), so that with a field it is told which of the three
+judge the gyroscope, so that with a field it is told which of the three
 is the odd one out. What cannot be told: a sign of all three axes of acceleration or of field
 (turned round, they stand as still), and axes about which nothing turned; of what fits equally the
 least change to the map is named.

@@ -703,11 +703,11 @@ def go_on(
     start, last
         Orientation at its start, and the turn from its end to there.
     said
-        As :mod:`.attitude` lays it out.
+        As laid out above.
     turned
         Takes what its mean turn makes of the body in the earth frame, shape (3, 3).
     state, covariance, p, room
-        As :mod:`.attitude` lays them out.
+        As laid out above.
     """
     axes = room[APART:GAIN, :3]
     axes[:] = 0.0
@@ -793,9 +793,9 @@ def frames(
     length
         Samples of a frame.
     state, covariance
-        Of the filter, as :mod:`.attitude` lays them out.
+        Of the filter, as laid out above.
     compass
-        Belief and fields, as :mod:`.attitude` lays them out; norms and azimuths of the last
+        Belief and fields, as laid out above; norms and azimuths of the last
         frames, and how many there are and may be, as :func:`tests` has them.
     watched, tries
         Fields so far and those that failed; every how many, from how many on, and where what part
@@ -1161,14 +1161,14 @@ def learn_field(
     Parameters
     ----------
     state, covariance, belief, fields
-        Go on in place; as laid out above and in :mod:`.attitude`.
+        Go on in place; as laid out above.
     turned, field
         As those of :func:`without`; ``seen`` is what that makes of the field
         by the clean belief.
     turned_rad, length_s
         How far the sensor turned in the frame, and its length.
     room
-        As :mod:`.attitude` lays it out, written over.
+        As laid out above, written over.
     """
     doubted = belief[DOUBTED] > 0.0
     some_iron = belief[FOR_IRON] > 0.0

@@ -1,6 +1,6 @@
 """The loops of arrival pickers, compiled: filters, cells, frames, gates.
 
-Samples lie in lanes as in :mod:`~.picker`.
+Samples lie in lanes.
 
 The loops of cells under way, compiled: samples in lanes, folded into a cell each millisecond.
 

@@ -1,7 +1,7 @@
 """GCC-PHAT: arrivals of one step by correlating the waveforms of all pairs of channels.
 
 An onset hides in noise and echoes; the waveform behind it does not. Delays of all pairs give
-consistent arrivals up to one time, see :mod:`.gcc_phat`, and onset picks say when. Where waves
+consistent arrivals up to one time, and onset picks say when. Where waves
 disperse they are the arrivals of one frequency, the same in all steps: about that of the swings
 that onsets are picked at. Where the window does not hold one step alone (two walkers, echoes
 without end) the pairs contradict each other, and the onset picks go out as they are.

@@ -23,7 +23,7 @@ trail foot closes. The body sinks onto each foot, deeper onto the lead foot.
 
 How a worn sensor moves: from the waist's steps to trunk, thigh, wrist and foot.
 
-The waist moves as a point above the feet with the accelerations of :mod:`.gait`. The trunk
+The waist moves as a point above the feet with the accelerations of its gait. The trunk
 follows it, damped, and turns against it. A phone in a trouser pocket hangs on the thigh and a
 watch on the arm: both swing about hip and shoulder once a stride. A foot rests on the floor
 between heel-off and contact of the other, and swings to its next place.

@@ -4,7 +4,7 @@ A :class:`.gait.Plan` says when which foot touches the floor and where the body 
 :mod:`.gait` how the waist moves within a step of each type; :mod:`.gait` how that reaches
 the place where the sensor is worn. What a sensor measures follows from the motion: its
 accelerometer feels the acceleration plus gravity in its own axes, its gyroscope the rotation
-between samples, its magnetometer the field of :mod:`.walk` there.
+between samples, its magnetometer the field of the earth and of magnets there.
 """
 
 from __future__ import annotations

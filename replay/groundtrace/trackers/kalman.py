@@ -9,7 +9,7 @@ Nor does it follow a walker whose step is missed, or who turns about: see :class
 Smoothing a finished track: every step in the light of all steps after it as well.
 
 Source: H. E. Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic
-systems, AIAA Journal 3 (1965), on the model of :mod:`.kalman`.
+systems, AIAA Journal 3 (1965), on the model of a walk by steps.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Several walkers, each with a step-clocked Kalman filter, told apart by where they go.
 
 Source: the thesis on footstep localisation, chapter 6, for each walker; it has one only. Fixes
-and predicted steps are assigned one to one inside a gate, see :mod:`.walkers`. Two walkers may
+and predicted steps are assigned one to one inside a gate. Two walkers may
 set their feet down at any times, but of one walker two impacts within the least pace and at one
 place are heel and toe: the second joins no track and begins none.
 

@@ -6,7 +6,7 @@ width d / v of
 
     P(t) = peak / (1 + ((t - t0) / width)^2)^(n/2) + noise,
 
-so that speed comes from several stations, see :mod:`.passes`. Vehicles that
+so that speed comes from several stations. Vehicles that
 overlap add up: their laws are fitted jointly.
 
 Vehicles on a road, from their passes by a few stations beside it: direction and speed.
