@@ -1,4 +1,4 @@
-"""``python -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` takes a picture of a replay."""
+"""``python -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` draws a moment of a replay."""
 
 from __future__ import annotations
 
