@@ -56,6 +56,8 @@ from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.source import Holder
 from ..pipeline.stage import CannotStart, Context, Input, Stage
+
+# Ahead is read at run time, where the parameters are described
 from .body_motion import STEEP, Ahead, WalkingAxis, level_axis, step_swing
 from .frames import columns_of_axes
 
