@@ -1,4 +1,4 @@
-"""Annotations: labels that people give and change, each with an id, and the sidecar they are in.
+"""Annotations: labels that people add and change, each with an id, and the sidecar file of them.
 
 A sidecar is an MCAP file beside a recording, ``REC.annotations.mcap`` beside ``REC.mcap``. Its
 metadata name the recording by file name and SHA-256.

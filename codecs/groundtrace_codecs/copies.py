@@ -1,4 +1,7 @@
-"""Copies of an MCAP file, every message byte by byte: with annotations inside, or mended."""
+"""Copies of a recording: with annotations inside, repaired, cut, filtered or converted.
+
+What is not changed is copied byte by byte, message by message.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Events: what stages say about the signal. Single events are objects, candidates are columns.
+"""Events: what stages report about the signal. Single events are objects, candidates are columns.
 
-All kinds of single events stand in one table, :data:`EVENTS`. A new kind is a class and a row here
-and a message in ``groundtrace.proto``: it is then written, read, told in the log, exported and
-counted. A view and a scorer make it complete.
+All kinds of single events stand in one table, :data:`EVENTS`. A new kind needs a class and a row
+here and a message in ``groundtrace.proto``: it is then written, read, shown in the log, exported
+and counted. A view and a scorer make it complete.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Several recordings as one file on one clock, with everything that is in each."""
+"""Merges several recordings into one file on one clock, with the whole content of each."""
 
 from __future__ import annotations
 

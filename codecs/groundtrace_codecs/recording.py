@@ -1,4 +1,4 @@
-"""Recordings as typed blocks: streams out of an MCAP file, ours or another's."""
+"""Recordings as typed blocks: the streams of an MCAP file, written by groundtrace or by others."""
 
 from __future__ import annotations
 

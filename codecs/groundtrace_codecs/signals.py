@@ -1,4 +1,4 @@
-"""Sampled signals: what a channel is, what a stream is, and a block of samples of one stream.
+"""Sampled signals: channels, streams, blocks of samples of one stream, and units.
 
 A block of 16 geophones and a block of an accelerometer's three axes are the same type with other
 channels. Algorithms choose channels by quantity, never by position in a file.

@@ -1,11 +1,10 @@
-"""Truth tables: what happened, as CSV any tool can write, or read from picks and recordings.
+"""Truth tables: what happened, from CSV that any tool can write, or from picks and recordings.
 
-Hand picks of a refraction line in the unified data format (.sgt) of GIMLi and its relatives.
-
-A count, a comment ``#x y`` that names the columns, and that many shot and geophone points; then a
-count, a comment ``#s g t``, and that many picks by 1-based index of the points. With two
-coordinates the second is the elevation, so places are compared along the line; with three, the
-first two are the plan.
+Hand picks of a refraction line are read from the unified data format (.sgt) of GIMLi and its
+relatives: a count, a comment ``#x y`` that names the columns, and that many shot and geophone
+points; then a count, a comment ``#s g t``, and that many picks by 1-based index of the points. With
+two coordinates the second is the elevation, so positions are compared along the line; with three,
+the first two are the plan.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
-"""Writing recordings: streams, geometry, labels and events into one MCAP file.
-
-Blocks of a stream as messages: which encoding a stream gets, and its preview for other viewers.
+"""Writes recordings: streams, geometry, labels and events into one MCAP file.
 
 A full IMU, a magnetometer, barometer, thermometer or GNSS in SI units becomes a ROS 2 message,
-which every viewer draws; everything else a ``groundtrace.WaveformBlock``. Messages and previews
-are cut at multiples of absolute sample indices, so that they do not depend on how the samples came.
+which every viewer draws; everything else a ``groundtrace.WaveformBlock``, with a preview for other
+viewers. Messages and previews are cut at multiples of absolute sample indices, so that they do not
+depend on the blocks in which the samples came.
 """
 
 from __future__ import annotations

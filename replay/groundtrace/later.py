@@ -1,7 +1,8 @@
 """Modules that are imported when something of them is first asked for.
 
-Compiled functions take half a second to import. What only lists or explains pipelines does without
-them, and what runs them asks for them so often that an ``import`` in the function would count.
+Compiled functions take half a second to import. Commands that only list or explain pipelines do not
+need them, and the code that runs them asks for them so often that an ``import`` in the function
+would count.
 """
 
 from __future__ import annotations

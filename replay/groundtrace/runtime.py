@@ -1,13 +1,13 @@
-"""What the process is told at its start: threads of matrix libraries, freed memory; its version.
+"""Settings of the process: threads of matrix libraries and freed memory; the installed version.
 
 Matrices here are small. Shared between threads a product of them gains nothing, and threads that
-wait for the next one keep their cores busy: a replay with places took up to a third more CPU time.
+wait for the next one keep their cores busy: a replay with locations took up to a third more CPU
+time.
 
-Memory that was freed: kept for the next block instead of given back to the system.
-
-Blocks of a recording come and go, some MiB each. By default glibc gives much of that back at once
-and asks for it again, and the system hands out every page anew, filled with zeros: two thousand of
-them while ten minutes of an IMU are read, a tenth to a sixth of the time that it takes.
+Freed memory is kept for the next block instead of given back to the system. Blocks of a recording
+come and go, some MiB each. By default glibc gives much of that back at once and asks for it again,
+and the system hands out every page anew, filled with zeros: two thousand of them while ten minutes
+of an IMU are read, a tenth to a sixth of the time that it takes.
 """
 
 from __future__ import annotations

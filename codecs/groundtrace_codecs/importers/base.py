@@ -1,4 +1,4 @@
-"""What an importer is, what a map tells it of a table's columns, and what it gives."""
+"""The importer protocol: the columns that a map describes, and the streams that are returned."""
 
 from __future__ import annotations
 

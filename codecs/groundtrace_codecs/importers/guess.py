@@ -1,13 +1,11 @@
-"""A guess at the map of a text table, for a person to check: what each column may be, and why.
+"""Guesses the map of a text table for a person to check: the meaning of each column, and why.
 
-Words of the header count most, then how large the numbers are: gravity is 9.8 m/s2 or 1 g, the
-earth's field 20 to 70 uT, the air's pressure near 1000 hPa.
+Words of the header count most, then the size of the numbers: gravity is 9.8 m/s2 or 1 g, the
+earth's field 20 to 70 uT, air pressure near 1000 hPa.
 
-Units that cannot be true: what a stream's values would mean, and the unit they fit instead.
-
-Gravity is in every accelerometer's values, the earth's field in every magnetometer's, and no body
-turns at a hundred radians a second: values that are of the right size in another unit carry the
-wrong one.
+:class:`UnitWatch` also checks stated units. Every accelerometer measures gravity, every
+magnetometer the earth's field, and no body turns at a hundred radians a second. Values that cannot
+be true in the stated unit but have the right size in another one carry the wrong unit.
 """
 
 from __future__ import annotations

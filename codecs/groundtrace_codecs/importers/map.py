@@ -1,28 +1,23 @@
-"""Map TOML: what the columns of a table or archive mean, typed and checked when loaded.
+"""Maps: TOML that says what the columns of a table or archive mean, and the import it describes.
 
-True headings and disturbances of the magnetic field, from a reference orientation.
+A map is typed and checked when it is loaded. Paths lead into nested archives, such as
+``data.Trial1.SU.LowerBack.Acc[:,0]`` or ``bouts[*].Start``: names joined by dots, each followed by
+any number of brackets. ``[*]`` takes each element of a struct array, ``[3]`` one element, ``[:,0]``
+one column of a matrix.
 
-The field that a sensor measures, turned to the earth frame by the reference orientation, is
-constant but for disturbances. A magnetometer answers a little later than the optics; unless that
-delay is taken out, fast turning alone looks like a disturbance.
+Events of a reference system are described by ``[[truth]]`` tables. Such systems miss contacts and
+report one twice. Nothing is dropped silently: around a contact known to be missing there is an
+``ignore`` span, and events nearer to each other than ``min_interval_s`` become one with a warning.
 
-Reference events inside a source file, as its map's ``[[truth]]`` tables describe them.
+A reference orientation gives true headings and disturbances of the magnetic field. The measured
+field, turned to the earth frame by the reference orientation, is constant but for disturbances. A
+magnetometer answers a little later than the optical system; unless that delay is taken out, fast
+turning alone looks like a disturbance.
 
-Reference systems miss contacts and report one twice. Nothing is dropped silently: around a
-contact known to be missing there is an ``ignore`` span, and events nearer to each other than
-``min_interval_s`` become one with a warning.
-
-Paths into nested archives: ``data.Trial1.SU.LowerBack.Acc[:,0]``, ``bouts[*].Start``.
-
-A path is names joined by dots, each followed by any number of brackets: ``[*]`` takes each
-element of a struct array, ``[3]`` one element, ``[:,0]`` one column of a matrix.
-
-Files that each hold one event, or one part of a recording, as one recording.
-
-Files that tell different times keep them: a hammer shot its acquisition time, a table its clock.
-Where their times overlap, as those of files do that each begin at 0, they tell nothing, and the
-files are laid end to end in order, with a second of nothing between two so that a replay starts
-each with fresh state.
+Several files, each with one event or one part of a recording, become one recording. Files with
+distinct times keep them: a hammer shot its acquisition time, a table its clock. Where times
+overlap, as in files that each begin at 0, they mean nothing: the files are laid end to end in
+order, with a second without samples between two, so that a replay starts each with fresh state.
 """
 
 from __future__ import annotations

@@ -1,24 +1,22 @@
-"""Importer for recordings of phone apps: Sensor Logger and phyphox, as zip, folder or CSV files.
+"""Importers for recordings of phones: Sensor Logger, phyphox and the Indoor Location Competition.
 
-Tables of the app phyphox: one per sensor, or one in all.
+Recordings of Sensor Logger and phyphox may be a zip archive, a folder or CSV files.
 
-The first column is ``Time (s)``, since the experiment began; the others say their unit. Separator
-and decimal sign are the user's choice, the words those of the phone's language, so that a column
-is known by its unit. ``meta/time.csv`` says when on the calendar the experiment ran and paused: the
-time of the experiment stands still in a pause.
+Sensor Logger writes one table per sensor. Columns are ``time`` (unix time, ns), ``seconds_elapsed``
+and those of the sensor, with the axes in the order z, y, x. Units and signs are those of the app's
+UNITS and COORDINATES pages: Android's, except that an iPhone without "Standardise Units & Frames"
+gives every acceleration with the opposite sign, and that of the uncalibrated accelerometer in g.
 
-Tables of the app Sensor Logger, one per sensor.
+phyphox writes one table per sensor, or one for all. The first column is ``Time (s)``, since the
+experiment began; the others state their unit. Separator and decimal sign are the user's choice and
+words are in the phone's language, so a column is recognised by its unit. ``meta/time.csv`` gives
+the calendar time at which the experiment ran and paused: the time of the experiment stands still in
+a pause.
 
-Columns are ``time`` (unix time, ns), ``seconds_elapsed`` and the sensor's, whose axes stand in the
-order z, y, x. Units and signs are those its UNITS and COORDINATES pages give: Android's, except
-that an iPhone without "Standardise Units & Frames" gives every acceleration with the opposite
-sign, and that of the uncalibrated accelerometer in g.
-
-Importer for traces of the Indoor Location Competition 2.0 (Microsoft Research, XYZ10).
-
-A trace is tab-separated text, one event a line: unix time [ms], type, values. Accelerometer,
-gyroscope and magnetometer of the phone become streams, the surveyor's waypoints truth, and the
-first of them the place where the walk starts. Radio scans and Android's own orientation stay out.
+A trace of the Indoor Location Competition 2.0 (Microsoft Research, XYZ10) is tab-separated text,
+one event a line: unix time [ms], type, values. Accelerometer, gyroscope and magnetometer of the
+phone become streams, the surveyor's waypoints truth, and the first of them the start of the walk.
+Radio scans and Android's own orientation are left out.
 """
 
 from __future__ import annotations

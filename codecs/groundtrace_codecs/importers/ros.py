@@ -1,7 +1,7 @@
 """Importer for ROS bags: ROS 1 ``.bag``, and ROS 2 folders of ``.db3`` or ``.mcap``.
 
-What a message holds is told by the same code that reads ROS 2 messages of an MCAP file
-(:mod:`.recording`); messages of ROS 1 are brought to CDR first.
+Messages are read by the same code as ROS 2 messages of an MCAP file (:mod:`.recording`); messages
+of ROS 1 are converted to CDR first.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Imports: which importer reads given files, and one run from files to a recording."""
+"""The run of an import: chooses the importer that reads given files, and writes the recording."""
 
 from __future__ import annotations
 

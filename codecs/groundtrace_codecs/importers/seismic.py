@@ -1,21 +1,15 @@
 """Importer for seismic files, read by ObsPy: SEG-2 shots, miniSEED, SAC, SEG-Y and others.
 
-StationXML among the files, or alone beside them, says what counts are worth and where sensors
-stand.
+Hammer shots of one line become one recording. Shots lie in the order they were fired (acquisition
+time, then file name). Each is a contiguous run at its own time, or laid end to end where the
+headers give no distinct times, see :mod:`.map`. Receivers are named ``G01``, ``G02``, ... by
+position along the whole line. Where the spread is moved between shots each spread is a stream of
+its own, and the name of a receiver position stays.
 
-Station metadata in StationXML: what one count of a channel is worth, and where it stands.
-
-A channel has epochs, each with its own sensitivity and place: the one that holds at a sample's
-time counts. The sensitivity is that at one frequency; the instrument's response beside it stays
-in the samples. Azimuth and dip say which way is positive (FDSN StationXML 1.2, Channel).
-
-Hammer shots of one line as one recording.
-
-Shots lie in the order they were fired (acquisition time, then file name), each a contiguous run at
-its own time, or laid end to end where their headers tell no different times, see
-:mod:`.map`. Receivers are
-named ``G01``, ``G02``, ... by place along the whole line: where the spread is moved between shots
-each spread is a stream of its own, and a receiver place keeps its name.
+StationXML among the files, or beside them, gives the sensitivity of each channel and the position
+of its sensor. A channel has epochs, each with its own sensitivity and position; the one that holds
+at a sample's time counts. The sensitivity is that at one frequency: the response of the instrument
+stays in the samples. Azimuth and dip give the positive direction (FDSN StationXML 1.2, Channel).
 """
 
 from __future__ import annotations
@@ -354,7 +348,7 @@ def _channel(name: str, trace: Any) -> Channel:
 _MARK = b"FDSNStationXML"
 _HEAD_BYTES = 4096
 SUFFIXES = frozenset({".xml", ".stationxml"})
-#: Units of the ground or air that a sensitivity counts from, as :mod:`..units` spells them.
+#: Units of the ground or air that a sensitivity counts from, as :mod:`.signals` spells them.
 _INPUTS = {
     text.lower(): text
     for text in (

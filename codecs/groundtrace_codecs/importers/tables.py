@@ -1,11 +1,10 @@
 """Importers of tables: delimited text, MATLAB, HDF5 and NumPy archives, with a map.
 
-Importer for MATLAB files up to version 7.2, with a map.
-
-The bytes are read here (MAT-File Format, The MathWorks, R2024b: level 4 and level 5): every length
-is checked against what is left of the file before it is believed, so that a damaged file is an
-error of one line. Tables, strings of the string class, function handles and sparse arrays are kept
-as what they are called, for they hold no column that a path could lead to.
+The bytes of MATLAB files up to version 7.2 are read here (MAT-File Format, The MathWorks, R2024b:
+level 4 and level 5). Every length is checked against the rest of the file before it is believed, so
+that a damaged file is an error of one line. Tables, strings of the string class, function handles
+and sparse arrays are kept as the name of their class only, as they hold no column that a path could
+lead to.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""Times of imported samples: in words, in time scales, by counters of packets, in a map.
+"""Times of imported samples: from calendar texts, in time scales, and by packet counters.
 
-Counters of packets or samples: what was lost, came twice or late, and the times they give.
-
-A counter knows what a clock of the host does not: how many samples lie between two that arrived.
-It wraps around at its modulus, and begins again where the device was restarted.
+A counter of packets or samples shows what a host's clock cannot: how many samples lie between two
+that arrived, and which were lost, came twice or came late. It wraps around at its modulus, and
+begins again where the device was restarted.
 """
 
 from __future__ import annotations

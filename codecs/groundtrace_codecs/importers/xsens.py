@@ -1,8 +1,8 @@
 """Importer for the text that Xsens MT Manager exports: one file per sensor.
 
-Comments of ``//``, a row of names, rows of numbers. Units are those of the manual: m/s2, rad/s,
-degrees, and for the magnetometer the field where it was calibrated (MTw Awinda User Manual,
-"Exporting data": a.u.). Older versions write ``Counter`` and ``Sample rate``, newer ones
+A file has comments of ``//``, a row of names and rows of numbers. Units are those of the manual:
+m/s2, rad/s, degrees, and for the magnetometer the field where it was calibrated (MTw Awinda User
+Manual, "Exporting data": a.u.). Older versions write ``Counter`` and ``Sample rate``, newer ones
 ``PacketCounter`` and, not always, ``Update Rate``.
 """
 

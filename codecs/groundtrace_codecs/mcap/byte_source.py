@@ -1,4 +1,4 @@
-"""Where the bytes of a recording come from: a file, memory, or anything that reads at an offset.
+"""Byte sources of a recording: a file, memory, a URL, or anything that reads at an offset.
 
 Reading at an offset keeps the memory of a long recording constant; a memory map of a 2 GB file
 counts as 2 GB of resident memory.

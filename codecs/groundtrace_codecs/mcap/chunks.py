@@ -1,20 +1,16 @@
-"""From a Chunk record to its messages: checked, bounded decompression and one walk.
-
-A chunk is delivered whole or not at all. Its CRC covers the uncompressed records only, so nothing
-else of the record is believed: times and channels come from a checked summary or from the records
-themselves.
-
-Where the messages of a chunk begin: a walk from record to record, in strides where it can be.
-
-Each record tells where the next one begins, so that records are found one by one. What a recorder
-writes repeats, however: where the lengths of many records are those of as many before, it is looked
-up whether they go on like that, all at once. Every record that is taken lies where the one before
-it ends, whether it was guessed or not.
-
-Records of the MCAP format: the values they carry and how their bytes are read.
+"""Records and chunks of the MCAP format: their fields, and the messages inside a chunk.
 
 A record is ``u8 opcode, u64 length, content``, little-endian (MCAP specification, "Records"). A
 known record may carry bytes after the fields known here; they are left unread.
+
+A chunk is delivered whole or not at all, after a checked decompression of bounded size. Its CRC
+covers the uncompressed records only, so nothing else of the Chunk record is believed: times and
+channels come from a checked summary or from the records themselves.
+
+Each record gives the start of the next one, so messages are found one by one. What a recorder
+writes repeats, however. Where the lengths of many records equal those of as many before, the same
+pattern is tested on the following bytes all at once. Every record that is taken lies where the one
+before it ends, whether its length was predicted or not.
 """
 
 from __future__ import annotations

@@ -1,22 +1,19 @@
-"""Reading MCAP recordings: ordered, checked, in constant memory, whatever state the file is in.
+"""Reads MCAP recordings: ordered, checked, in constant memory, whatever state the file is in.
 
-What a file holds and where: from its summary, or from a front scan where that will not do.
+The index of a file, its channels and the places of its chunks, comes from the summary, or else from
+a front scan. A summary is used only if its CRC matches and its Statistics record proves that it is
+complete, since a summary may lawfully leave out channels, schemas or indexes.
 
-A summary is used only if its CRC matches and its Statistics record proves that it lists everything;
-a summary may lawfully leave out channels, schemas or indexes.
+Several MCAP files written one after the other into one file are read as one recording. A logger
+that appends to an existing file, or two files put together, leave a second beginning after the
+first end. Ids have another meaning in each part, so they are made distinct; a second copy of the
+same bytes is left out.
 
-Several files written one after the other into one, read as one recording.
-
-A logger that appends to an existing file, or two files put together, leave a second beginning after
-the first end. Ids mean something else in each, so they are made distinct; a second copy of the same
-bytes is left out.
-
-Clocks that were set back while a file was written: in what order its messages were recorded.
-
-Log times tell the order of messages, but for a clock that is set back: it shows some times twice,
-and by log time what was recorded first and last would be mixed. There the order of the file tells:
-each message is read at the time that its clock would show, had it never been set back. Messages
-that only lie in another order in the file, as some writers leave them, go by their log times.
+Messages are ordered by log time, except where the clock was set back while the file was written.
+Such a clock shows some times twice, and by log time what was recorded first and last would be
+mixed. There the order of the file counts: each message is read at the time that its clock would
+show, had it never been set back. Messages that only lie in another order in the file, as some
+writers leave them, keep their log times.
 """
 
 from __future__ import annotations

@@ -1,16 +1,14 @@
 """The front scan: every record that can be believed, for files whose summary cannot be used.
 
 Every chunk is decompressed and checked once, so that times, channels and counts come from the
-messages themselves and no unprotected record is believed. Where a record's head is broken, the
+messages themselves and no unprotected record is believed. Where the head of a record is broken, the
 chunk's own fields are tried, then the next record is searched for. Files that were written one
 after the other into one are scanned one by one.
 
-Which record heads are believed, and where the next record is found after one that is not.
-
 Nothing protects the opcode and the length of a record. One flipped bit in a length would send a
-scan into the middle of something, and cost the rest of the file or make messages of other bytes.
-So a head is believed only if the record's own fields have that length, or if a record can follow
-where it ends.
+scan into the middle of another record, and cost the rest of the file or make messages of other
+bytes. So a head is believed only if the record's own fields have that length, or if a record can
+follow where it ends.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Writing an MCAP file: chunks that hold one kind of content each, their indexes and the summary.
+"""Writes MCAP files: chunks that hold one kind of content each, their indexes and the summary.
 
-Whoever reads one kind of content does not decompress the others, and each is compressed as suits
-it. Schemas and channels lie in the chunks of the kind that needs them, before the first message
-that does: what is left of a torn file says how its messages are read.
+A reader of one kind of content does not decompress the others, and each kind is compressed as suits
+it. Schemas and channels lie in the chunks of the kind that needs them, before its first message, so
+that the messages of a torn file can still be decoded.
 """
 
 from __future__ import annotations

@@ -1,26 +1,20 @@
-"""ROS 2 messages: definitions, and CDR payloads as columns of many messages at once.
+"""ROS 2 messages: their definitions, CDR payloads as columns, and the streams they hold.
 
-A message's bytes are fixed once the lengths of its strings and sequences are: its layout is walked
-once, and every following message of the same lengths is read, and written, by numpy views at the
-same offsets. Alignment counts from the body, four bytes after the start (OMG DDSI-RTPS 2.3,
-chapter 10; encapsulations CDR_BE and CDR_LE).
+Definitions are parsed from the text of the MCAP specification's ``ros2msg`` schema encoding:
+definitions separated by a line of ``=``, each but the first opened by ``MSG: package/Type``. The
+schemas that groundtrace writes have the fields and constants of the ROS 2 packages std_msgs,
+geometry_msgs and sensor_msgs of Jazzy, without their comments: the types have the same hash (REP
+2016).
 
-Streams in ROS 2 messages: which messages hold samples, where, and at what time.
+The layout of a message's bytes is fixed once the lengths of its strings and sequences are. It is
+walked once; every following message of the same lengths is read, and written, by numpy views at the
+same offsets. Alignment counts from the body, four bytes after the start (OMG DDSI-RTPS 2.3, chapter
+10; encapsulations CDR_BE and CDR_LE).
 
-Recognised by the embedded schema alone: the five ``sensor_msgs`` below, and any message that
-contains one of them, also in one array. A message of another type with a latitude and a longitude
-is taken for a position. A sample's time is the stamp of its own header where that
-is non-zero, else of the nearest enclosing one, else the message's log time.
-
-Parser of ``ros2msg`` schemas: a message definition followed by those it depends on.
-
-The text is that of the MCAP specification's well-known schema encoding: definitions separated by
-a line of ``=``, each but the first opened by ``MSG: package/Type``.
-
-``ros2msg`` schemas of the ROS 2 messages that groundtrace writes.
-
-Fields and constants are those of the ROS 2 packages std_msgs, geometry_msgs and sensor_msgs as
-Jazzy has them, without their comments: the types have the same hash (REP 2016).
+Streams are recognised by the embedded schema alone: the five ``sensor_msgs`` below, and any message
+that contains one of them, also in one array. A message of another type with a latitude and a
+longitude is taken for a position. A sample's time is the stamp of its own header where that is
+non-zero, else of the nearest enclosing one, else the message's log time.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """``groundtrace.WaveformBlock``: samples of one stream, channel by channel.
 
-Integers as planes of bytes: what compresses best of samples, and fastest.
-
-A sample is ``sum(digit[k] * 256**k)``, modulo its range, with signed digits of one byte. The lowest
-digits of all samples come first, then the next ones, as far as there are any: a quiet signal takes
-one byte a sample, where two's complement has 0x00 and 0xff in turn between bytes of noise.
+Integers are stored as planes of bytes, which compress best and fastest. A sample is
+``sum(digit[k] * 256**k)``, modulo its range, with signed digits of one byte. The lowest digits of
+all samples come first, then the next ones, as far as there are any. A quiet signal takes one byte a
+sample, where two's complement has 0x00 and 0xff in turn between bytes of noise.
 """
 
 from __future__ import annotations

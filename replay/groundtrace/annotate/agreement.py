@@ -1,4 +1,4 @@
-"""What several people say of one recording: where they differ, and what is truth of it all."""
+"""Agreement of several annotators of one recording: where they differ, and their joint truth."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""How far the clocks of two recordings differ, by the moments of what both have recorded.
+"""Alignment of the clocks of two recordings, by the times of events that both have recorded.
 
-Steps are nearly periodic: shifted by one step two walks still fit. What tells the right shift is
-what is not periodic: intervals that vary, starts, stops. Every shift that could be right is judged
-by how much likelier its coincidences are than chance; where the second best is nearly as good, the
-alignment is ambiguous and says so.
+Steps are nearly periodic: shifted by one step two walks still fit. The right shift shows in what is
+not periodic: intervals that vary, starts, stops. Every possible shift is judged by how much
+likelier its coincidences are than chance; where the second best is nearly as good, the alignment is
+reported as ambiguous.
 """
 
 from __future__ import annotations

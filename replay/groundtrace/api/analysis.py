@@ -1,8 +1,8 @@
-"""What is found in results: scores, explanations, comparisons and sweeps.
+"""Analyses of results: scores, explanations, comparisons and sweeps.
 
-The functions take what was decided and the truth; command line and :class:`~.results.Results` both
-call them. The classes are what the functions of the API return: each holds the details as one
-dataclass, ``document`` is what ``--json`` prints of them.
+The functions take decisions and truth; command line and :class:`~.results.Results` both call them.
+The classes are what the functions of the API return: each holds the details as one dataclass, and
+``document`` is what ``--json`` prints of them.
 """
 
 from __future__ import annotations

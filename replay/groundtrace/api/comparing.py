@@ -1,4 +1,4 @@
-"""Results beside others: two of one recording, and many settings of one pipeline."""
+"""Comparisons of results: two of one recording, and many settings of one pipeline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that are read and written: whether they are there, and whether they may be replaced."""
+"""Input and output files: whether inputs exist, and whether outputs may be replaced."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a recording holds: streams, gaps, faults, clocks, truth, damage, as one document."""
+"""What a recording contains: streams, gaps, faults, clocks, truth, damage, as one document."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """The truth that score, why, sweep and compare use, and the annotations that replay shows.
 
-In this order: the file of ``--truth``, the recording's own truth, the annotations beside it, those
-inside it. What a person annotated is never added to a recording's own truth. What a person should
-know of that is given to a ``report``, a line each.
+The first of these that exists is used: the file of ``--truth``, the recording's own truth, the
+annotations beside it, those inside it. Annotations are never added to a recording's own truth.
+Remarks for a person go to a ``report``, a line each.
 """
 
 from __future__ import annotations

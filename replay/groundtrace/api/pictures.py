@@ -1,4 +1,4 @@
-"""Results shown: the viewer in a notebook, or a drawing where there is none."""
+"""Shows results: the viewer in a notebook, or a drawing where there is none."""
 
 from __future__ import annotations
 

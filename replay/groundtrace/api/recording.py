@@ -1,4 +1,4 @@
-"""Recordings: what they hold, their samples as arrays, and those that come with groundtrace."""
+"""Recordings: their streams, their samples as arrays, and those that come with groundtrace."""
 
 from __future__ import annotations
 

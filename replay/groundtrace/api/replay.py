@@ -1,4 +1,4 @@
-"""A replay as commands and pages run it: its arguments, the run, and what is printed."""
+"""A replay as commands and pages run it: its arguments, the run, and its report."""
 
 from __future__ import annotations
 

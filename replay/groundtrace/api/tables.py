@@ -1,4 +1,4 @@
-"""Tables of events: columns of numpy, and on demand of whatever library works with tables."""
+"""Tables of events: columns of numpy, or on demand of polars, pandas, Arrow and others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands print: one JSON document on stdout, or lines for people."""
+"""Output of commands: one JSON document on stdout, or lines for people."""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ from groundtrace_codecs.recording import Recording
 
 from ..api.files import existing, writable
 from ..errors import SimulationError
+
+# the names of choices (PlacementName and others) are read at run time, by the command line
 from ..simulate.gait import (
     PlacementName,
     RouteName,

@@ -1,9 +1,9 @@
 """Adaptive: steps as the dominant peaks of a rhythm, at any place on the body and any rate.
 
 1. The specific force is brought to an even grid and taken along gravity (:mod:`.body_signals`).
-2. Its rhythm is followed: how strongly it repeats itself, and after which time
+2. Its rhythm is tracked: how strongly it repeats itself, and after which time
    (:mod:`.dsp.periodicity`).
-3. It is filtered by the step time that this gives (:class:`AdaptiveBand`).
+3. It is filtered by the step time that this gives (:class:`StepBand`).
 4. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
    step time, and stands in a rhythm.
 

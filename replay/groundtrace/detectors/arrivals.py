@@ -1,15 +1,14 @@
-"""What arrival pickers share: from a decision function to candidates with refined onsets.
+"""The base of arrival pickers: from a decision function to candidates with refined onsets.
 
 A picker gives the level of its decision function, reduced to cells of about 1 ms; the ratio of a
 cell to the noise level some time before it is the candidates' first column. Candidates are the
-local maxima of that ratio; their onset is refined by AIC on the signal as recorded.
+local maxima of that ratio.
 
-Onsets by the Akaike information criterion (AIC) of variances.
-
-Source: Maeda 1985, AIC(k) = k ln var(x[:k]) + (n - k) ln var(x[k:]). Instead of the minimum alone,
-the onset is the mean of k under Akaike weights exp(-(AIC - min) / 2), with the sum divided by the
-signal's correlation length, since neighbouring samples are not independent. The spread of the
-weights is the uncertainty of the onset.
+Their onset is refined on the signal as recorded by the Akaike information criterion (AIC) of
+variances: AIC(k) = k ln var(x[:k]) + (n - k) ln var(x[k:]) (Maeda 1985). Instead of the minimum
+alone, the onset is the mean of k under Akaike weights exp(-(AIC - min) / 2), with the sum divided
+by the signal's correlation length, since neighbouring samples are not independent. The spread of
+the weights is the uncertainty of the onset.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Signals that step detectors on the body share: norm, gravity, the way up, pairs of peaks."""
+"""Signals that step detectors on the body share: norm, part along gravity, and pairs of peaks."""
 
 from __future__ import annotations
 

@@ -1,18 +1,17 @@
-"""Tops that are cut off though no two samples are equal: amplifiers at a rail, sensors at a limit.
+"""Clipped tops without equal samples: amplifiers at a rail, worn sensors at their limit.
 
-A digitiser at full scale repeats one value (:mod:`.signal_faults`). An amplifier's rail is a few
-percent off from top to top, other on the other side, and carries noise; a gyroscope at its limit is
-multiplied, shifted and mixed with the other axes by its calibration. What is left of the cut is the
-corner: the highest samples of a smooth top are a parabola, whose slope beside n samples is 4 / n of
-how far they spread, whatever the rate and the height. A slope of many times that on both sides is
-none of the signal's own.
+A digitiser at full scale repeats one value (:mod:`.signal_faults`). An amplifier's rail differs by
+a few percent from top to top and between its two sides, and carries noise; a gyroscope at its limit
+is multiplied, shifted and mixed with the other axes by its calibration. What is left of the cut is
+the corner. The highest samples of a smooth top are a parabola, whose slope beside n samples is 4 /
+n of their spread, whatever the rate and the height. A slope of many times that on both sides is not
+the signal's own.
 
-Tops of a worn sensor that end at the very same value: too short to be flat, no chance.
-
-A heel strike is over its sensor's limit for a sample or two. The highest value of a signal comes
-once; where it comes again, in tops of their own, chance must explain it. The values next below tell
-by how much: if so many steps of the digitiser hold so many of them, the highest step holds another
-one so often, and n more by the law of Poisson.
+Tops of a worn sensor may be too short to be flat: a heel strike is over the sensor's limit for a
+sample or two. They end at the very same value. The highest value of a signal comes once; where it
+comes again, in tops of their own, chance must explain it. The values next below give the rate: if
+so many steps of the digitiser hold so many of them, the highest step holds another one so often,
+and n more by the law of Poisson.
 """
 
 from __future__ import annotations

@@ -1,14 +1,14 @@
 """Coincidence: picks of several channels close in time are one impact.
 
-Source: the association that the thesis on footstep localisation presumes between detection
-(section 3.4) and localisation (chapter 5). The order of the gates is coincidence, refractory time.
+Source: the association that the thesis on footstep localisation presumes between detection (section
+3.4) and localisation (chapter 5). The order of the gates is coincidence, refractory time.
 
-The thesis has one walker; of two, the feet come down at any times. A refractory time that keeps the
-toe of a step from counting (0.1 s after its heel) keeps the other walker's heel from it as well.
-They differ in their picks: a heel is so sharp that all sensors pick the same front, within the time
-that a wave takes across the room, while onsets of a toe, soft and in the coda of its heel, scatter
-over several times that. So a sharp front may stand alone, whatever picks come shortly before, and
-be spared the refractory time.
+The thesis has one walker; the feet of two come down at any times. A refractory time that keeps the
+toe of a step from counting (0.1 s after its heel) would reject the other walker's heel as well.
+Their picks differ. A heel is so sharp that all sensors pick the same front, within the time that a
+wave takes across the room; onsets of a toe, soft and in the coda of its heel, scatter over several
+times that. So a sharp front may stand alone, whatever picks come shortly before, and is spared the
+refractory time.
 """
 
 from __future__ import annotations

@@ -1,46 +1,26 @@
 """DSTP: steps by belief functions on peaks and valleys of accelerometer and gyroscope.
 
 Source: Dempster-Shafer thesis, chapter III. The magnitude of each sensor is low-passed; the height
-of a peak, and the depth of the valley after it, become masses on peak, no peak and either (III.4);
-the masses of both sensors are combined (III.6) and a validated peak that a validated valley follows
-is a step.
+of a peak, and the depth of the valley after it, become masses on peak, no peak and either (III.4).
+The masses of both sensors are combined (III.6), and a validated peak that a validated valley
+follows is a step.
 
 The thesis gives no cut-off, no corners of the trapezoids, no threshold of the masses and no limits
 of time: all are parameters here, with defaults of ours. It compares heights with their mean over
 the recording; here they are compared with the level of the signal around them, which needs no
-recording that is complete. It finds the peaks of both sensors; here the accelerometer's are the
-candidates, and the gyroscope is asked for the highest value near each. Its decision by the largest
-belief and its test of ``m(peak)`` against ``m(Theta)`` are two gates, since the second does not
-follow from the first.
+complete recording. It finds the peaks of both sensors; here the accelerometer's are the candidates,
+and the highest value of the gyroscope near each is taken. Its decision by the largest belief and
+its test of ``m(peak)`` against ``m(Theta)`` are two gates, since the second does not follow from
+the first.
 
-What two sensors say of a peak or a valley, as masses: each sensor's, and combined.
-
-Source: Dempster-Shafer thesis, chapter III, section V.
-
-What masses say of each subset: belief, plausibility, pignistic probability; and decisions.
-
-Masses have shape (..., 2^k), floats or exact fractions.
-
-Source: Dempster-Shafer thesis, chapter II, section III.4.
-
-Models of masses: how what a source measures becomes masses, shape (..., 2^k).
-
-Numbers may be floats, arrays of floats or exact fractions; arrays give one row each.
-
-Source: Dempster-Shafer thesis, chapter II, section III.2, and chapter III, section V.2.
-
-Rules that combine the masses of several sources, and discounting of a source.
-
-Every rule takes all sources at once, since Yager's, Dubois and Prade's and Florea's are not
-associative: chained in pairs, their result would depend on the order. Masses have shape
-(..., 2^k), floats or exact fractions; leading axes are combined row by row.
-
-Source: Dempster-Shafer thesis, chapter II, section III.3.
-
-Masses are arrays of shape (..., 2^k), one row for each candidate, with floats or exact
-fractions; :class:`Frame` says what the columns are. Source of the belief functions:
-Dempster-Shafer thesis, chapters II and III; where a printed formula is wrong, the function
-says how it is corrected.
+Belief functions, as used here: masses are arrays of shape (..., 2^k), floats or exact fractions,
+one row for each candidate; :class:`Frame` says what the columns are. Models make masses of measured
+values (chapter II, section III.2; chapter III, section V.2), for peaks and valleys as in chapter
+III, section V. Rules combine the masses of several sources and discount a source (chapter II,
+section III.3). Every rule takes all sources at once, since Yager's, Dubois and Prade's and Florea's
+are not associative: chained in pairs, their result would depend on the order. Belief, plausibility,
+pignistic probability and decisions follow chapter II, section III.4. Where a printed formula is
+wrong, the function says how it is corrected.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The scan for faults: hears the blocks of one stream and asks every kind of fault."""
+"""The scan for signal faults: passes the blocks of one stream to a watcher of each kind."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Values that stand still: dead and late channels, dropouts, flat tops of a clipped signal.
 
-All are runs of equal samples. What tells a fault from a coarse or slow signal is the corner: a
-smooth signal that rests on one step of its digitiser comes and goes slower the longer it rests,
-by its curvature; so a run of equal samples with steep signal right before and after is none of
-its own. No rate and no amplitude enters.
+All are runs of equal samples. The corner separates a fault from a coarse or slow signal. A smooth
+signal that rests on one step of its digitiser comes and goes the slower the longer it rests, by its
+curvature; so a run of equal samples with steep signal right before and after is not the signal's
+own. No rate and no amplitude enters.
 """
 
 from __future__ import annotations

@@ -1,19 +1,17 @@
-"""Interference: hum of the mains, offsets that step, spikes.
+"""Interference: hum of the mains, offset steps, spikes.
 
-Spectra of 2 s are averaged as logarithms: a line that is always there stands out, bursts like
-steps do not. A line with harmonics that lies well off 50 and 60 Hz says that the rate is wrong,
-for no mains is half a hertz off.
+Hum: spectra of 2 s are averaged as logarithms, so that a permanent line stands out and bursts such
+as steps do not. A line with harmonics that lies well off 50 and 60 Hz shows that the sampling rate
+is wrong, for no mains is half a hertz off.
 
-Offset steps: a level that shifts and stays, of channels whose level is nothing but an offset.
+Offset steps: a level that shifts and stays, in channels whose level is only an offset. Frames of
+0.3 s hold whole periods of 50 and 60 Hz, and the mean of a wave that has passed is zero, so a step
+exceeds the spread of the frames' means on both sides.
 
-Frames of 0.3 s hold whole periods of 50 and 60 Hz, and the mean of a wave that has passed is nil:
-a step stands over the spread of the frames' means on both sides.
-
-Spikes: single samples far off their neighbours, which nothing that moves can bring about.
-
-Before it is sampled a signal is limited to half the rate: a true onset rings on over several
-samples. A spike's second difference stands alone: large at its sample, half as large and opposite
-on both sides, and nothing before or after.
+Spikes: single samples far off their neighbours, which no motion can cause. Before it is sampled a
+signal is limited to half the rate, so that a true onset rings on over several samples. A spike's
+second difference stands alone: large at its sample, half as large and opposite on both sides, and
+nothing before or after.
 """
 
 from __future__ import annotations

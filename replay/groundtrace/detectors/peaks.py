@@ -1,9 +1,9 @@
 """DP: steps by peak detection on the norm of the acceleration.
 
 Source: Zeng et al. 2015 as described in the Dempster-Shafer thesis (peak detection, section IV.2
-and the comparison of chapter IV). The documents give no parameters; the defaults here are ours. The
-peak of the loading response comes about 50 ms after the initial contact at the waist, which is
-taken out of the times.
+and the comparison of chapter IV). The documents give no parameters; the defaults here are ours. At
+the waist the peak of the loading response comes about 50 ms after the initial contact; this delay
+is subtracted from the times.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Faults of a channel, summed up by windows: rails, rates, samples that are not finite."""
+"""Faults of a channel, summed up by windows: rails, wrong rates, samples that are not finite."""
 
 from __future__ import annotations
 

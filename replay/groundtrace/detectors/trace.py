@@ -1,7 +1,7 @@
 """The trace of a detector: per frame of 50 ms, what the decision function and signal reached.
 
-It answers why there was no candidate: nothing came, the filter took it out, the channel was dead
-or clipped.
+It shows why there was no candidate: no signal came, the filter attenuated it, or the channel was
+dead or clipped.
 """
 
 from __future__ import annotations

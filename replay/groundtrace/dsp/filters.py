@@ -1,12 +1,10 @@
 """Filters that run on blocks of any length and give the same samples as one run over the whole.
 
-scipy.signal is imported by what filters: who decides again, from what was stored, needs none of its
-60 MB.
+A signal can also be looked at sample by sample, each once its surroundings are there: what is
+measured at a sample then depends on the samples around it alone, not on the blocks they came in.
 
-A signal of which every sample is looked at once its surroundings are there.
-
-What is measured at a sample then depends on the samples around it alone, and not on the blocks
-they came in.
+scipy.signal is imported by the functions that filter: deciding again from stored candidates needs
+none of its 60 MB.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 A signal that repeats after a period correlates with itself shifted by one, two and three periods.
 The mean of these correlations, maximised over the period, separates walking from arms that move
 without steps: a gesture may look like its neighbour, but not like the next three. Amplitudes are
-clipped at a multiple of their median, so that one large gesture does not hide the steps in it.
-The documents leave the walking decision open; method and numbers are ours.
+clipped at a multiple of their median, so that one large gesture does not hide the steps in it. The
+documents do not define the walking decision; method and numbers are ours.
 """
 
 from __future__ import annotations

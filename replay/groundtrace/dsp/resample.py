@@ -1,7 +1,7 @@
-"""Signals brought to one even grid, and filters without delay on it, over blocks of any length.
+"""Resampling to one even grid, and filters without delay on it, over blocks of any length.
 
-What runs on the grid has the same filters whatever the sampling rate was: at 400 Hz the grid's
-low-pass takes out what would alias, at 6 Hz it draws the smooth curve through the samples.
+On the grid the same filters apply at any sampling rate: at 400 Hz the grid's low-pass removes what
+would alias, at 6 Hz it draws the smooth curve through the samples.
 """
 
 from __future__ import annotations

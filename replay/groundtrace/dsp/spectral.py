@@ -1,10 +1,10 @@
-"""Power of short windows by frequency: what spectrograms are made of.
+"""Power of short windows by frequency, for spectrograms.
 
-Of a few tens of samples, or of a few frequencies of many, a transform is done fastest as a product
-with a matrix. A window that is symmetric about its middle halves the work: the sums of the samples
-at equal distances from the middle give the real part, their differences the imaginary one. So does
-the transform: at distances that add up to half its length, cosines are the same in even frequencies
-and opposite in odd ones, sines the other way round. As many windows are done at once as a row has
+A transform of a few tens of samples, or to a few frequencies, is fastest as a product with a
+matrix. A window that is symmetric about its middle halves the work: the sums of the samples at
+equal distances from the middle give the real part, their differences the imaginary one. So does the
+transform: at distances that add up to half its length, cosines are the same in even frequencies and
+opposite in odd ones, sines the other way round. As many windows are done at once as a row has
 lanes.
 """
 

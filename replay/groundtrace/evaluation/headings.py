@@ -1,4 +1,4 @@
-"""Scoring of headings against true directions, and of disturbances of the field."""
+"""Scoring of headings against true directions, and of disturbances of the magnetic field."""
 
 from __future__ import annotations
 

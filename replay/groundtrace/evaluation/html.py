@@ -1,4 +1,4 @@
-"""The score as a page: one HTML file that needs nothing from anywhere else."""
+"""The page of a score: one HTML file that needs no other file and no network."""
 
 from __future__ import annotations
 

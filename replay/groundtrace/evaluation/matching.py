@@ -1,9 +1,7 @@
-"""Matching of event times, and the F1 that blind detectors reach.
+"""Matching of event times to true ones, and the F1 that blind detectors reach.
 
-Steps found at the wrong time: a missed true step and the unmatched detection near it are one.
-
-The one place that says what belongs together; the score's page, ``why``, ``compare``, the timeline
-and fleets ask here.
+The score's page, ``why``, ``compare``, the timeline and fleets all match here. A step found at the
+wrong time is one case: a missed true step and the unmatched detection near it belong together.
 """
 
 from __future__ import annotations
@@ -244,7 +242,7 @@ class TrueSteps:
     def of(
         cls, labels: Sequence[Label], start_ns: int, end_ns: int, tolerance_s: float = 0.12
     ) -> TrueSteps:
-        """Return the ``step`` labels inside the scored spans; as :func:`score_steps`."""
+        """Return the ``step`` labels inside the scored spans; as :func:`~.steps.score_steps`."""
         truth_ns = np.array(sorted(x.time_ns for x in labels if x.kind == "step"), np.int64)
         spans = scored_spans(labels, start_ns, end_ns, tolerance_s)
         truth_s = (truth_ns - start_ns) / NS_PER_S
@@ -299,7 +297,7 @@ def match_steps(
 ) -> StepMatch:
     """Match detected steps to ``step`` labels inside the scored spans.
 
-    The parameters are those of :func:`score_steps`.
+    The parameters are those of :func:`~.steps.score_steps`.
     """
     return TrueSteps.of(labels, start_ns, end_ns, tolerance_s).match(detected_ns)
 

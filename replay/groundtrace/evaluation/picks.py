@@ -1,7 +1,7 @@
 """Scoring of picks against hand picks or computed arrivals.
 
-What answers a true arrival, and whether that is right, late, early or missed, is said here once:
-``score`` counts it and ``why`` explains it.
+Which pick answers a true arrival, and whether it is right, late, early or missed, is decided here
+only: ``score`` counts it and ``why`` explains it.
 """
 
 from __future__ import annotations

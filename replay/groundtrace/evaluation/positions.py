@@ -1,9 +1,7 @@
-"""Scoring of positions: fixes against true places, waypoints, closure and turn of a track.
+"""Scoring of positions: fixes against true positions, waypoints, closure and turn of a track.
 
-What can be said of a track in a frame of its own, as dead reckoning has one.
-
-Such a track begins anywhere and heads anywhere: only how long it is, whether it returns to its
-start as the walker did, and its shape can be right or wrong.
+A track of dead reckoning has a frame of its own: it begins anywhere and heads anywhere. Only its
+length, its shape, and whether it returns to its start as the walker did can be right or wrong.
 """
 
 from __future__ import annotations

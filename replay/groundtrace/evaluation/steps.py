@@ -1,4 +1,4 @@
-"""Scoring of steps and their types: only where people walked and nobody said ignore."""
+"""Scoring of steps and their types, within walking spans and outside ``ignore`` spans."""
 
 from __future__ import annotations
 

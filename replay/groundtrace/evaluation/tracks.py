@@ -1,4 +1,4 @@
-"""Scoring of tracks against true places: OSPA and GOSPA over time, SIAP measures."""
+"""Scoring of tracks against true positions: OSPA and GOSPA over time, SIAP measures."""
 
 from __future__ import annotations
 

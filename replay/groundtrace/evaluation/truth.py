@@ -1,8 +1,8 @@
-"""What of a truth a result is scored against: what its pipeline was not given, and could find.
+"""The truth that a result is scored against: not given to its pipeline, and within its reach.
 
-A waypoint that a stage was given is no truth to it any more: it says how well a track was drawn
-through known places, not how well it was found. A sensor on one foot feels the steps of that foot.
-And where truth knows of impacts alone, they are what a detector of steps has to find.
+A waypoint that a stage was given is no truth for it any more: it shows how well a track was drawn
+through known positions, not how well it was found. A sensor on one foot feels the steps of that
+foot. Where truth has impacts only, a detector of steps is scored on them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Comparison: two results of one recording, decision by decision, and what set them apart."""
+"""Comparison of two results of one recording, decision by decision, with the gates that differ."""
 
 from __future__ import annotations
 

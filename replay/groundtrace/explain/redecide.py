@@ -1,12 +1,11 @@
 """Deciding again: the same ``decide`` on stored candidates, with other thresholds.
 
-Equal, decision by decision, to a fresh replay with those thresholds.
+The result equals, decision by decision, a fresh replay with those thresholds.
+:func:`~.pipeline.gates.decide` decides here as everywhere.
 
-The way from stored candidates to steps, or passes, for thousands of settings in turn.
-
-:func:`~.pipeline.gates.decide` decides here as everywhere. What makes it fast is that a gate is
-asked again only where its threshold, or what reaches it, has changed, and only about candidates
-that passed the gates before it: a gate looks at no others.
+Thousands of settings are tried in turn, from stored candidates to steps or passes. To be fast, a
+gate is evaluated again only where its threshold, or what reaches it, has changed, and only for
+candidates that passed the gates before it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """Locating again: the same localizer on stored picks, with something changed.
 
-What may be changed: a parameter, the places of sensors, single arrivals. Without a change the
-places are those that were stored.
+A parameter, the positions of sensors or single arrivals may be changed. Without a change the
+locations are those that were stored.
 
-The arrival curve of a recording: t = t0 + k d^p with one k and p, and one t0 a step.
-
-It judges arrivals apart from any localizer. The exponent lies between 1 (a front that does not
-disperse) and 4/3 (thesis, equation (4.24)); of a few in between the one that fits best is taken.
+The arrival curve of a recording judges arrivals apart from any localizer: t = t0 + k d^p with one k
+and p, and one t0 a step. The exponent lies between 1 (a front that does not disperse) and 4/3
+(thesis, equation (4.24)); of a few in between the one that fits best is taken.
 """
 
 from __future__ import annotations

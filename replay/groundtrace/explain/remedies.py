@@ -1,17 +1,17 @@
-"""Remedies: the smallest change of one parameter that makes a wrong decision right, or of two.
+"""Remedies: the smallest change of one parameter, or of two, that makes a wrong decision right.
 
-None does harm: false and missed steps of the whole recording together, FP + FN, are no more with
-it than without. Right decisions that it loses, steps found before and missed with it and false
-ones that it adds, are then no more than the wrong ones it mends, steps missed before and false
-ones gone, since the true steps stay the same. Where the smallest change does harm, the smallest
-one that does not is sought.
+None does harm: false and missed steps of the whole recording together, FP + FN, are no more with it
+than without. Right decisions that it loses (steps found before and missed with it, and new false
+ones) are then no more than the wrong ones it corrects (steps missed before and false ones removed),
+since the true steps stay the same. Where the smallest change does harm, the smallest one that does
+not is sought.
 
 Changes of one parameter are tried in two ways: thresholds beside the candidates around the wrong
-decision, about that moment first and then on the whole recording; and a table of thresholds beside
+decision, about that time first and then on the whole recording; and a table of thresholds beside
 all candidates of the recording, each decided once for all wrong decisions. Where none helps, pairs
-are: those that let in a candidate there which two gates keep out, and a second table, of every two
-parameters. Neither table decides more than :data:`WORK` candidates in all, or than a few settings
-where a recording alone has as many.
+are tried: those that let in a candidate there which two gates keep out, and a second table, of
+every two parameters. Neither table decides more than :data:`WORK` candidates in all, or than a few
+settings where a recording alone has as many.
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
-"""Sensors that are wrong all through a recording: late by their clock, or not where they are said.
+"""Faulty sensors: late by their clock throughout a recording, or not at their stated position.
 
 A late clock makes a channel late by the same time in every step; a sensor that stands elsewhere
-makes it late or early as the source lies on one side of it or the other. Both are fitted to what
-the channel is off the arrival curve of the others; the one that explains it is named.
+makes it late or early as the source lies on one side of it or the other. Both are fitted to the
+channel's deviations from the arrival curve of the others; the one that explains them is named.
 
-Both by onsets. An array method looks for delays no longer than waves between two sensors take, and
-fits all of them together, so that a part only of a clock's error is left in its arrivals.
+Both are estimated from onsets. An array method looks for delays no longer than waves between two
+sensors take, and fits all of them together, so that only a part of a clock's error is left in its
+arrivals.
 """
 
 from __future__ import annotations

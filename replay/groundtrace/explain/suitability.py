@@ -1,11 +1,12 @@
-"""Whether a recording and a pipeline suit each other: looked at before anything is replayed.
+"""Whether a recording and a pipeline suit each other, checked before the replay.
 
-- A pipeline of which no stage finds a signal that it wants is refused, with those that fit.
+- A pipeline is refused if none of its stages finds a signal that it wants; those that fit are
+  listed.
 - Where a stage asks for the placement of a sensor and nobody states it, it is guessed from the
-  first minutes of walking. A sure guess is written into the pipeline, and so into the results: who
-  measures again takes it from there. An unsure one leaves the stages their defaults.
-- A geometry and a recording that name different sensors are told.
-- So is what a message of unknown type was taken for.
+  first minutes of walking. A sure guess is written into the pipeline, and so into the results,
+  where a later measurement reads it. An unsure one leaves the stages their defaults.
+- A geometry and a recording that name different sensors are reported.
+- So is the meaning assumed for a message of unknown type.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Measuring again without the filter: whether the filter took a step out is shown, not guessed.
+"""Measuring again without the filter: whether the filter removed a step is shown, not guessed.
 
-A recorded signal that stands out of its noise by more than the filtered one does not tell: what
-stood out may be no step. So the stretch of the recording is measured again with the filter taken
-out, as the detector says, and the filter is to blame only where a candidate is there then that
-passes all thresholds. That takes the recording; results alone do not say.
+A recorded signal that exceeds its noise by more than the filtered one proves nothing: what stands
+out may be no step. So the stretch of the recording is measured again with the filter taken out, as
+the detector defines it, and the filter is to blame only where a candidate then passes all
+thresholds. That needs the recording; results alone are not enough.
 """
 
 from __future__ import annotations

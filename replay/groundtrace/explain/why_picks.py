@@ -1,12 +1,11 @@
 """The account of picks: late, early, missed and false ones, channel by channel, with the reason.
 
-Against true arrivals. Where truth has none, the arrivals of a step are judged by each other, as
-part of its place: see :mod:`.why_places`.
+Picks are compared with true arrivals. Where truth has none, the arrivals of a step are judged by
+each other, as part of its location: see :mod:`.why_places`.
 
-Reasons of bad picks, in the words of the stage that picked.
-
-Time comes first: a pick near an arrival that does not answer it is late or early by so much, and
-only where there is none a gate, a filter or a silent channel is looked for.
+Time comes first: a pick near an arrival that does not answer it is late or early by so much. Only
+where there is none a gate, a filter or a silent channel is looked for. Reasons are in the words of
+the stage that picked.
 """
 
 from __future__ import annotations

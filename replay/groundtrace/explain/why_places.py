@@ -1,21 +1,18 @@
-"""The account of places: every bad fix with its cause, and every sensor that is wrong.
+"""The account of locations: every bad fix with its cause and remedy, and every faulty sensor.
 
-Causes of bad places: rivals that explain a step's arrivals, compared by one number.
+Causes are rivals that explain a step's arrivals; each says which arrivals are right. The misfit of
+a cause is what it leaves unexplained: the squares of the arrivals it calls right about the
+recording's arrival curve, in deviations of an arrival, and a fixed cost for each that it calls
+wrong (minus twice the log likelihood of a mixture: an arrival is right and normal, or wrong and
+anywhere in the window). The cause of least misfit is named where the location is right once what it
+blames is corrected, and only by a clear difference; the next best is named beside it.
 
-Every cause says which arrivals are right. What it leaves unexplained is its misfit: the squares of
-the arrivals it calls right about the recording's arrival curve, in deviations of an arrival, and a
-fixed cost for each that it calls wrong (minus twice the log likelihood of a mixture: an arrival is
-right and normal, or wrong and anywhere in the window). The least misfit names the cause where the
-place is right once what it blames is mended, and only by a clear difference; the next best is
-named beside it.
+Where no cause explains the arrivals better than that they are right as they are, the location is
+open, as the locations that fit as well show, or the localizer's own model or its gate is at fault.
 
-Where no cause explains the arrivals better than that they are right as they are, the place is open,
-as the places that fit as well show, or the localizer's own model or its gate is at fault.
-
-Remedies of places: the smallest single change that brings one under the tolerance.
-
-Each is tried by locating again from stored picks, and says what it does to all other places. One
-that does harm is not offered: :meth:`Figures.harmed_by`.
+A remedy is the smallest single change that brings a location under the tolerance. It is tried by
+locating again from stored picks, with its effect on all other locations. One that does harm is not
+offered: :meth:`Figures.harmed_by`.
 """
 
 from __future__ import annotations

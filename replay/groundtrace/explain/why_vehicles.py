@@ -1,4 +1,4 @@
-"""Why a vehicle was missed, or told where there was none: the gates of its passes or course."""
+"""Why a vehicle was missed, or reported where there was none: the gates of its passes or course."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Exports: what was decided, and the signals, in the formats of other tools."""
+"""Exports: decisions and signals in the formats of other tools."""

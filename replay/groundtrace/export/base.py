@@ -1,4 +1,4 @@
-"""Exports: what an exporter is, what it is given, and the run of one."""
+"""The exporter protocol, what an exporter is given, and the run of an export."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engines: where the work of a fleet is done. Each gives the same answers in another order."""
+"""Engines that compute a fleet's tasks. Each gives the same results, in another order."""
 
 from __future__ import annotations
 

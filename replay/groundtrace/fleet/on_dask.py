@@ -1,4 +1,4 @@
-"""The engine of a Dask cluster: one there is, or one started for the run."""
+"""The engine of a Dask cluster: an existing one, or one started for the run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A fleet's table as a page: one HTML file that needs nothing from anywhere else."""
+"""The page of a fleet's table: one HTML file that needs no other file and no network."""
 
 from __future__ import annotations
 

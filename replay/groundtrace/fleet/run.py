@@ -1,12 +1,8 @@
-"""Running a fleet: tasks to an engine, parts to a folder, and all of them to two tables.
+"""The run of a fleet: recordings through pipelines, as tasks for an engine, into two tables.
 
-What an engine is given to call, and what is said of a task that did not come back.
-
-Light to import: what does the work is imported where there is work to do.
-
-The unit of work: one recording through one pipeline, scored and explained, step by step.
-
-Imported where the work is done, and only there: with all it needs it takes a second to load.
+A task is the unit of work: one recording through one pipeline, scored and explained, step by step.
+Its result is a part, written to a folder; a task whose workers were killed gives a row that says
+so.
 """
 
 from __future__ import annotations

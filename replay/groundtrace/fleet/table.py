@@ -1,4 +1,4 @@
-"""The two tables of a fleet, out of its parts."""
+"""The two tables of a fleet, joined from its parts."""
 
 from __future__ import annotations
 

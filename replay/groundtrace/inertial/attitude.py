@@ -1,8 +1,8 @@
 """Attitude: an error-state Kalman filter over orientation, velocity, gyroscope bias and iron.
 
-Gravity is told from movement by what a movement cannot do: go on accelerating. The specific force,
-turned to the earth frame, is integrated to a velocity, and the velocity is held near zero by a
-weak measurement; what would let it run away is tilt. The field corrects heading, bias and what is
+Gravity is separated from movement by what a movement cannot do: go on accelerating. The specific
+force, turned to the earth frame, is integrated to a velocity, and the velocity is held near zero by
+a weak measurement; what would let it run away is tilt. The field corrects heading, bias and what is
 known of the field itself, never the tilt (the principle of Laidig and Seel, Information Fusion 91,
 2023: magnetic disturbances must not reach the inclination).
 """

@@ -1,23 +1,22 @@
-"""What a worn sensor felt, in axes that stay level and do not turn: acceleration and field.
+"""Motion of a worn sensor in level axes, and the walking axis that walking shows.
 
-The orientation is that of :mod:`.attitude` without its compass: level, turned about the
-vertical by an unknown angle, and drifting slowly. What the field says is taken in elsewhere, where
-it can be weighed against everything else that is known.
+Level axes do not turn. The orientation is that of :mod:`.attitude` without its compass: level,
+turned about the vertical by an unknown angle, and drifting slowly. The field is used elsewhere,
+where it can be weighed against everything else that is known.
 
-How far the sensor is turned about the vertical from the way its wearer walks, told by walking.
-
-Source: EPFL, the sensor's place on the trunk is free and only its inclination is taken from the
-accelerometers; here the remaining rotation is taken from the walk. What repeats with every step of
-a walk ahead or back swings along the walking axis, while the sway to the sides repeats with every
-second step. So of the horizontal acceleration the part that goes with the vertical one at the
+The walking axis gives the angle about the vertical between the sensor and the way its wearer walks.
+Source: EPFL, where the sensor's place on the trunk is free and only its inclination is taken from
+the accelerometers; here the remaining rotation is taken from the walk. Whatever repeats with every
+step of a walk ahead or back swings along the walking axis, while the sway to the sides repeats with
+every second step. So of the horizontal acceleration the part that goes with the vertical one at the
 frequency of the steps is taken, and its principal axis is the walking axis.
 
-Its sign: the body is slowed down while it rises from double support to mid stance and driven on
-while it falls. The acceleration ahead therefore goes against the velocity upward, a quarter of a
-step before the acceleration upward. Who walks backward does the same the other way round, so that
-of accelerations alone a walk back is a walk ahead in a sensor turned by half a turn. Where a
-nominal direction is known it gives the sign; else people are taken to walk ahead in most of the
-last hundred steps.
+The sign of the axis: the body is slowed down while it rises from double support to mid stance and
+driven on while it falls. The acceleration ahead therefore goes against the velocity upward, a
+quarter of a step before the acceleration upward. Who walks backward does the same the other way
+round, so that by accelerations alone a walk back is a walk ahead in a sensor turned by half a turn.
+Where a nominal direction is known it gives the sign; else people are assumed to walk ahead in most
+of the last hundred steps.
 """
 
 from __future__ import annotations

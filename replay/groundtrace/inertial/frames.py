@@ -1,12 +1,11 @@
-"""Frames of about 0.1 s: all samples of a frame brought to its start by the gyroscope.
+"""Samples of an inertial sensor, and frames of about 0.1 s turned to their start by the gyroscope.
+
+Samples are angular velocity, specific force and magnetic field on one clock. The gyroscope's
+samples set the times; the others are interpolated to them. A field may come in a stream of its own,
+at another rate, or not at all.
 
 The short-term rotation by the gyroscope is far better than any orientation, so that specific force
 and field can be averaged over a frame however fast the sensor turns.
-
-Angular velocity, specific force and magnetic field of one sensor on one clock.
-
-The gyroscope's samples set the times; the others are interpolated to them. A field may come in a
-stream of its own, at another rate, or not at all.
 """
 
 from __future__ import annotations

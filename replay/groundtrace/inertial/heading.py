@@ -1,6 +1,6 @@
-"""The heading estimator: samples in, orientation, heading and verdicts on the field out.
+"""The heading estimator: samples in, orientation, heading and tests of the field out.
 
-Usable without a pipeline::
+It can be used without a pipeline::
 
     estimator = HeadingEstimator(HeadingParameters(), rate_hz=100.0)
     for frame in [*estimator.add(samples), *estimator.finish()]:

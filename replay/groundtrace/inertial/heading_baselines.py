@@ -1,4 +1,4 @@
-"""Heading filters of one angle: how compass and gyroscope are combined at EPFL.
+"""Heading filters of one angle, after EPFL, and the headings of gyroscope and compass alone.
 
 Source: Moix, Steiner, Ladetto and Merminod (EPFL), "Recalage du systeme avec un filtre a
 correlation exponentielle" and "... avec un filtre de Kalman". Two signs are corrected:
@@ -8,10 +8,9 @@ correlation exponentielle" and "... avec un filtre de Kalman". Two signs are cor
 - the bias is printed as ``b_{j+1} = b_j + db``; the gyroscope is mechanised with ``b*``, so that it
   must be ``b_{j+1} = b*_j + db``. As printed the loop overshoots (poles of modulus sqrt(a)).
 
-What the gyroscope alone and the compass alone say of the heading, to show beside the fused one.
-
-Both share the tilt of the filter, which the field never changes, so that either differs from the
-fused orientation by a turn about the vertical.
+The headings of the gyroscope alone and of the compass alone are shown beside the fused one. Both
+share the tilt of the filter, which the field never changes, so that either differs from the fused
+orientation by a turn about the vertical.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Inertial navigation of a foot, held by the moments the foot stands still."""
+"""ZUPT-INS: inertial navigation of a foot, corrected whenever the foot stands still."""
 
 from __future__ import annotations
 

@@ -1,24 +1,22 @@
-"""The magnetometer: tests of the field, its calibration, and what is known when they fail.
+"""The magnetometer: tests of the field, its calibration, and compasses that survive disturbances.
 
 Source of the tests: Moix, Steiner, Ladetto and Merminod (EPFL), "Detection des perturbations":
 norm, its moving deviation, planimetric norm, difference of the azimuths with a threshold that
 follows the gyroscope's drift, and difference of their derivatives. Inclination, the difference of
 the whole field, and the iron test are ours.
 
-A field that fails need not be useless. What is attached to the sensor adds a field that turns with
-it; once that is known, the compass goes on behind it. So there are two beliefs: the clean one, and
-while tests fail one in which the iron on the sensor has changed. A magnet beside the way is no
-constant in the body's axes: it is blamed anew at every frame, which teaches nothing.
+A field that fails need not be useless. Iron attached to the sensor adds a field that turns with it;
+once that is known, the compass continues with it subtracted. So there are two beliefs: the clean
+one, and while tests fail one in which the iron on the sensor has changed. A magnet beside the path
+is no constant in the body's axes: it is blamed anew at every frame, which teaches nothing.
 
-Calibration of a magnetometer: hard and soft iron by an ellipsoid, over the recording so far.
+Calibration fits an ellipsoid over the recording so far. In an undisturbed place the field of a
+turned sensor lies on a sphere about 0. Iron that turns with the sensor moves the sphere (hard iron)
+and makes it an ellipsoid (soft iron).
 
-In an undisturbed place the field of a turned sensor lies on a sphere about 0. Iron that turns with
-the sensor moves the sphere (hard iron) and makes it an ellipsoid (soft iron).
-
-The magnetic field as a compass of a foot that stands: only ever the same direction as before.
-
-Indoors the field is another every few steps. So it counts only where strength and dip are those
-of the start, and weighs little.
+The compass of a standing foot only uses the field as the same direction as before. Indoors the
+field changes every few steps. So it counts only where strength and dip are those of the start, and
+weighs little.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Pedestrian dead reckoning: steps and the signal of a worn sensor become a track.
 
-Magnetic azimuths of steps, each with what it may be off by.
-
-Iron in a building turns the field as often as it makes it stronger or steeper, so that a field
-whose horizontal and vertical parts are not the usual ones is doubted by just as much.
+Steps may have magnetic azimuths, each with its uncertainty. Iron in a building turns the field as
+often as it makes it stronger or steeper, so that a field whose horizontal and vertical parts are
+not the usual ones is doubted by just as much.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""The filter of dead reckoning: one track, its points, and what smoothing needs.
-
-The filter of dead reckoning: place, azimuth and scale, step by step.
+"""The filter of dead reckoning: position, azimuth and scale, step by step, and the track they make.
 
 A step goes ``length * exp(scale)`` along ``heading + offset + mount``, where the heading is the
-gyroscope's. What the filter estimates besides the place is the offset of the gyroscope's frame
-from the map's, how fast that drifts, how far the sensor looks away from the way, and by how much
-all lengths are off. A magnetic azimuth tells the offset alone; a known place tells everything that
-led there, by the covariances that steps have built up.
+gyroscope's. Besides the position, the filter estimates the offset of the gyroscope's frame from the
+map's, how fast that drifts, how far the sensor looks away from the walking direction, and by how
+much all lengths are off. A magnetic azimuth corrects the offset alone; a known position corrects
+everything that led there, by the covariances that steps have built up.
 """
 
 from __future__ import annotations

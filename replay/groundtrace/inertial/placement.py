@@ -1,13 +1,13 @@
 """Where on the body a sensor is worn, guessed from how it moves while its wearer walks.
 
-A sure guess stands in for a placement that nobody states (:mod:`.explain.suitability`); one that is
-stated counts, whatever is guessed. Each question has one measure and one threshold, argued from how
+A sure guess stands in for a placement that nobody states (:mod:`.explain.suitability`); a stated
+one counts, whatever is guessed. Each question has one measure and one threshold, argued from how
 bodies walk:
 
-- *Foot?* From 0 to some 4 m/s and back in half a second is 15 m/s2 for most of it, where the
-  body's mass bobs by 3 m/s2. It turns by more than a right angle in that time, at 3 rad/s and more,
-  and stands for a third of a stride: what swings like a pendulum is slower than 0.15 of its peak
-  for 0.1 of the time.
+- *Foot?* From 0 to some 4 m/s and back in half a second is 15 m/s2 for most of it, where the body's
+  mass bobs by 3 m/s2. It turns by more than a right angle in that time, at 3 rad/s and more, and
+  stands for a third of a stride: what swings like a pendulum is slower than 0.15 of its peak for
+  0.1 of the time.
 - *Swinging?* Thigh and arm swing by 15 to 25 degrees about their joint once a stride, so that the
   felt vertical swings as well, and turn by more than 1 rad/s; trunk and a hand that holds something
   nod by some degrees.
@@ -17,14 +17,12 @@ bodies walk:
   side. That is habit and not physics: it counts for less.
 
 Where a question has several measures, the geometric mean of them as parts of their thresholds
-counts. At a threshold the two answers are alike; at twice the threshold one of them has 0.94 (of
-the habit, 0.67 at most). The confidence is the product along the questions. Method and numbers are
-ours.
+counts. At a threshold the two answers are equally likely; at twice the threshold one of them has
+0.94 (of the habit, 0.67 at most). The confidence is the product along the questions. Method and
+numbers are ours.
 
-Watches a worn sensor while its wearer walks, until there is enough for a guess.
-
-Everything runs in windows on the grid of :mod:`.dsp.resample`: what is found does not depend
-on how the signal comes in blocks.
+A watch collects walking until there is enough for a guess. Everything runs in windows on the grid
+of :mod:`.dsp.resample`, so the guess does not depend on how the signal comes in blocks.
 """
 
 from __future__ import annotations

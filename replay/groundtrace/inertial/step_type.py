@@ -1,29 +1,25 @@
 """Types of steps: forward, backward, left or right, by accelerations in the body's axes.
 
-Up is against gravity. Ahead is what a reference axis of the sensor leaves in the horizontal plane;
-how far the way is turned from it is found by :mod:`.body_motion`. The reference
-is the axis that the wearer says looks ahead, or any that is horizontal enough.
+Source: EPFL, sections on preprocessing, recognition of steps, and corrections, figures 2 and 3.
 
+Body axes. Up is against gravity. Ahead is what a reference axis of the sensor leaves in the
+horizontal plane; the angle between it and the walking direction is found by :mod:`.body_motion`.
+The reference is the axis that the wearer says looks ahead, or any that is horizontal enough.
 Gravity is a low-passed specific force. Where there is a gyroscope, its turns are followed at once
-and the specific force only corrects what drifts (a complementary filter, linear in the small
-turns within its time constant), so that the nodding and rolling of the trunk within a step do not
-turn gravity into acceleration. All is causal, and the same whatever the blocks.
+and the specific force only corrects what drifts (a complementary filter, linear in the small turns
+within its time constant), so that the nodding and rolling of the trunk within a step do not turn
+gravity into acceleration. All is causal, and the same whatever the blocks.
 
-The patterns of one step: in the frontal chain, in the lateral chain, and what they measure.
+Patterns. On either axis, frontal or lateral, a step is what lies between two minima. The frontal
+ones are looked for in windows that the vertical signal gives, from where it rises through its mean
+to where it falls through it; the lateral ones lie deep in a window centred on them. The document
+leaves open the thresholds, which are ours, and so is that the lateral window follows the signal
+instead of having a fixed length, so that cadence does not matter. All is measured on a strip: the
+three accelerations around a step on a grid of step times, smoothed so that slow steps show as many
+harmonics as fast ones.
 
-Source: EPFL, sections on preprocessing and recognition, figures 2 and 3. On either axis a step is
-what lies between two minima. The frontal ones are looked for in windows that the vertical signal
-gives, from where it rises through its mean to where it falls through it; the lateral ones lie deep
-in a window centred on them. What the document leaves open is ours: thresholds, and that the
-lateral window follows the signal instead of having a fixed length, so that cadence does not matter.
-
-All is measured on a strip: the three accelerations around a step on a grid of step times, smoothed
-so that slow steps show as many harmonics as fast ones.
-
-Types of steps: what is measured of each step, and the gates its four possible types must pass.
-
-Source: EPFL, sections on preprocessing, recognition of steps, and corrections. Every step has four
-candidates, one for each type; a candidate is accepted where it passes all tests of its chain:
+Gates. Every step has four candidates, one for each type; a candidate is accepted where it passes
+all tests of its chain:
 
 - both chains: the lateral swing against the frontal and vertical ones, which leaves one chain where
   a step has a pattern in both (the document compares amplitudes for the lateral axis alone);
@@ -33,17 +29,11 @@ candidates, one for each type; a candidate is accepted where it passes all tests
   the push to the left; right: the fall is), and whether the contact ends the push. The second
   contact of a side step, with which the feet are closed, is no step of its own.
 
-The late corrections of the document work on the frontal chain, with two steps before and two after
-in the same walk: a degenerate pattern begins or ends with a neighbour's, so that its density is
-that of the neighbour; and where a step is ordered otherwise than both steps before it or both
-after it, its slopes are asked, and where they do not confirm it, it is ordered as the others.
-
-Late corrections: what the steps before and after one say of it.
-
-Source: EPFL, last part of the section on the recognition of steps. A step that is ordered otherwise
-than both steps before it or both after it is looked at again: its slopes are asked, and where they
-do not confirm it, it is ordered as the others. The document corrects the frontal chain alone; that
-one step among others of its walk does not go aside by itself is ours.
+Late corrections use two steps before and two after in the same walk. A degenerate pattern begins or
+ends with a neighbour's, so that its density is that of the neighbour. Where a step is ordered
+otherwise than both steps before it or both after it, its slopes are tested, and where they do not
+confirm it, it is ordered as the others. The document corrects the frontal chain alone; that one
+step among others of its walk does not go aside by itself is ours.
 """
 
 from __future__ import annotations
@@ -66,6 +56,8 @@ from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.source import Holder
 from ..pipeline.stage import CannotStart, Context, Input, Stage
+
+# Ahead is read at run time, where the parameters are described
 from .body_motion import STEEP, Ahead, WalkingAxis, level_axis, step_swing
 from .frames import columns_of_axes
 

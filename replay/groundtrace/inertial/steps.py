@@ -1,12 +1,11 @@
-"""What a step gives dead reckoning: its length, facing, known places, height.
+"""Inputs of dead reckoning: length of a step, facing, known positions, satellite fixes and height.
 
-How long a step is: from nothing, from the walker's height, or from how the body moved.
-
+The length of a step is constant, or follows from the walker's height, or from how the body moved.
 Sources: H. Weinberg, Using the ADXL202 in pedometer and personal navigation applications, Analog
 Devices AN-602 (2002): the length goes with the fourth root of the swing of the vertical
 acceleration. W. Zijlstra and A. L. Hof, Displacement of the pelvis during human walking, Gait &
-Posture 6 (1997) 249: the body is an inverted pendulum on the leg, and what it rises tells the
-length, times a factor, 1.25 there.
+Posture 6 (1997) 249: the body is an inverted pendulum on the leg, and its rise gives the length,
+times a factor, 1.25 there.
 """
 
 from __future__ import annotations

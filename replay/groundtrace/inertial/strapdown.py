@@ -1,21 +1,18 @@
-"""Strapdown integration of a foot's motion, and the states of its errors.
+"""Strapdown integration of a foot's motion, with an error-state Kalman filter.
 
 Positions are in a frame with z up; x is the horizontal direction that the sensor was levelled to.
 The error state is a small rotation in that frame (the true orientation is the estimate turned by
 it), errors of velocity and position, and of the biases of gyroscope and accelerometer in the
 sensor's axes.
 
-Error-state Kalman filter of a foot: attitude, velocity, position and the biases of both sensors.
-
 Source: Foxlin, IEEE Computer Graphics and Applications 25(6), 2005, and Skog, Nilsson and Haendel,
 Indoor Positioning and Indoor Navigation, 2010, for zero-velocity updates. How sure a standing foot
 is of its velocity depends on how still it stands: it rolls over the ball of the foot, and the
 sensor is above the sole. So a fast walker's short stances count, but count less.
 
-The samples of a foot in segments of equal length, and whether the foot stands still in each.
-
-The statistic is that of :mod:`.detectors.zero_velocity`; its window is centred, so the samples
-wait for half a window.
+Samples are taken in segments of equal length, in each of which the foot stands still or not. The
+statistic is that of :mod:`.detectors.zero_velocity`; its window is centred, so the samples wait for
+half a window.
 """
 
 from __future__ import annotations

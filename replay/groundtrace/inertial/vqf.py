@@ -1,4 +1,7 @@
-"""VQF as a peer: the filter of Laidig and Seel (Information Fusion 91, 2023), package ``vqf``."""
+"""VQF for comparison: the filter of Laidig and Seel, by the package ``vqf``.
+
+Source: Laidig and Seel, Information Fusion 91, 2023.
+"""
 
 from __future__ import annotations
 

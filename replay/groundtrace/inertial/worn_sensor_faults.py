@@ -1,28 +1,24 @@
 """Worn sensors that contradict themselves: axes, signs and units of gyroscope, acceleration, field.
 
-One implementation for all who read a recording: ``import`` and ``info`` give lines, a replay notes.
-
-Which axes and unit of a gyroscope fit the acceleration and the field that came with it.
-
-A hypothesis is one sensor whose columns carry the wrong axes or signs. Acceleration and field each
-judge the gyroscope, so that with a field it is told which of the three
-is the odd one out. What cannot be told: a sign of all three axes of acceleration or of field
-(turned round, they stand as still), and axes about which nothing turned; of what fits equally the
-least change to the map is named.
-
-How well a vector stands still in space once the gyroscope's turning is taken out of it.
+Every reader of a recording uses this one implementation: ``import`` and ``info`` print lines, a
+replay writes notes.
 
 Gravity and, over a few seconds, the field of the earth stand still. What a worn sensor feels of
 them turns with it; turned back by its gyroscope, integrated from the beginning of a window, it must
-stand still again. The spread of the means of the window's blocks says how well it does. A gyroscope
-with its axes exchanged, with a wrong sign or in a wrong unit makes it worse, and one of all the
-signed permutations of its axes (the rivals) makes it good again. Only the gyroscope is integrated,
-so noise and the shaking of steps average out, which a regression of the vector's derivative point
-by point does not survive.
+stand still again. The spread of the means of the window's blocks measures how well it does. A
+gyroscope with its axes exchanged, with a wrong sign or in a wrong unit makes it worse, and one of
+all the signed permutations of its axes (the rivals) makes it good again. Only the gyroscope is
+integrated, so noise and the shaking of steps average out, which a regression of the vector's
+derivative point by point does not survive.
 
-All rivals share two integrations. Of a rotation Q and angular velocity w, what Qw turns by is
-Q R(w) Q', so that the spread of what it turns back is that of R(w) Q'v: nothing but other sums of
-the nine means of R_ki v_j. A mirrored rival is -Qw, for which -w is integrated.
+All rivals share two integrations. Of a rotation Q and angular velocity w, what Qw turns by is Q
+R(w) Q', so that the spread of what it turns back is that of R(w) Q'v: nothing but other sums of the
+nine means of R_ki v_j. A mirrored rival is -Qw, for which -w is integrated.
+
+A hypothesis is one sensor whose columns carry the wrong axes or signs. Acceleration and field each
+judge the gyroscope, so that with a field the wrong one of the three is known. What cannot be known:
+a sign of all three axes of acceleration or of field (turned round, they stand as still), and axes
+about which nothing turned; of what fits equally the least change to the map is named.
 """
 
 from __future__ import annotations

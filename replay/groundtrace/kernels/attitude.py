@@ -1,14 +1,12 @@
-"""Loops over frames, compiled: quaternions, attitude, compass, beliefs about the field.
+"""Loops over frames, compiled: quaternions, attitude, compass, and two beliefs about the field.
 
-The same as :mod:`.inertial.rotations`, of one at a time: as plain numbers, or into arrays that are
-given.
+Quaternions are those of :mod:`.inertial.rotations`, one at a time: as plain numbers, or into arrays
+that are given.
 
-What is learned of a field, whether it passes its tests or not, compiled.
-
-There are two beliefs: the clean one, and, while tests fail, one in which the iron on the sensor
-has changed. A field that fails but holds still while the sensor turns is that of the place: the
-reference at the start may have been taken beside something magnetic. One whose norm and
-inclination stay the same then is neither iron on the sensor, which would change them with its
+The two beliefs about the field are the clean one and, while tests fail, one in which the iron on
+the sensor has changed. A field that fails but holds still while the sensor turns is that of the
+place: the reference at the start may have been taken beside something magnetic. A field whose norm
+and inclination then stay the same is neither iron on the sensor, which would change them with its
 orientation, nor a magnet in passing.
 """
 

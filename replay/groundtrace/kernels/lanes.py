@@ -2,9 +2,9 @@
 
 A compiler finds by itself that a loop over channels can be done at once, but not that what the loop
 keeps from one sample to the next may stay in registers. A :class:`Lanes` value is such a row: it is
-read from an array of shape (n, LANES), or (n, LANES_32) of float32, counted with by ``+``, ``-``,
+read from an array of shape (n, LANES), or (n, LANES_32) of float32, computed with by ``+``, ``-``,
 ``*``, ``/`` and the functions here, and written back. Each lane is rounded as its type is; products
-and sums are not fused, but by ``multiply_add``.
+and sums are not fused, except by ``multiply_add``.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Navigation of a foot and dead reckoning, compiled: many segments or steps in one call.
 
-The same as :class:`.inertial.ins.Walk` and :class:`.inertial.strapdown.ErrorStateFilter` do segment
-by segment, where nothing is to be decided: the foot is under way, or goes on standing.
+They compute the same as :class:`.inertial.ins.Walk` and
+:class:`.inertial.strapdown.ErrorStateFilter` segment by segment, where nothing has to be decided:
+the foot is under way, or goes on standing.
 
-The smoothing of a foot's knots, and the gain of any smoothing, compiled.
-
-Every moment of a finished walk is seen in the light of all stances after it as well. Source: H. E.
-Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA Journal
-3 (1965), for the error state: what is smoothed is the difference from the pose that was predicted.
+A finished walk is smoothed: every time is estimated from all stances after it as well. Source: H.
+E. Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA
+Journal 3 (1965), for the error state: what is smoothed is the difference from the pose that was
+predicted.
 """
 
 from __future__ import annotations

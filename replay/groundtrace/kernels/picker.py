@@ -1,12 +1,9 @@
 """The loops of arrival pickers, compiled: filters, cells, frames, gates.
 
-Samples lie in lanes.
-
-The loops of cells under way, compiled: samples in lanes, folded into a cell each millisecond.
-
-Samples lie side by side in lanes, :data:`~.lanes.LANES` channels to a row, so that one
-instruction takes several channels; what a lane without a channel holds counts for nothing. Every
-sum runs in the order of time, whatever the blocks, so that parts give exactly what the whole gives.
+Samples lie side by side in lanes, :data:`~.lanes.LANES` channels to a row, so that one instruction
+takes several channels; values in a lane without a channel are ignored. They are folded into a cell
+each millisecond. Every sum runs in the order of time, whatever the blocks, so that parts give
+exactly what the whole gives.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Squares of numbers turned about their diagonal, in compiled functions.
+"""Transposition of square tiles of numbers, in compiled functions.
 
 Read along and written across one number at a time, each costs some cycles; a square of eight by
 eight in registers takes three steps that exchange halves.

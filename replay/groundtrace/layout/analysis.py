@@ -1,10 +1,9 @@
-"""What a layout of sensors can do: errors over a lattice of places, ambiguity, advice.
+"""What a layout of sensors can do: errors over a lattice of locations, ambiguity, advice.
 
-How many signs of time differences are measured wrong, place by place.
-
-Source: the thesis on footstep localisation, section 5.3.2; (5.26) is corrected: it lacks the
-absolute value of the time difference. The number of wrong signs follows the Poisson-binomial law,
-of which the thesis's Poisson law is the limit; its mean is the same lambda.
+The number of time differences with a wrong sign is computed for each location. Source: the thesis
+on footstep localisation, section 5.3.2; (5.26) is corrected: it lacks the absolute value of the
+time difference. The number of wrong signs follows the Poisson-binomial law, of which the thesis's
+Poisson law is the limit; its mean is the same lambda.
 """
 
 from __future__ import annotations

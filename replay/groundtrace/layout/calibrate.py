@@ -1,18 +1,16 @@
-"""The floor and the clocks that the arrivals of a recording tell, with how sure that is.
+"""Self-calibration: the floor and the clocks estimated from arrivals, with their uncertainty.
 
-A value is identifiable where its covariance is finite and small; what is not is left as it was,
-and said. The spread over robust losses and a bootstrap over impacts stand beside the covariance.
+A value is identifiable where its covariance is finite and small; any other is left as it was, and
+reported. The spread over robust losses and a bootstrap over impacts stand beside the covariance.
 
-Clocks are told by known places alone, and only where impacts at places that were left out are
-likelier with offsets than without, while both may take any smooth law of distance: without known
-places, or under a wave law of another shape, offsets fit what no clock has done.
+Clocks are estimated from known locations alone, and only where impacts at locations that were left
+out are likelier with offsets than without, while both may take any smooth law of distance: without
+known locations, or under a wave law of another shape, offsets fit what no clock has done.
 
-Clocks so far apart that waveforms cannot be compared: onsets tell them first.
-
-Arrivals by correlation are an order finer than onsets, but presume that a delay is one that a wave
-can take and turns phases as a wave does. A clock that is off by milliseconds does neither. Onsets
-are what they are by any clock: so the clocks are told roughly by them, and with clocks known that
-far, finely by correlation, nearer with each replay.
+Clocks may be so far apart that waveforms cannot be compared. Arrivals by correlation are an order
+finer than onsets, but presume that a delay is one that a wave can take and turns phases as a wave
+does. A clock that is off by milliseconds does neither. Onsets do not depend on the clock: so they
+give the clocks roughly, and correlation then finely, closer with each replay.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""The analysis of a layout as one document, in words and as figures.
+"""The analysis of a layout as one document, in words and as a figure.
 
-The figure of an analysis, as PNG: the only module that knows matplotlib.
-
-Colours are told apart by colour-blind people: viridis and cividis rise evenly in lightness.
+The figure is a PNG, drawn by matplotlib. Its colours are told apart by colour-blind people: viridis
+and cividis rise evenly in lightness.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Localizers: places of impacts from arrivals, bearings, wave physics."""
+"""Localizers: locations of impacts from arrivals, bearings, wave physics."""

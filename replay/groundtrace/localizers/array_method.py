@@ -1,4 +1,4 @@
-"""What an array method is: it looks at the waveforms of all sensors around one step."""
+"""The array method protocol: it compares the waveforms of all sensors around one step."""
 
 from __future__ import annotations
 

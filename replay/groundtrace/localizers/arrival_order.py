@@ -1,23 +1,20 @@
-"""SO-TDOA: a place from the signs of time differences alone.
+"""SO-TDOA: a location from the signs of time differences alone.
 
 Source: the thesis on footstep localisation, chapter 5: regions whose signs differ least from the
 measured ones (5.5), and the mean of their centres (5.10). Nothing is presumed of the medium but
 that a wave reaches the nearer of two sensors first.
 
-Regions of a room whose points all have the same order of distances to the sensors.
+All points of a region have the same order of distances to the sensors. Section 5.1 of the thesis
+finds the regions by sampling the room and grouping the samples; here the lines halfway between the
+sensors of each pair are arranged exactly, so that no region is missed and centres and areas have no
+lattice in them. The thesis's bound on the number of regions is corrected: the three lines of any
+three sensors meet in one point, so there are at most 1 + C(N, 2) + (3N - 1) C(N, 3) / 4.
 
-Source: the thesis on footstep localisation, section 5.1. It finds the regions by sampling the room
-and grouping the samples; here the lines halfway between the sensors of each pair are arranged
-exactly, so that no region is missed and centres and areas have no lattice in them. Of the thesis's
-remarks, the bound on the number of regions is corrected: the three lines of any three sensors meet
-in one point, so there are at most 1 + C(N, 2) + (3N - 1) C(N, 3) / 4.
-
-The Bernoulli model of sign errors: how likely each region makes the measured signs.
-
-Source: the thesis on footstep localisation, section 5.3.2, with two corrections. The chance of a
-wrong sign is (1 + erf(-|tau| / (sqrt 2 sigma))) / 2: (5.26) lacks the absolute value. And arrivals
-err, not differences: sigma of a difference is sqrt 2 times that of an arrival, and as the
-differences then hang together, the likelihood of N(N - 1)/2 signs is raised to the power 2 / N.
+The Bernoulli model of sign errors gives how likely each region makes the measured signs (section
+5.3.2), with two corrections. The chance of a wrong sign is (1 + erf(-|tau| / (sqrt 2 sigma))) / 2:
+(5.26) lacks the absolute value. And arrivals err, not differences: sigma of a difference is sqrt 2
+times that of an arrival, and as the differences then hang together, the likelihood of N(N - 1)/2
+signs is raised to the power 2 / N.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What localizers share: the outline of a site, arrivals of an impact, the floor so far."""
+"""What localizers share: outline of a site, arrivals of an impact, the floor estimated so far."""
 
 from __future__ import annotations
 

@@ -1,24 +1,20 @@
-"""Bearings: at every station of three axes, where a step's wave comes from.
-
-Direction of arrival at a station of three axes, by the polarisation of surface waves.
+"""Bearings: the direction of a step's wave at stations of three axes, and where bearings cross.
 
 Source: the thesis on footstep localisation, appendix A. A Rayleigh wave, and the bending wave of a
 floor, move the surface in an ellipse in the plane of the vertical and the direction of propagation:
 the radial motion is a quarter period from the vertical. Two equations are corrected here:
 
-- (A.1) has sine and cosine of the direction interchanged against (A.3), which as printed returns
-  90 degrees minus the direction; here x goes with the cosine.
+- (A.1) has sine and cosine of the direction interchanged against (A.3), which as printed returns 90
+  degrees minus the direction; here x goes with the cosine.
 - (A.4) is the covariance of the real signals; there the quarter period makes vertical and radial
-  motion uncorrelated, so that the azimuth of the eigenvector is noise. Here it is the covariance
-  of the analytic signals, which sees the quarter period as a phase.
+  motion uncorrelated, so that the azimuth of the eigenvector is noise. Here it is the covariance of
+  the analytic signals, which sees the quarter period as a phase.
 
-Without knowing which way round the ellipse is run the direction has an ambiguity of pi. Rayleigh
+Unless the sense of rotation of the ellipse is known, the direction has an ambiguity of pi. Rayleigh
 waves in a homogeneous ground and bending waves of a floor are retrograde.
 
-The place where bearings cross, by the sum of distances to their lines.
-
-Source: the thesis on footstep localisation, equations (A.10) and (A.11), in the norms L1, which
-bears outliers, and L2, which averages noise.
+The location where bearings cross has the least sum of distances to their lines, equations (A.10)
+and (A.11), in the norms L1, which bears outliers, and L2, which averages noise.
 """
 
 from __future__ import annotations

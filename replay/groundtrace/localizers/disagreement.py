@@ -1,4 +1,4 @@
-"""Disagreement: the two localizers that place a step farthest apart for their uncertainty."""
+"""Disagreement: the two localizers whose fixes of a step differ most for their uncertainty."""
 
 from __future__ import annotations
 

@@ -1,18 +1,17 @@
 """GCC-PHAT: arrivals of one step by correlating the waveforms of all pairs of channels.
 
 An onset hides in noise and echoes; the waveform behind it does not. Delays of all pairs give
-consistent arrivals up to one time, and onset picks say when. Where waves
-disperse they are the arrivals of one frequency, the same in all steps: about that of the swings
-that onsets are picked at. Where the window does not hold one step alone (two walkers, echoes
-without end) the pairs contradict each other, and the onset picks go out as they are.
-
-Delays between all pairs of channels, and the arrivals that agree best with them.
+consistent arrivals up to one time, and onset picks give that time. Where waves disperse they are
+the arrivals of one frequency, the same in all steps: about that of the swings that onsets are
+picked at. Where the window does not hold one step alone (two walkers, echoes without end) the pairs
+contradict each other, and the onset picks are passed on unchanged.
 
 Source: generalised cross-correlation with phase transform (Knapp and Carter 1976): spectra of unit
-modulus, so that neither what the source sends nor what a wall adds at some frequencies outweighs
-the rest. Two things are changed. A frequency counts as much as it stands out of the noise before
-the step (Wiener's weight); and since bending waves disperse (k proportional to sqrt(w) in a slab:
-thesis on locating people by seismic waves, equation (4.3)), the phase of a delay is not w tau but
+modulus, so that neither the spectrum of the source nor what a wall adds at some frequencies
+outweighs the rest. Two things are changed. A frequency counts as much as it stands out of the noise
+before the step (Wiener's weight); and since bending waves disperse (k proportional to sqrt(w) in a
+slab: thesis on locating people by seismic waves, equation (4.3)), the phase of a delay is not w tau
+but
 
     u(w) tau,   u(w) = (w_0 / q) (w / w_0)^q,
 

@@ -1,15 +1,15 @@
-"""A localizer that learns the floor while people walk on it: one k and p for all impacts so far.
+"""A localizer that calibrates the floor while people walk: one k and p for all impacts so far.
 
-A place alone leaves the scale k free for every impact, so that four sensors have as many unknowns
-as times. The floor is the same under all impacts: with k and p estimated over those so far, four
-sensors have one arrival to spare, and more of them place as well as with a calibrated floor.
+A single location leaves the scale k free for every impact, so that four sensors have as many
+unknowns as times. The floor is the same under all impacts: with k and p estimated over those so
+far, four sensors have one arrival to spare, and more of them locate as well as with a calibrated
+floor.
 
-All impacts at once: one floor, t_ij = t0_i + k d_ij^p + o_j, and the place of every impact.
-
-What an impact owns (its moment and, where unknown, its place) is eliminated impact by impact, so
-that a fit of many impacts costs little more than the small system of what they share: the pace of
-the floor, its exponent, and the clock offset of every sensor. Robust losses are reached by
-reweighting (P. J. Huber, E. M. Ronchetti: Robust Statistics, 2009, section 7.8), steps are those
+All impacts are fitted at once: one floor, t_ij = t0_i + k d_ij^p + o_j, and the location of every
+impact. What belongs to one impact (its time and, where unknown, its location) is eliminated impact
+by impact, so that a fit of many impacts costs little more than the small system of what they share:
+the pace of the floor, its exponent, and the clock offset of every sensor. Robust losses are reached
+by reweighting (P. J. Huber, E. M. Ronchetti: Robust Statistics, 2009, section 7.8), steps are those
 of Levenberg and Marquardt.
 """
 

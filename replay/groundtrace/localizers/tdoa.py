@@ -1,19 +1,16 @@
-"""TDOA: places from differences of arrivals, hyperbolic or by a power law of distance.
+"""TDOA: locations from differences of arrivals, hyperbolic or by a power law of distance.
 
-Source: the thesis on footstep localisation, equation (5.14). The sum over all pairs of squares is
-n times the sum of squares about the mean, so arrivals are fitted directly, with the moment of the
-impact free.
+Hyperbolic, with a known velocity: the thesis on footstep localisation, equation (5.14). The sum
+over all pairs of squares is n times the sum of squares about the mean, so arrivals are fitted
+directly, with the time of the impact free.
 
-A place without calibration: arrivals grow with a power of distance, t = t0 + k d^p.
+Power law, without calibration: t = t0 + k d^p. Source: the thesis on footstep localisation,
+equation (4.24): t grows with d^(4/3), and the constant of the floor only scales it. So the time t0
+and the scale k are fitted along with the location, and no velocity is needed. Huber's loss bounds
+what a late or false arrival may do.
 
-Source: the thesis on footstep localisation, equation (4.24): t grows with d^(4/3), and the constant
-of the floor only scales it. So the moment t0 and the scale k are fitted along with the place, and
-no velocity is needed. Huber's loss bounds what a late or false arrival may do.
-
-Arrival times as a line over distance: t = t0 + k u, fitted at every node of a lattice.
-
-For a place given, t0 and k enter linearly: the best of them is in closed form, so that a lattice
-over the room costs a few products of arrays, and no start value can lead astray.
+For a given location, t0 and k enter linearly: the best of them is in closed form. So a lattice over
+the room costs a few products of arrays, and no start value can lead astray.
 """
 
 from __future__ import annotations

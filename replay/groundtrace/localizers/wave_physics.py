@@ -1,29 +1,28 @@
-"""Wave physics of floors and ground: formulas that detectors and localizers lean on.
+"""Wave physics of floors and ground: velocities, arrivals and waveforms of waves.
 
-Source: the thesis, section 1.3; the velocity of A0 is a root of a Rayleigh-Lamb equation, with
-which (1.7) shares only the limit of low frequency. With s = (c / c_s)^2, p = (c / c_p)^2,
-k = omega / c, alpha = k sqrt(1 - p), beta = k sqrt(1 - s) and half the thickness b::
+Source: the thesis on locating people by seismic waves. ``bench/floor_tables.py`` prints the
+velocities of common floors; docs/waves.md says what to make of them.
+
+Solids (sections 1.1 and 1.2): P and S inside an isotropic elastic solid, Rayleigh's wave on its
+surface. The example of the thesis (lambda = 7000 MPa, mu = 10000 MPa, 2500 kg/m3) says c_p = 4400
+m/s; equation (1.2) gives 3286 m/s.
+
+Plates (section 1.3): the velocity of A0 is a root of a Rayleigh-Lamb equation, with which (1.7)
+shares only the limit of low frequency. With s = (c / c_s)^2, p = (c / c_p)^2, k = omega / c, alpha
+= k sqrt(1 - p), beta = k sqrt(1 - s) and half the thickness b::
 
     A0:  (2 - s)^2 tanh(alpha b) = 4 sqrt(1 - p) sqrt(1 - s) tanh(beta b)
 
-What a sensor on a thin, lossy plate sees of a force on it, along one line.
+Response of a thin, lossy plate to a force, along one line (sections 4.1 to 4.3): the model is a
+plane wave with a white spectrum. The waves of a point force that :class:`Plate` makes spread over a
+circle too, and far from the force they are this response times sqrt(2 / (pi k d)) exp(-i pi / 4).
 
-Source: the thesis, sections 4.1 to 4.3. Its model is a plane wave with a white spectrum; the waves
-of a point force that :class:`Plate` makes spread over a circle too, and
-far from the force they are this response times sqrt(2 / (pi k d)) exp(-i pi / 4).
-
-Waves of an isotropic elastic solid: P and S inside it, Rayleigh's on its surface.
-
-Source: the thesis, sections 1.1 and 1.2. Its example (lambda = 7000 MPa, mu = 10000 MPa,
-2500 kg/m3) says c_p = 4400 m/s; equation (1.2) gives 3286 m/s.
-
-The velocity a floor seems to have, and when its waves seem to arrive.
-
-Source: the thesis, sections 4.2 and 4.3. The envelope (4.21) has a maximum over distance at a fixed
-time, (4.22): where the wave is highest now. That gives (4.24), t = (theta d^4 / (8 a^2))^(1/3), and
-(4.25). A sensor stays where it is and sees the maximum over time at a fixed distance; setting the
-derivative by t to 0 puts 16 a^2 for 8 a^2, so that the sensor sees the maximum 2^(1/3) = 1.26 times
-faster than (4.25) says. The velocity falls with d^(-1/3); chapter 4 concludes with 1/d^3, a slip.
+Apparent velocity and arrival (sections 4.2 and 4.3): the envelope (4.21) has a maximum over
+distance at a fixed time, (4.22): where the wave is highest now. That gives (4.24), t = (theta d^4 /
+(8 a^2))^(1/3), and (4.25). A sensor stays where it is and sees the maximum over time at a fixed
+distance; setting the derivative by t to 0 puts 16 a^2 for 8 a^2, so that the sensor sees the
+maximum 2^(1/3) = 1.26 times faster than (4.25) says. The velocity falls with d^(-1/3); chapter 4
+concludes with 1/d^3, a slip.
 
 A picker sees neither, but what first rises over the noise: :func:`onset_s`, faster still. So theta
 is a parameter to fit, not a constant of the material. Nor does that onset strictly keep the order
@@ -31,10 +30,8 @@ of distances, as (4.13) says: the swings run at half the speed of the envelope, 
 one over the level changes, and at some distances the onset jumps back by up to 0.4 ms. Of two
 places from 3 to 20 m off that differ by up to 0.45 m, the farther may come first.
 
-Bending waves of a thin plate: what a sensor on a concrete floor sees of a force on it.
-
-The floor is an infinite Kirchhoff plate, equation (4.2) of the thesis on locating people by seismic
-waves: dispersive (high frequencies run ahead), without reflections. The displacement of the plate
+Bending waves at a sensor on a concrete floor: the floor is an infinite Kirchhoff plate, equation
+(4.2): dispersive (high frequencies run ahead), without reflections. The displacement of the plate
 at a distance r from a harmonic point force is the classical Green's function
 
     W(r, w) = F(w) i / (8 D k^2) [H0(k r) - H0(i k r)],   k = sqrt(w / a) (1 + i theta w / 4)
@@ -42,9 +39,6 @@ at a distance r from a harmonic point force is the classical Green's function
 with H0 the Hankel function of the first kind for exp(-i w t), a = sqrt(D / (rho h)) and the small
 loss of equation (4.5). Since D k^2 = w sqrt(D rho h), the velocity is the force times the
 drive-point mobility 1 / (8 sqrt(D rho h)) times a function of k r alone.
-
-The thesis is the one on locating people by seismic waves. As a program it prints the table
-of velocities of common floors; docs/waves.md says what to make of it.
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
-"""Buffers: streams brought into one order, and signal kept to look back at.
+"""Buffers: blocks of several streams in one order of time, and signal kept to look back at.
 
 A source hands over all of one stream's window, then the next stream's, and the windows may be of
-any length. A stage that brings streams together must not notice.
+any length. A stage that brings streams together must not depend on them.
 
-Signal remembered for stages that look back at the waveforms around a step.
-
-A step is announced when a later arrival closes its window, which may take long. So the last
-seconds are kept, and of the group of arrivals under way the window around its first one.
+Some stages look back at the waveforms around a step. A step is announced when a later arrival
+closes its window, which may take long. So the last seconds are kept, and of the group of arrivals
+under way the window around its first one.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pipelines: TOML that names stages, typed and validated, and the chain of stages made of it."""
+"""Pipelines: TOML that names stages, typed and validated, and the chain of stages built from it."""
 
 from __future__ import annotations
 

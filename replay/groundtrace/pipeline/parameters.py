@@ -1,6 +1,6 @@
-"""Plugins and their parameters: documented dataclass fields with unit, bounds and part.
+"""Parameters of plugins: documented dataclass fields with unit, bounds and part.
 
-A parameter belongs to ``measure`` (it changes the signal path, and so needs a re-run) or to
+A parameter belongs to ``measure`` (it changes the signal path, and so needs a new replay) or to
 ``decide`` (a gate's threshold: stored candidates can be decided again without the signal).
 """
 

@@ -1,4 +1,4 @@
-"""Results: a sidecar MCAP with everything a replay decided, and the way back from it."""
+"""Results: an MCAP file beside the recording with everything a replay decided, written and read."""
 
 from __future__ import annotations
 

@@ -1,15 +1,14 @@
 """The source: typed blocks of every topic in one time order, gaps as events, joined for speed.
 
-Contiguous runs: what the source makes of recorded blocks, so that stages see uniform signals.
-
-Rules, the same for every stream:
+Recorded blocks become contiguous runs, so that stages see uniform signals. Rules, the same for
+every stream:
 
 - samples that follow each other continue the run;
-- up to ``bridge_s`` of missing samples are filled by straight lines and said to be bridged;
+- up to ``bridge_s`` of missing samples are filled by straight lines and reported as bridged;
 - more than that ends the run: a gap, then a new run;
 - samples at or before the last one are duplicates, dropped and counted;
-- a recorded time that leaves the sample counter by more than the tolerance is a clock step: the
-  run goes on with its times moved, unless the step is longer than ``bridge_s``.
+- a recorded time that leaves the sample counter by more than the tolerance is a clock step: the run
+  goes on with its times moved, unless the step is longer than ``bridge_s``.
 """
 
 from __future__ import annotations

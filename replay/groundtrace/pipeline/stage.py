@@ -1,12 +1,11 @@
-"""Stages: what a pipeline is made of, and those that run detectors, associators and arrays.
+"""Stages: what a pipeline is made of, and the runner of detectors, associators and arrays.
 
-What flows are blocks of signal and events. A stage measures; its gates decide; it is told the
-verdicts. Everything else that stages have in common is the runner's.
+Signal blocks and events flow from stage to stage. A stage measures; its gates decide; it receives
+the verdicts. Everything else that stages have in common is the runner's.
 
-Lengths where the unit is unknown: what stages have in metres is brought to the site's size.
-
-Nothing tells how many metres an unknown unit has. The simplest sound rule: lengths that were chosen
-for a room of common size keep their proportion to the room, by the sensors' spread.
+Where the unit of lengths is unknown, those that stages have in metres are scaled to the site's
+size. Nothing shows how many metres an unknown unit has. The simplest sound rule: lengths that were
+chosen for a room of common size keep their proportion to the room, by the sensors' spread.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checks the tracks of a replay: that there is one where one was asked for, and that it can be.
+"""Checks the tracks of a replay: one must exist where it was asked for, and be physically possible.
 
 The assumption that is checked: nobody on foot, and no road vehicle, covers ground faster than the
 fastest that was ever measured. Over a second or more that holds of a foot as of the body above it.

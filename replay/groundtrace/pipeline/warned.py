@@ -1,4 +1,4 @@
-"""Warnings of a replay: its notes of level WARN and ERROR, each told once, with a count."""
+"""Warnings of a replay: its notes of level WARN and ERROR, each listed once, with a count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Footfalls: the force of a step on the floor, and when its wave is seen to arrive."""
+"""Footfalls: the force of a step on the floor, and the arrival of its wave at a sensor."""
 
 from __future__ import annotations
 

@@ -1,9 +1,13 @@
-"""A pedestrian's plan: when the feet touch the floor, how fast and where the body goes.
+"""A pedestrian: when the feet touch the floor, where the body goes, and how a worn sensor moves.
 
-How the waist moves within a step: forward, backward and to the side.
+The waist moves as a point above the feet with the accelerations of its gait. The trunk follows it,
+damped, and turns against it. A phone in a trouser pocket hangs on the thigh and a watch on the arm:
+both swing about hip and shoulder once a stride. A foot rests on the floor between heel-off and
+contact of the other, and swings to its next place.
 
-Forward, the order is the one described for sensors at the lower back by Zijlstra and Hof (Gait &
-Posture 18, 2003) and shown by the contacts of instrumented recordings:
+How the waist moves within a step. Forward, the order is the one described for sensors at the lower
+back by Zijlstra and Hof (Gait & Posture 18, 2003) and shown by the contacts of instrumented
+recordings:
 
 - up: twice a stride the body falls onto the next foot. The vertical acceleration passes its mean
   going up about when that foot touches the floor (initial contact) and peaks about 0.1 s later,
@@ -20,13 +24,6 @@ lands, toes first and softly, where it took off forward.
 
 A side stride has two contacts: the stance leg pushes, the lead foot lands wide and brakes, the
 trail foot closes. The body sinks onto each foot, deeper onto the lead foot.
-
-How a worn sensor moves: from the waist's steps to trunk, thigh, wrist and foot.
-
-The waist moves as a point above the feet with the accelerations of its gait. The trunk
-follows it, damped, and turns against it. A phone in a trouser pocket hangs on the thigh and a
-watch on the arm: both swing about hip and shoulder once a stride. A foot rests on the floor
-between heel-off and contact of the other, and swings to its next place.
 """
 
 from __future__ import annotations

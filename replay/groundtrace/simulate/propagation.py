@@ -1,14 +1,14 @@
-"""Waves over the floor: how they decay, and come back from walls (method of images).
+"""Waves over the floor: their decay, and reflections from walls (method of images).
 
 The wave that a straight wall sends back is that of a second force behind the wall, as far from it
 as the true one, its amplitude multiplied by the reflection. A sensor sees that image where the ray
-from the image crosses its wall, and no other wall stands in the ray's way. A rectangle also has
-the images of images: eight, one behind each corner and two more behind each pair of walls, which
-every place inside sees. Any other outline has the first reflections only.
+from the image crosses its wall, and no other wall stands in the ray's way. A rectangle also has the
+images of images: eight, one behind each corner and two more behind each pair of walls, which every
+place inside sees. Any other outline has the first reflections only.
 
 The slab goes on under the walls: where an outline is not convex and a wall hides the foot from the
-sensor, the direct wave comes straight through with sqrt(1 - reflection^2) for each wall it
-crosses, so that the law of arrivals holds there too.
+sensor, the direct wave comes straight through with sqrt(1 - reflection^2) for each wall it crosses,
+so that the law of arrivals holds there too.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Roads, the sensors beside them, and who drives along them how."""
+"""Roads, the sensors beside them, and the vehicles that drive along them."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
 """People walking on a concrete floor under seismic sensors.
 
 The floor is the plate of :mod:`.localizers.wave_physics`, a step the force of :mod:`.footfall`:
-waves are dispersive;
-:mod:`.propagation` sends them back. Without options one person walks a U through a room of 5.4 m x
-5.4 m, the size of the thesis's test room (section 6.2), to and fro, at 0.5 to 0.6 s a step, and the
-floor has no end.
+waves are dispersive. Reflections are those of :mod:`.propagation`. Without options one person walks
+a U through a room of 5.4 m x 5.4 m, the size of the thesis's test room (section 6.2), to and fro,
+at 0.5 to 0.6 s a step, and the floor has no end.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Plans of a walk through a room: options, sensors, paths, drawn or by hand."""
+"""Plans of a walk through a room: options, sensors, and paths, drawn at random or given."""
 
 from __future__ import annotations
 

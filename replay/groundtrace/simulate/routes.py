@@ -1,4 +1,4 @@
-"""Where a drawn person walks: legs and turns, stops, and steps of other types on the way."""
+"""Routes drawn at random: legs and turns, stops, and steps of other types on the way."""
 
 from __future__ import annotations
 

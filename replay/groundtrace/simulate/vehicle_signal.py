@@ -1,9 +1,8 @@
 """The samples of sensors beside a road: vehicles, walkers, wind, noise, the digitiser.
 
-What a vehicle does to the ground: noise of engine and tyres whose band moves, and engine orders.
-
-Everything here is an analytic signal: its real part moves the ground up, its imaginary part is the
-same a quarter of a period later, which a Rayleigh wave's horizontal motion and fading need.
+A vehicle makes noise of engine and tyres whose band moves, and engine orders. Its ground motion is
+an analytic signal: the real part moves the ground up, the imaginary part is the same a quarter of a
+period later, which a Rayleigh wave's horizontal motion and fading need.
 """
 
 from __future__ import annotations

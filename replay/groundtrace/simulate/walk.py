@@ -1,10 +1,9 @@
 """A person walking, as sensors they wear see it.
 
-A :class:`.gait.Plan` says when which foot touches the floor and where the body goes;
-:mod:`.gait` how the waist moves within a step of each type; :mod:`.gait` how that reaches
-the place where the sensor is worn. What a sensor measures follows from the motion: its
-accelerometer feels the acceleration plus gravity in its own axes, its gyroscope the rotation
-between samples, its magnetometer the field of the earth and of magnets there.
+:mod:`.gait` says when which foot touches the floor, where the body goes, and how the place moves
+where the sensor is worn. What a sensor measures follows from the motion: its accelerometer feels
+the acceleration plus gravity in its own axes, its gyroscope the rotation between samples, its
+magnetometer the field of the earth and of magnets there.
 """
 
 from __future__ import annotations

@@ -1,15 +1,14 @@
 """A Kalman filter with a clock of steps: a walker goes on as the last step went.
 
 Source: the thesis on footstep localisation, chapter 6: model (6.1) and (6.2), observation (6.3),
-recursion (6.4). The state is the place before and the present one, (x', y', x, y). A walker who
+recursion (6.4). The state is the position before and the present one, (x', y', x, y). A walker who
 stands still makes no step, so that the clock stands still too. The thesis does not say where the
-filter starts: here both places are the first fix, and the one before is unknown within a pace.
+filter starts: here both positions are the first fix, and the one before is unknown within a pace.
 Nor does it follow a walker whose step is missed, or who turns about: see :class:`Motion`.
 
-Smoothing a finished track: every step in the light of all steps after it as well.
-
-Source: H. E. Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic
-systems, AIAA Journal 3 (1965), on the model of a walk by steps.
+A finished track is smoothed: every step is estimated from all steps after it as well. Source: H. E.
+Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA Journal
+3 (1965), on the model of a walk by steps.
 """
 
 from __future__ import annotations

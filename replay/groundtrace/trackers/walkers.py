@@ -1,16 +1,15 @@
-"""Several walkers, each with a step-clocked Kalman filter, told apart by where they go.
+"""Several walkers, each with a step-clocked Kalman filter, separated by where they go.
 
-Source: the thesis on footstep localisation, chapter 6, for each walker; it has one only. Fixes
-and predicted steps are assigned one to one inside a gate. Two walkers may
-set their feet down at any times, but of one walker two impacts within the least pace and at one
-place are heel and toe: the second joins no track and begins none.
+Source: the thesis on footstep localisation, chapter 6, for each walker; it has one only. Fixes and
+predicted steps are assigned one to one inside a gate. Two walkers may set their feet down at any
+times, but of one walker two impacts within the least pace and at one place are heel and toe: the
+second joins no track and begins none.
 
-Whose step a fix is: the next one of a track, the same one again, or a stranger's.
-
-A track is matched by the likeliest of its motions: straight on; straight on with steps missed, of
-which its pace tells how many; or anywhere within a pace, as when it turns about. Of several fixes
-and tracks the pairs are made at once, first for the tracks that count: a track that has just begun
-knows so little that it is near everything, and must not take a walker's fix from him.
+A fix is the next step of a track, the same one again, or that of a new walker. A track is matched
+by the likeliest of its motions: straight on; straight on with steps missed, as many as its pace
+suggests; or anywhere within a pace, as when it turns about. Of several fixes and tracks the pairs
+are made at once, first for the tracks that count: a track that has just begun knows so little that
+it is near everything, and must not take a walker's fix from him.
 """
 
 from __future__ import annotations

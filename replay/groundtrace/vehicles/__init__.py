@@ -1,4 +1,4 @@
-"""Vehicles from seismic power: presence, places, courses, passes.
+"""Vehicles from seismic power: presence, positions, courses, passes.
 
 The numbers are equations of Yu. V. Morozov, M. A. Raifeld, A. A. Spektor: Processing of seismic
 signals for estimating the trajectory of a moving vehicle, Novosibirsk State Technical University,

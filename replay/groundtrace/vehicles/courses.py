@@ -1,14 +1,12 @@
-"""A straight course from the powers of all cycles at once, without a place for any single one.
+"""Straight courses of one or two vehicles, from the powers of all cycles at once.
 
-The paper finds a place in each cycle, (7), and a course through these, (9). Places err unevenly and
-not normally, so much is lost. Here the powers themselves are fitted: mu / r^n with r the distance
-to the course (8), the noise added. See :mod:`.medium` for the likelihood.
+The paper finds a position in each cycle, (7), and a course through these, (9). Positions err
+unevenly and not normally, so much is lost. Here the powers themselves are fitted: mu / r^n with r
+the distance to the course (8), the noise added. See :mod:`.medium` for the likelihood.
 
-Two vehicles in one run: two courses fitted to the powers of all cycles.
-
-Powers of vehicles add up, so that each is fitted with the other's mean power as a part of the
-noise, in turn. Whether there are two is decided by Schwarz's criterion, with a margin, since under
-fading the powers of one vehicle stay off its law for some cycles.
+Powers of two vehicles in one run add up, so that each course is fitted with the other's mean power
+as a part of the noise, in turn. Whether there are two is decided by Schwarz's criterion, with a
+margin, since under fading the powers of one vehicle stay off its law for some cycles.
 """
 
 from __future__ import annotations

@@ -1,21 +1,18 @@
-"""A place from the powers of one working cycle.
+"""The position of a vehicle in one working cycle, from powers or from their ratios to a reference.
 
-Source: the paper, equation (7): each power is Gaussian about mu / r^n with a third of that as
-standard deviation. mu is known from a survey, or profiled: with a_n = U_n r_n^n the likeliest
-q = 1 / mu solves q^2 sum a^2 - q sum a - N sigma^2 = 0.
+By powers. Source: the paper, equation (7): each power is Gaussian about mu / r^n with a third of
+that as standard deviation. mu is known from a survey, or profiled: with a_n = U_n r_n^n the
+likeliest q = 1 / mu solves q^2 sum a^2 - q sum a - N sigma^2 = 0.
 
-A place from the ratios of powers at sensors to that at a reference.
-
+By the ratios of powers at sensors to that at a reference, which is the first sensor throughout.
 Source: the paper, equations (16) and (17). Corrected here:
 
 - (16) has the ratio of powers to the power 1 / 1.5, but its left side is a ratio of *squared*
   distances: it is 2 / n.
-- (17) compares theta to ratios of distances; theta is their n-th power, so theta^(1 / n) (2/3 for
-  n = 1.5) stands in its place.
+- (17) compares theta to ratios of distances; theta is their n-th power, so theta^(1 / n) (2/3 for n
+  = 1.5) stands in its place.
 - (17) leaves out the reference, whose ratio is 1 on both sides. Without it the normalisation loses
   a common factor of all ratios, so with three sensors one of two measurements.
-
-The first sensor is the reference throughout.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A straight course in uniform motion: through places of single cycles, and across a line.
+"""A straight course in uniform motion: through positions of single cycles, and across a line.
 
 Source: the paper, equations (8) and (9). The sums of (9), in which three things are printed wrongly
 (docs/vehicles.md), are least squares, which :func:`through` does at any times.

@@ -1,4 +1,4 @@
-"""How a vehicle's seismic power falls with distance, and what a geophone does to it.
+"""How a vehicle's seismic power falls with distance, how a geophone changes it, how it scatters.
 
 Source: the paper, equations (1) to (4). Two are corrected here:
 
@@ -10,19 +10,17 @@ Source: the paper, equations (1) to (4). Two are corrected here:
 Nor does the integral fall as r^-0.5 but at one distance (a table is in docs/vehicles.md). And (3)
 is a low-pass, while a geophone is a high-pass. So the exponent of the law (4) is a parameter.
 
-Fitting mean powers: a power averaged over a cycle is gamma distributed about its mean.
+Mean powers are fitted by the gamma law. The power of Gaussian noise over a cycle has a standard
+deviation that is a fixed part of its mean, as the paper's third in (7); its law is the gamma law,
+of which the Gaussian of (7) is the limit of many degrees of freedom. Maximum likelihood of the
+gamma law needs no more than that the mean and that proportion are right (P. McCullagh, J. A.
+Nelder: Generalized Linear Models, 1989, chapter 8), and the powers may contain the noise of the
+ground, whose mean is then a part of the model.
 
-The power of Gaussian noise over a cycle has a standard deviation that is a fixed part of its mean,
-as the paper's third in (7); its law is the gamma law, of which the Gaussian of (7) is the limit of
-many degrees of freedom. Maximum likelihood of the gamma law needs no more than that the mean and
-that proportion are right (P. McCullagh, J. A. Nelder: Generalized Linear Models, 1989, chapter 8),
-and the powers may contain the noise of the ground, whose mean is then a part of the model.
-
-How powers scatter about their mean: how much, alike at stations, and alike from cycle to cycle.
-
-A vehicle's own noise is heard by all stations, so that where nothing fades they scatter alike, and
-their ratio tells far more than each of them. Where paths interfere, each scatters by itself, and
-for as long as a fade lasts. Which it is, is found from the powers.
+Powers scatter about their mean alike at all stations or each by itself, and alike from cycle to
+cycle or not. All stations detect a vehicle's own noise, so that where nothing fades they scatter
+alike, and their ratio tells far more than each of them. Where paths interfere, each scatters by
+itself, and for as long as a fade lasts. Which it is, is estimated from the powers.
 """
 
 from __future__ import annotations

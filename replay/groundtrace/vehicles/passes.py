@@ -1,18 +1,16 @@
-"""Passes of vehicles by one station: when, how slowly, how strongly, also several at once.
+"""Passes of vehicles by stations beside a road: time, duration and strength, direction and speed.
 
 A vehicle that passes at a distance d with a speed v has the power mu / ((v (t - t0))^2 + d^2)^(n/2)
-by the paper's (4). One station tells only the moment t0, the power peak mu / d^n and the half
-width d / v of
+by the paper's (4). One station gives only the time t0, the power peak mu / d^n and the half width d
+/ v of
 
     P(t) = peak / (1 + ((t - t0) / width)^2)^(n/2) + noise,
 
-so that speed comes from several stations. Vehicles that
-overlap add up: their laws are fitted jointly.
-
-Vehicles on a road, from their passes by a few stations beside it: direction and speed.
+so that speed needs several stations. The powers of vehicles that overlap add up: their laws are
+fitted jointly.
 
 A vehicle of constant speed v passes the station at x along the road at t0 + x / v. Passes of
-several vehicles are told apart by that line, and by how wide and strong they are.
+several vehicles are separated by that line, and by how wide and strong they are.
 """
 
 from __future__ import annotations

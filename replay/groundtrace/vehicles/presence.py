@@ -1,18 +1,16 @@
-"""What tells a vehicle from footsteps and impacts, per window of signal.
+"""Presence of a vehicle, per window of signal, told apart from footsteps and impacts.
 
 A vehicle shakes the ground without a break: Gaussian noise of a band, whose kurtosis is that of a
 normal law and whose envelope has no line. Footsteps are impulses at a cadence.
 
-Power per channel and working cycle, in a band.
+The power in a band is measured per channel and working cycle (the paper, equation (6)). Cycles lie
+on multiples of their length on the recording's clock, so that those of several recorders begin
+together, whenever each was switched on.
 
-Source: the paper, equation (6). Cycles lie on multiples of their length on the recording's clock,
-so that those of several recorders begin together, whenever each was switched on.
-
-The noise floor of powers: a low quantile of the last minutes.
-
-What passes lasts shorter than what is quiet, so the low powers of a few minutes are the noise's
-(after R. Martin: Noise power spectral density estimation based on optimal smoothing and minimum
-statistics, IEEE Trans. Speech Audio Process. 9, 2001, with a quantile in the minimum's place).
+The noise floor of powers is a low quantile of the last minutes. Vehicles pass in less time than is
+quiet, so the low powers of a few minutes are the noise's (after R. Martin: Noise power spectral
+density estimation based on optimal smoothing and minimum statistics, IEEE Trans. Speech Audio
+Process. 9, 2001, with a quantile in the minimum's place).
 """
 
 from __future__ import annotations

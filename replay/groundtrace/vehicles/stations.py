@@ -1,4 +1,4 @@
-"""What is known of a vehicle in a cycle: the powers of stations."""
+"""Working cycles: the powers of all stations in one cycle, and the base of stages that use them."""
 
 from __future__ import annotations
 

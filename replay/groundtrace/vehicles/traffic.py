@@ -1,20 +1,17 @@
-"""Vehicles on a road, from the passes of single stations to the passes of all of them jointly.
+"""Traffic on a road: vehicles fitted jointly to the powers of all stations beside it.
 
-Fitting vehicles on a road to the powers of all stations, and how well so many explain them.
+Passes of single stations are the start. A vehicle of constant speed v that is d from a station at
+the nearest has there the power
+
+    P(t) = mu / ((v (t - t0 - x / v))^2 + d^2)^(n/2),
+
+by the paper's (4), x along the road. One time, one slowness and one distance thus hold for all
+stations; a fit to a single station has a time and a width of its own in each, which makes two
+vehicles within a second look like one.
 
 The cube root of a power over its mean is nearly Gaussian whatever its degrees of freedom; its
 density with what is known beforehand is maximised by Fisher scoring, and integrated about the
 maximum by Laplace's method, so that numbers of vehicles and their directions compare.
-
-Vehicles on a road as the powers of all stations see them at once.
-
-A vehicle of constant speed v that is d from a station at the nearest has there the power
-
-    P(t) = mu / ((v (t - t0 - x / v))^2 + d^2)^(n/2),
-
-by the paper's (4), x along the road. One moment, one slowness and one distance thus hold for all
-stations; a single station's fit has a moment and a width of its own in each, which is what makes
-two vehicles within a second look like one.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The layout: one function chooses the views of a session from what was logged.
+"""The layout of a session: one function chooses the views from what was logged.
 
-The layout alone, out of a replay's file: a page needs it before the data.
-
-The layout is at the end of the file, when all that it shows is known. The native viewer finds it
-there; one that gets the file over a network has made a layout of its own by then, and keeps it.
+The layout is at the end of a file, when all that it shows is known. The native viewer finds it
+there. A viewer that gets the file over a network has made a layout of its own by then, and keeps
+it; so :func:`layout_of` takes the layout out of a file, and a page sends it before the data.
 """
 
 from __future__ import annotations

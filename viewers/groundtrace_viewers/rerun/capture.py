@@ -1,6 +1,4 @@
-"""Pictures of a recording as the viewer shows it, without a screen.
-
-Pictures of replays for pages, from the command line.
+"""Pictures of a replay as the viewer shows it, without a screen.
 
 ``python -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` takes one.
 """

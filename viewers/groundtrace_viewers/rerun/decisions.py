@@ -1,8 +1,7 @@
 """A detector on the timeline: decision function, threshold, candidates and why they failed.
 
-A detector run once more for its decision function at every sample.
-
-Results hold frames of 50 ms. Here the stage runs again on the same blocks, for its curve.
+Results hold frames of 50 ms of the decision function. For its value at every sample the stage runs
+once more on the same blocks.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Moments of a result: what a page jumps to, which are events and wrong decisions with causes."""
+"""The moments of a result that a page jumps to: events, and wrong decisions with their causes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Pages of their own: two results side by side, a moment, gates, evidence, a room's analysis.
+"""Timelines about one thing: a comparison, a moment with its gates, the analysis of a room.
 
-Recordings of the viewer that are about one moment: it opens there, its cursor on it.
-
-A file cannot hold a cursor (rerun 0.41), a running viewer's can be set.
+A recording about one moment opens there, with the cursor on it. A file cannot hold a cursor (rerun
+0.41); that of a running viewer can be set.
 """
 
 from __future__ import annotations

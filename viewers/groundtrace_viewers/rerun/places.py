@@ -1,4 +1,4 @@
-"""What is known of places, on the map of a site: sensors, places found, tracks, disagreements."""
+"""The map of a site: sensors, fixes, regions, tracks, and localizers that disagree."""
 
 from __future__ import annotations
 

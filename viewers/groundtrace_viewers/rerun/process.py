@@ -1,13 +1,12 @@
 """Starts viewer processes: on the loopback interface only, and with reporting switched off.
 
-The viewer's own defaults listen on every interface and report usage; everything here is started
+The viewer's own defaults listen on every interface and report usage. Every viewer is started here
 with ``--bind 127.0.0.1`` and ``CI=1``, which switches the reporting off.
 
-The viewer's own page files: taken once from the installed viewer, then out of a cache.
-
-The viewer's web server would do, but its page reports usage, asks for new versions and loads fonts
-from elsewhere, whatever the environment says. So its script and program are taken from it and
-served by a page of ours, whose content security policy lets it talk to its own server only.
+The page of the viewer's own web server reports usage, asks for new versions and loads fonts from
+elsewhere, whatever the environment says. So its script and program are taken from the installed
+viewer once and kept in a cache. A page of groundtrace serves them, whose content security policy
+lets it connect to its own server only.
 """
 
 from __future__ import annotations

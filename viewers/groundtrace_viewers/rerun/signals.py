@@ -1,14 +1,11 @@
-"""Signals on the timeline: envelopes for the overview, and samples at full rate where asked for.
+"""Signals on the timeline: envelopes for the overview, and samples at full rate around moments.
 
-How much of a recording is shown at full rate, and what that weighs.
+Envelopes and events of ten minutes take a few megabytes, every sample of 16 channels at 20 kHz a
+gigabyte and more. Samples matter where a detector was wrong, so only some spans are shown at full
+rate; :class:`FullRate` says how much of a recording.
 
-Envelopes and events of ten minutes weigh a few megabytes, every sample of 16 channels at 20 kHz a
-gigabyte and more. Nobody looks at all of them: where a detector was wrong they matter.
-
-Pieces of a signal or a curve around moments that somebody may ask for later.
-
-A step is announced when a later arrival closes its window, which may take long; the signal around
-every arrival is kept until then, and nothing else of what has passed.
+A step is announced when a later arrival closes its window, which may take long. The signal around
+every arrival is kept until then, and no other signal of the past.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """The sink that turns a replay into a recording of the viewer, with its layout inside.
 
-Moments that are worth every sample: steps, and steps that were missed or are false.
-
-They are found while the replay goes on, from the truth and what has been detected some seconds
-behind the signal, so that memory does not grow with the recording.
+Steps, and steps that were missed or are false, are shown with every sample. They are found during
+the replay, from the truth and the detections some seconds behind the signal, so that memory does
+not grow with the recording.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The site from above: outline, sensors in their colours, shot points and the true path.
+"""The site from above, with outline, sensors, shot points and true path, and record sections.
 
-Record section: the traces of a shot side by side, each scaled to itself, with its picks.
-
-True amplitudes of a shot span decades from the nearest geophone to the farthest. Scaled to its own
-maximum every trace shows its onset, and picks lie on the travel-time curve.
+A record section shows the traces of a shot side by side with their picks. True amplitudes span
+decades from the nearest geophone to the farthest. Scaled to its own maximum every trace shows its
+onset, and picks lie on the travel-time curve.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Squares in a plot share the linked time axis and the cursor with every other plot; an image could
 not. Levels are coloured when the replay ends, by percentiles of the whole recording. The viewer
-draws every square in view in every frame: of a long recording the overview has columns as wide as
-can be told apart, and a second plot has those of 50 ms around the cursor.
+draws every square in view in every frame. So the overview of a long recording has the widest
+columns that can be told apart, and a second plot has columns of 50 ms around the cursor.
 """
 
 from __future__ import annotations

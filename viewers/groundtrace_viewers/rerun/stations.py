@@ -1,9 +1,8 @@
-"""Stations of three axes: at each step the ground's motion, and where its wave came from.
+"""Stations of three axes: the ground's motion at each step, and the direction its wave came from.
 
-Hodograms: the ground's motion at each station of three axes just after a wave arrives.
-
-A station has two squares, from above (x to the right, y up) and from the side (radial, away from
-the source, to the right, z up), both to one scale.
+A hodogram shows the motion at a station just after a wave arrives. Each station has two squares of
+one scale: from above (x to the right, y up) and from the side (radial, away from the source, to the
+right, z up).
 """
 
 from __future__ import annotations

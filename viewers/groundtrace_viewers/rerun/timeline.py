@@ -1,13 +1,13 @@
-"""The one timeline every signal and event is logged on, and the record of what was logged.
+"""The one timeline every signal and event is logged on, and what all logs share.
 
-Colours: one per sensor everywhere, told apart by colour-blind people, on a dark background.
+That is colours, lanes, lines that grow, and the record of how the replay was made.
 
-Colours are ``0xRRGGBBAA`` integers, as the viewer stores them.
+Each sensor has one colour everywhere. Colours can be told apart by colour-blind people, on a dark
+background; they are ``0xRRGGBBAA`` integers, as the viewer stores them.
 
-Lines on a map that grow with time.
-
-The viewer draws all rows of a line's past in every frame, so that a segment a row makes a long walk
-slow. The last seconds have a row a segment; what is older has a row every twenty seconds.
+The viewer draws all rows of a line's past in every frame, so that a line with one row a segment
+makes a long walk slow. Of a line on a map, the last seconds have a row a segment and older parts a
+row every twenty seconds.
 """
 
 from __future__ import annotations

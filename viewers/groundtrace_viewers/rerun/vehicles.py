@@ -1,4 +1,4 @@
-"""What is shown of vehicles: likelihood, courses, ratios, passes and the way along the road."""
+"""Vehicles on the timeline: likelihood, courses, ratios, passes and the path along the road."""
 
 from __future__ import annotations
 

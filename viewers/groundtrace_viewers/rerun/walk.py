@@ -1,8 +1,7 @@
-"""What is shown of a walker: the detectors' signals, masses, headings, and the map.
+"""A walker on the timeline: the detectors' signals, masses, headings, and the map.
 
-The way of a walker on a street map, where it is asked for: the viewer loads its tiles.
-
-Nothing here is shown by default, since the tiles' server learns where the recording was made.
+The street map is shown only where it is asked for: the viewer loads its tiles from a server, which
+learns where the recording was made.
 """
 
 from __future__ import annotations

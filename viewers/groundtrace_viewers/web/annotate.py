@@ -1,4 +1,7 @@
-"""``groundtrace annotate --serve``: the page with a replay, its marks kept beside the recording."""
+"""``groundtrace annotate --serve``: a page that shows a replay and takes annotations.
+
+Annotations are kept beside the recording.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result in a notebook: the viewer as a widget, out of the package ``rerun-notebook``."""
+"""Shows a result in a notebook: the viewer as a widget of the package ``rerun-notebook``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT < MOMENTS.json``.
 
-It listens on this machine only, answers only pages of its own (their host and origin are looked
-at, so that no other site can reach it through a browser), and its page talks to nobody else.
+It listens on this machine only and answers only its own pages: it checks host and origin, so that
+no other site can reach it through a browser. Its page connects to no other server.
 """
 
 from __future__ import annotations

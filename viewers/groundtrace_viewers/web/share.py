@@ -1,4 +1,4 @@
-"""A result as others get it: a folder, an archive of it, or one page, with all that it shows."""
+"""Shares a result as a folder, an archive of it, or one page, with everything it needs to open."""
 
 from __future__ import annotations
 
