@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fuzz_targets import Target
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 #: Longest time [s] and largest memory [MB] that any input may take.
 MAX_S, MAX_MB = 2.0, 500

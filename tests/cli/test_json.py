@@ -17,7 +17,7 @@ from groundtrace_recordings import bundled, path_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
+SCHEMAS = Path(__file__).parents[2] / "docs" / "json"
 COMMANDS = (
     "analyze",
     "annotate",

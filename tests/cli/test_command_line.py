@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 Capture = pytest.CaptureFixture[str]
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 WALK = path_of("waist-walk.mcap")
 HEAVY = ("numpy", "scipy", "rerun", "obspy", "mcap", "numba", "google.protobuf", "msgspec")
 HELP = [(name,) for name in (*COMMANDS, "simulate")] + [("simulate", name) for name in SIMULATIONS]

@@ -15,7 +15,7 @@ from groundtrace.pipeline.results import read_results
 if TYPE_CHECKING:
     import pytest
 
-SCHEMAS = Path(__file__).parents[1] / "docs" / "json"
+SCHEMAS = Path(__file__).parents[2] / "docs" / "json"
 
 
 class Ran(NamedTuple):

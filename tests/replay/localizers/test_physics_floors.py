@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-
 from floor_tables import FLOORS, GROUNDS, main, velocity_table
 
-PAGE = Path(__file__).parents[2] / "docs" / "waves.md"
+PAGE = Path(__file__).parents[3] / "docs" / "waves.md"
 
 
 @pytest.fixture

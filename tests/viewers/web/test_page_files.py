@@ -20,7 +20,7 @@ from groundtrace_viewers.web.server import (
     page_file,
 )
 
-DOCUMENTATION = Path(__file__).parents[2] / "docs" / "page.md"
+DOCUMENTATION = Path(__file__).parents[3] / "docs" / "page.md"
 
 
 def names(pattern: str, text: str) -> list[str]:

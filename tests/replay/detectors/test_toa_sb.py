@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from pickers import emergent, figures, lateness
 
 from groundtrace.detectors.noise_statistics import STRETCHES, NoiseStatisticsPicker
 from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-from pickers import emergent, figures, lateness
 
 RATE_HZ = 20_000.0
 

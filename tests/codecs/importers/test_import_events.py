@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from scipy.io import savemat
-from test_import_audio import with_bext
+from test_audio import with_bext
 
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.importers.run import ImportReport, import_recording

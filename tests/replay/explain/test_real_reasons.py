@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Reader = Callable[[str, str], StepReasons]
 
-BENCH = Path(__file__).parents[2] / "bench" / "why_reasons.py"
+BENCH = Path(__file__).parents[3] / "bench" / "why_reasons.py"
 BACK = "mobgap-test11.toml"
 PHONE = "oxford-step-validation.toml"
 PLACES = (

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import io
 import struct
-import sys
 import wave
 import zipfile
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from mcap.writer import CompressionType, Writer
-from scipy.io import savemat
-
-sys.path.insert(0, str(Path(__file__).parent / "codecs"))
-
 from mcap_files import CHUNKED, of_kind, opened, read, rows_of, small, write_recording
 from memory_bytes import MemoryBytes
+from scipy.io import savemat
 
 from groundtrace.annotate.store import FORMAT, VERSION, Action, Change, Header, read_journal
 from groundtrace.cli.main import main
@@ -53,6 +48,7 @@ from groundtrace_recordings import maps, path_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 START_NS = 1_767_603_600_000_000_000
 TABLE = "t,ax,ay,az\n" + "".join(f"{k / 100},{k},0.5,9.8\n" for k in range(12))

@@ -20,7 +20,7 @@ from groundtrace_codecs.truth import read_truth
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 MAPS = ROOT / "recordings" / "groundtrace_recordings" / "maps"
 REFRAPY = "refrapy-seg2/field_example_0"
 MAP = """

@@ -12,7 +12,7 @@ import pytest
 
 import groundtrace
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 PAGES = ("docs/python.md", "README.md")
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 MODULES = sorted(p.stem for p in (ROOT / "replay/groundtrace/api").glob("*.py") if p.stem[0] != "_")

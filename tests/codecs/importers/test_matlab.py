@@ -5,21 +5,19 @@ from __future__ import annotations
 import io
 import random
 import struct
-import sys
 import zlib
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from scipy.io import loadmat, savemat
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from fuzz_targets import TARGETS, arrays, matlab_4, matlab_5
+from scipy.io import loadmat, savemat
 
 from groundtrace_codecs.errors import FormatError
 from groundtrace_codecs.importers.tables import MatlabImporter, Opaque, _load_mat
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 ARCHIVES = ["MATLAB 4", "MATLAB 5", "MATLAB 5, packed", "HDF5", "NumPy"]
 WORDS = [b"\xff\xff\xff\xff", bytes(4), b"\x7f\xff\xff\xff", b"\x01\x00\x00\x00"]
