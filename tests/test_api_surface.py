@@ -38,10 +38,10 @@ SURFACE = {
         scaled_lengths takes_signal_alone topic_of units_per_metre wanted_quantities""",
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
-        Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing McapFile Medium
-        MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
-        RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec Stamped
-        StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
+        Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing LoggedBlock McapFile
+        Medium MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
+        RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec StepEvent
+        Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }

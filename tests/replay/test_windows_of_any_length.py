@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
 
 #: Nothing missing; and pieces of streams missing [s from the start].
 WHOLE: tuple[Any, ...] = ()
@@ -40,10 +40,10 @@ class Recorded:
     """A recording in memory, parts of it missing."""
 
     streams: tuple[Stream, ...]
-    stamped: tuple[Stamped, ...]
+    stamped: tuple[LoggedBlock, ...]
     holes: tuple[tuple[str, float, float], ...]
 
-    def blocks(self, *_: Any) -> Iterator[Stamped]:
+    def blocks(self, *_: Any) -> Iterator[LoggedBlock]:
         start_ns = self.stamped[0][1].start_ns
         for log_ns, block in self.stamped:
             times_s = (block.sample_times() - start_ns) / NS_PER_S

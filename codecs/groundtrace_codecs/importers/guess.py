@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S, QUANTITIES, to_si
 from .map import TIME_UNITS_NS
-from .time import moments
+from .time import timestamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -582,7 +582,7 @@ def _iso(table: RawTable, index: int) -> GuessedTime | None:
     if not all(c[:4].isdigit() and len(c) > 9 for c in cells):
         return None
     try:
-        times_ns, _ = moments(cells, table.label(index))
+        times_ns, _ = timestamps(cells, table.label(index))
     except SchemaError:
         return None
     step = float(np.median(np.diff(times_ns))) / NS_PER_S

@@ -16,7 +16,7 @@ from .signal_faults import NonFinite, Rate, Windows
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..pipeline.source import Readable
@@ -128,7 +128,7 @@ class Listened:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield recorded blocks in the order of the file."""
         for stamped in self.recording.blocks(topics, start_ns, stop_ns, joined_ns):
             self.watches[stamped[1].topic].recorded(stamped[1])
