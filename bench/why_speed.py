@@ -17,7 +17,7 @@ from timing import alone, interleaved, on_one_core
 
 from groundtrace.explain.why import account
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
-from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink, evidence_of, read_results
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write
@@ -41,7 +41,7 @@ def replayed(path: Path, out: Path, settings: list[str]) -> None:
         site = (recording.streams, recording.geometry, recording.labels)
         recipe = chain.recipe()
         sink = ResultsSink(out, Provenance(path.name, "", *times, recipe), force=True)
-        sink.open(Session(path.name, "room", *times, *site, recipe))
+        sink.open(ReplaySession(path.name, "room", *times, *site, recipe))
         replay(Source(recording), chain, [sink])
         sink.close()
 

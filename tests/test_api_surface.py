@@ -27,15 +27,16 @@ SURFACE = {
         check_description check_faults check_gap check_gates check_restart check_stage
         check_state outcome rechunked run""",
     "groundtrace.pipeline.gates": """
-        Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
-        never_passed""",
+        Candidates Decisions Gate GateState Level Reach Refractory decide decided_block
+        gate_specs never_passed""",
     "groundtrace.pipeline.parameters": """
         ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
     "groundtrace.pipeline.stage": """
-        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS Location
-        Measured NO_FRAMES Numbers POWERS Spans Stage StageConfig StageRunner accepted_events
-        allows associates detects emitted in_length_unit joined length_note nowhere
-        scaled_lengths takes_signal_alone topic_of units_per_metre wanted_quantities""",
+        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS
+        LocationEstimate Measured NO_FRAMES Numbers POWERS PresenceIntervals Stage StageConfig
+        StageRunner accepted_events allows associates detects emitted in_length_unit joined
+        length_note no_location scaled_lengths takes_signal_alone topic_of units_per_metre
+        wanted_quantities""",
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
         Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing LoggedBlock McapFile

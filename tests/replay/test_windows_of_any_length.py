@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.pipeline.buffers import Rounds, in_order
+from groundtrace.pipeline.buffers import StreamSynchronizer, in_order
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions
@@ -141,7 +141,7 @@ def block(stream: Stream, first: int, count: int) -> SignalBlock:
 
 
 def test_a_round_ends_where_a_stream_goes_on_speaks_again_or_comes_after_all() -> None:
-    rounds = Rounds(("angular_velocity",))
+    rounds = StreamSynchronizer(("angular_velocity",))
     first, field = block(IMU, 0, 100), block(MAG, 0, 50)
     assert rounds.add(first) == []
     assert rounds.add(field) == []

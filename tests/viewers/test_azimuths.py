@@ -9,7 +9,7 @@ import pytest
 
 from groundtrace.inertial.pdr import DeadReckoner
 from groundtrace.inertial.steps import ReckoningParameters
-from groundtrace.pipeline.gates import Candidates, Carry, decided_block, gate_specs
+from groundtrace.pipeline.gates import Candidates, GateState, decided_block, gate_specs
 from groundtrace_codecs.events import StageSpec
 from groundtrace_viewers.rerun.walk import AzimuthLog
 
@@ -38,7 +38,7 @@ def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlo
     values = {"cadence": cadence_hz, "speed": 1.0, "length": 0.7, "azimuth": 12.345}
     row = np.array([[values.get(c.name, 0.0) for c in worker.columns]], np.float32)
     found = Candidates(np.array([time_ns], np.int64), np.zeros(1, np.int32), row)
-    return decided_block(spec, found, worker, worker.parameters, Carry())[0]
+    return decided_block(spec, found, worker, worker.parameters, GateState())[0]
 
 
 def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:

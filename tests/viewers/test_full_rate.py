@@ -27,7 +27,7 @@ from groundtrace_viewers.rerun.sink import EVERY_NS, Moments, RerunSink
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
 
 SCALARS = "Scalars:scalars"
 LAG_NS = 5_000_000_000
@@ -40,7 +40,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 100.0)
 
 
-def written(path: Path, mode: str, session: Session | None = None) -> Path:
+def written(path: Path, mode: str, session: ReplaySession | None = None) -> Path:
     """Write the room's replay, events and signal by time."""
     sink = RerunSink(path, full_rate=mode)
     sink.open(session or room_session())

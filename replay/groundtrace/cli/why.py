@@ -16,7 +16,7 @@ from ..explain.why_places import FixMoment, PlaceAccount
 from ..explain.why_vehicles import VehicleAccount, VehicleMoment
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_json, print_table, print_warnings, say, truth_of, where_to_show
+from .console import print_json, print_stderr, print_table, print_warnings, truth_of, where_to_show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,7 +103,9 @@ def why(
     found = explained(evidence, results.name, asked)
     if isinstance(found.details, Account):
         for at_s in evidence.clock_steps_s:
-            say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
+            print_stderr(
+                f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact"
+            )
     if json:
         print_json(found.details, evidence.warnings)
     else:
@@ -113,7 +115,7 @@ def why(
         page = _page(found)
         show(evidence, page, path=rrd, spawn=spawn, at_ns=found.time_ns, tolerance_s=tolerance)
     if rrd is not None:
-        say(f"timeline: {rrd} (open it with: rerun {rrd})")
+        print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:

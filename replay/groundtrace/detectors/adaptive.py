@@ -26,7 +26,7 @@ from groundtrace_codecs.signals import SignalBlock
 
 from ..dsp.filters import HIGHEST_CORNER
 from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
-from ..dsp.resample import GRID_HZ, CentredFilter, Kept, gaussian, lowpass
+from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian, lowpass
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
@@ -83,8 +83,8 @@ class _State:
     peaks: Peaks
     trace: FrameTrace
     start_ns: int | None
-    waiting: Kept  # time since the start [ns] and recorded norm, until the band is known
-    times: Kept  # time since the start [ns], until the peaks are known
+    waiting: ColumnBuffer  # time since the start [ns] and recorded norm, until the band is known
+    times: ColumnBuffer  # time since the start [ns], until the peaks are known
     curve: Curve | None = None
 
 
@@ -136,8 +136,8 @@ class AdaptiveDetector(Stage):
             Peaks(p.floor, p.rise if trunk else 0.0),
             FrameTrace(GRID_HZ, 1),
             None,
-            Kept(2),
-            Kept(),
+            ColumnBuffer(2),
+            ColumnBuffer(),
         )
         return ("up",)
 
@@ -286,8 +286,10 @@ class StepBand:
         self._trend = CentredFilter(-trend)
         self._rhythm = Rhythm(scales, ahead_s)
         self._reach = len(self._kernels[0]) // 2
-        self._up = Kept()  # held before and after its ends; its places are those of the first tap
-        self._hops = Kept(3)  # strength of the rhythm, step time, swing
+        self._up = (
+            ColumnBuffer()
+        )  # held before and after its ends; its places are those of the first tap
+        self._hops = ColumnBuffer(3)  # strength of the rhythm, step time, swing
 
     def __call__(self, up: NDArray[np.float64]) -> Followed:
         """Take the acceleration upward, shape (1, n); return the points known by now."""
@@ -364,7 +366,7 @@ class Peaks:
     def __init__(self, floor: float, rise: float) -> None:
         self.floor = floor
         self.rise = rise
-        self._kept = Kept(5)
+        self._kept = ColumnBuffer(5)
         self._next = 1  # a maximum has a neighbour on either side
         self._last = 0.0  # place of the peak before
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..pipeline.gates import Carry
+    from ..pipeline.gates import GateState
 
 NOTHING = Candidates.empty(3)
 #: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.
@@ -67,7 +67,7 @@ class SparingRefractory:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where sharp or the first."""
         last = carry.last_ns.setdefault(self.name, {})

@@ -56,7 +56,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..dsp.filters import Lookaround, level
+from ..dsp.filters import CentredWindow, level
 from ..errors import BeliefError, TotalConflictError
 from ..pipeline.gates import Candidates, Level, Reach, Refractory
 from ..pipeline.parameters import gate, measured
@@ -586,7 +586,7 @@ class _State:
     rotation: WalkingSignal
     columns: tuple[list[int], list[int]]  # of the accelerometer and of the gyroscope
     trace: FrameTrace
-    signal: Lookaround
+    signal: CentredWindow
     evidence: Evidence
     rate_hz: float
     curve: Curve | None = None
@@ -647,7 +647,7 @@ class BeliefDetector(Stage):
             WalkingSignal(rate, p.cutoff_hz, p.gravity_hz),
             columns,
             FrameTrace(rate, 1),
-            Lookaround(2, max(around, match, 1), after),
+            CentredWindow(2, max(around, match, 1), after),
             _evidence(p, has_gyroscope=bool(columns[1])),
             rate,
         )

@@ -274,7 +274,7 @@ class SampleClock:
         self.table = np.array(rows, np.int64)
 
 
-class LaneHistory:
+class SampleHistory:
     """The last samples of a few signals, by their index in the run; the memory is used again.
 
     Parameters
@@ -342,7 +342,7 @@ class LaneHistory:
         self._begin += cut
 
 
-class Lookaround:
+class CentredWindow:
     """The last stretch of a few signals on one time axis.
 
     Parameters

@@ -177,7 +177,7 @@ def score_disturbances(
         Of one stage.
     start_ns, end_ns
         First and last sample of the recording [ns].
-    told_by
+    error_text
         The stage that would have found some; empty where there is none.
 
     Returns

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event, Label
 
     from ..pipeline.config import PipelineConfig
-    from ..pipeline.engine import Session
+    from ..pipeline.engine import ReplaySession
     from .reasons import Confidence, Verdicts
     from .redecide import Axis
 
@@ -312,7 +312,7 @@ class EventList:
 
     events: list[Event] = field(default_factory=list)
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin; nothing is needed."""
 
     def write(self, item: SignalBlock | Event) -> None:

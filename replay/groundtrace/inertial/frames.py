@@ -19,7 +19,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
 
 from ..later import Later
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -235,11 +235,11 @@ class Aligner:
         self._offered_ns = -(2**62)
         self._unscaled = _Series()
         self._field_scale: float | None = None
-        self._holders: dict[str, Holder] = {}
+        self._holders: dict[str, NonFiniteHold] = {}
 
     def hear(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
-        held = self._holders.setdefault(block.topic, Holder()).held(block)
+        held = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
         values, times = held.values, held.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):

@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 from .frames import columns_of_axes
 from .magnetometer import FootCompass, sigma_of
@@ -370,7 +370,7 @@ class FootNavigator(Stage):
         if columns is None:
             text = f"no track: expected three axes of {' and '.join(QUANTITIES)}, found others"
             raise CannotStart(text if stream.placement else "")
-        self._columns, self._topic, self._holder = columns, context.topic, Holder()
+        self._columns, self._topic, self._holder = columns, context.topic, NonFiniteHold()
         self._segments = segments_of(self.parameters, stream.rate_hz)
         self.begin(context.stage, context.tracks.next())
         return ("foot",)

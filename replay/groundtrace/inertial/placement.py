@@ -40,8 +40,8 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..dsp.filters import planar
 from ..dsp.periodicity import repetition
-from ..dsp.resample import GRID_HZ, EvenGrid, Kept
-from ..pipeline.source import Holder, Source
+from ..dsp.resample import GRID_HZ, ColumnBuffer, UniformResampler
+from ..pipeline.source import NonFiniteHold, Source
 from .frames import columns_of_axes
 
 if TYPE_CHECKING:
@@ -245,7 +245,7 @@ class PlacementWatch:
     def __init__(self, stream: Stream) -> None:
         self._columns = columns_of_axes(stream, "acceleration")
         self._columns += columns_of_axes(stream, "angular_velocity")
-        self._holder = Holder()
+        self._holder = NonFiniteHold()
         self._windows = 0
         self._found: list[Array] = []
         self.topic = stream.topic
@@ -266,8 +266,8 @@ class PlacementWatch:
 
     def gap(self) -> None:
         """Forget the window that was begun."""
-        self._grid: EvenGrid | None = None
-        self._kept = Kept(len(self._columns))
+        self._grid: UniformResampler | None = None
+        self._kept = ColumnBuffer(len(self._columns))
         self._start_ns = 0
 
     def hear(self, block: SignalBlock) -> None:
@@ -275,7 +275,7 @@ class PlacementWatch:
         if self.done or not len(block):
             return
         if self._grid is None:
-            self._grid = EvenGrid(block.stream.rate_hz, CUTOFF_HZ)
+            self._grid = UniformResampler(block.stream.rate_hz, CUTOFF_HZ)
             self._start_ns = block.start_ns
         values = planar(self._holder.held(block))[self._columns]
         self._kept.add(self._grid(block.sample_times(), values).values)

@@ -64,7 +64,7 @@ from ..dsp.filters import StreamingFilter, corner, phase_delay_s, planar
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 from .body_motion import STEEP, Ahead, WalkingAxis, level_axis, step_swing
 from .frames import columns_of_axes
@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..kernels import steps as steps_kernels
-    from ..pipeline.gates import Carry
+    from ..pipeline.gates import GateState
     from .body_motion import Axis, Swing
 
     Array = NDArray[np.float64]
@@ -389,7 +389,7 @@ class _Signal:
     axes: BodyAxes
     filter: StreamingFilter
     delay_ns: int
-    holder: Holder = field(default_factory=Holder)
+    holder: NonFiniteHold = field(default_factory=NonFiniteHold)
     time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty((3, 0)))
 
@@ -562,7 +562,7 @@ class Applies:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the measured column; infinitely good where the level does not apply."""
         seen = self.level.values(candidates, columns, alive, threshold, carry)
@@ -585,7 +585,7 @@ class Duplicate:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
     ) -> NDArray[np.float64]:
         """Return the lateral share of frontal candidates whose step passed the lateral tests."""
         share = candidates.value[:, [c.name for c in columns].index("share")]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Medium
 
     from ..pipeline.gates import Gate
-    from ..pipeline.stage import Location, Output
+    from ..pipeline.stage import LocationEstimate, Output
 
     Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class RunningSigma:
         """The estimate by now [s]."""
         return median([*self.told, *[self.prior_s] * PRIOR_COUNT])
 
-    def learn(self, found: Location) -> None:
+    def learn(self, found: LocationEstimate) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
         spare = found.picks - self.unknowns
         if not found.found or spare < 1:
@@ -238,7 +238,7 @@ class ArrivalLocalizer(Stage):
         """Prepare for a site; return what it lacks, or an empty text."""
         raise NotImplementedError
 
-    def locate(self, times_s: Array) -> Location:
+    def locate(self, times_s: Array) -> LocationEstimate:
         """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
         raise NotImplementedError
 
@@ -327,7 +327,7 @@ def first_arrivals(
     return times if offsets_s is None else times - offsets_s
 
 
-def place_candidate(time_ns: int, location: Location) -> Candidates:
+def place_candidate(time_ns: int, location: LocationEstimate) -> Candidates:
     """Return a place as the candidate that a localizer's gates decide on."""
     sigma = float(np.sqrt(np.trace(location.covariance) / 2))
     value = [location.picks, location.residual, location.x, location.y, sigma]

@@ -33,7 +33,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..dsp.filters import corner
 from ..pipeline.buffers import whole_samples
-from ..pipeline.gates import Candidates, Carry, Level
+from ..pipeline.gates import Candidates, GateState, Level
 from ..pipeline.parameters import gate, measured
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 
@@ -120,7 +120,7 @@ class Unless:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> Array:
         """Return the column; infinitely good where the candidate is an onset."""
         level = Level(self.name, self.unit, self.parameter, self.at_least)
@@ -144,7 +144,7 @@ class Apart:
         columns: Sequence[Quantity],  # noqa: ARG002
         alive: NDArray[np.bool_],
         threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
     ) -> Array:
         """Return the time to the nearest [s]; inf where there is none, and for those themselves."""
         onset = candidates.value[:, ONSET] > 0

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..pipeline.stage import LEAST_PICKS, Location, nowhere
+from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
 from .base import EXPONENT, Floor, Prior, reference_distance
 from .tdoa import Model, distances, heard_by, lattice, losses, search
@@ -144,7 +144,7 @@ def running_floor(
 
 def locate(
     running: RunningFloor, times_s: Array, sigma_s: float = 5e-4, huber: float = tdoa.HUBER
-) -> Location:
+) -> LocationEstimate:
     """Return the place of an impact on the floor that is known by now, and learn from it.
 
     Parameters
@@ -165,7 +165,7 @@ def locate(
     """
     picks = int(np.isfinite(times_s).sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     floor = running.floor
     if floor is None:
         exponent = running.prior.exponent
@@ -180,7 +180,7 @@ def locate(
 
 def _on_floor(
     running: RunningFloor, floor: Floor, times_s: Array, sigma_s: float, huber: float
-) -> Location:
+) -> LocationEstimate:
     """Return the place on a floor whose pace is as uncertain as the fit says."""
     heard = np.isfinite(times_s)
     here, times, picks = running.positions[heard], times_s[None, heard], int(heard.sum())
@@ -197,7 +197,7 @@ def _on_floor(
         excess = np.concatenate([best.losses, slower, faster]) * picks
     mean, covariance = mixed_moments(area, excess, sigma)
     x, y = best.places[0] if picks > tdoa.POWER_LAW_UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def mixed_moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..pipeline.stage import Location
+    from ..pipeline.stage import LocationEstimate
     from .base import Site
 
     Times = NDArray[np.float64]
@@ -50,7 +50,7 @@ class SoTdoa(ArrivalLocalizer):
             return "a known unit of length (or sign_sigma_s = 0)"
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the mean of the regions that fit best, or of all by their likelihood."""
         sigma = self.parameters.sign_sigma_s
         if sigma > 0:
@@ -89,7 +89,7 @@ class Hyperbolic(ArrivalLocalizer):
         unit = " in units/s" if site.length_unit != "m" else ""
         return "" if self.velocity_mps > 0 else f"a velocity{unit} (of the medium, or velocity_mps)"
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
         found = tdoa.locate_hyperbolic(
@@ -131,7 +131,7 @@ class PowerLaw(ArrivalLocalizer):
         self.sigma = RunningSigma(first_s, tdoa.POWER_LAW_UNKNOWNS)
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         p, site, sigma = self.parameters, self.site, self.sigma.value_s
         # the threshold is of the parameters: a place must not depend on those before it
@@ -189,7 +189,7 @@ class SelfCalibrating(ArrivalLocalizer):
         )
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best, and learn from it."""
         p = self.parameters
         return joint_calibration.locate(self.running, times_s, p.sigma_s, p.huber)

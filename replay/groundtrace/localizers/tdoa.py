@@ -27,7 +27,7 @@ import shapely
 
 from ..errors import PipelineError
 from ..later import Later
-from ..pipeline.stage import LEAST_PICKS, Location, nowhere
+from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .base import outline_of
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def locate_hyperbolic(
     velocity_mps: float,
     outline: Array | None = None,
     sigma_s: float = 5e-4,
-) -> Location:
+) -> LocationEstimate:
     """Return the place whose distances fit the arrivals best at a velocity.
 
     Parameters
@@ -72,13 +72,13 @@ def locate_hyperbolic(
     heard = np.isfinite(times_s)
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     area = heard_by(lattice(positions, outline), heard)
     best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
     noise = float(noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)[0])
     _, covariance = moments(area, best.losses[0] * picks, noise)
     x, y = best.places[0]
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def hyperbolic_places(
@@ -139,7 +139,7 @@ def locate_power_law(
     exponent: float = EXPONENT,
     sigma_s: float = 5e-4,
     huber: float = HUBER,
-) -> Location:
+) -> LocationEstimate:
     """Return the place from which arrivals grow most nearly with a power of distance.
 
     Parameters
@@ -165,14 +165,14 @@ def locate_power_law(
     heard = np.isfinite(times_s)
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     area = heard_by(lattice(positions, outline, exponent), heard)
     model = Model(exponent, None, huber * sigma_s)
     best = search(area, positions[heard], times_s[None, heard], model)
     noise = float(noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)[0])
     mean, covariance = moments(area, best.losses[0] * picks, noise)
     x, y = best.places[0] if picks > POWER_LAW_UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def power_law_places(

@@ -357,7 +357,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Holder:
+class NonFiniteHold:
     """Replaces NaN and infinities by each channel's last finite value (0 before the first).
 
     Attributes

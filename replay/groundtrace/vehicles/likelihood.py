@@ -29,7 +29,7 @@ from groundtrace_codecs.events import Fix, Note, Quantity, quantised
 
 from ..pipeline.gates import Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Location
+from ..pipeline.stage import LocationEstimate
 from .medium import EXPONENT, PowerLaw, ranges
 from .presence import RELATIVE_SIGMA
 from .stations import CycleStage, candidates_of, row_doubt
@@ -115,7 +115,7 @@ class CyclePlace:
         nodes = np.stack(np.meshgrid(x, y), axis=-1)
         return Surface(x, y, self.log_likelihood(nodes))
 
-    def locate(self, surface: Surface) -> Location:
+    def locate(self, surface: Surface) -> LocationEstimate:
         """Return the likeliest place, refined below the lattice of its surface.
 
         Its covariance is the inverse Hessian there, inf where the surface is not curved, as at the
@@ -131,7 +131,7 @@ class CyclePlace:
             place = near.reshape(-1, 2)[int(self.log_likelihood(near).argmax())]
         heard = int(self._heard().sum())
         x, y = place.tolist()
-        return Location(x, y, self._covariance(place), self._residual(place), heard)
+        return LocationEstimate(x, y, self._covariance(place), self._residual(place), heard)
 
     def _covariance(self, place: Array) -> Array:
         h = 0.05  # [m]: far below what one cycle tells apart, far above rounding
@@ -243,7 +243,7 @@ class LikelihoodPlaces(CycleStage):
 
     def __init__(self, parameters: PlaceParameters) -> None:
         super().__init__(parameters)
-        self._found: tuple[int, Location, Surface] | None = None
+        self._found: tuple[int, LocationEstimate, Surface] | None = None
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with a lattice about the stations."""
@@ -380,7 +380,7 @@ def locate(
     log_theta: Array,
     sensor_sigma: float | Array,
     exponent: float = EXPONENT,
-) -> Location:
+) -> LocationEstimate:
     """Return the place whose logarithms of distance fit best, refined below the table.
 
     Parameters
@@ -410,7 +410,7 @@ def locate(
         covariance = np.linalg.inv(information) * variance
     ties = int((misfit - misfit.min() <= variance).sum())
     x, y = place.tolist()
-    return Location(x, y, covariance, residual, n, ties)
+    return LocationEstimate(x, y, covariance, residual, n, ties)
 
 
 def _refined(

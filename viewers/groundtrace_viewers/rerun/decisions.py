@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.stage import Curve
     from groundtrace_codecs.events import (
         CandidateBlock,
@@ -327,7 +327,7 @@ class PickerCurve:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, spec: StageSpec, colours: SensorColours
+        self, timeline: Timeline, session: ReplaySession, spec: StageSpec, colours: SensorColours
     ) -> None:
         self._timeline = timeline
         self._spec = spec
@@ -407,7 +407,7 @@ class Retold:
         The stage.
     """
 
-    def __init__(self, session: Session, spec: StageSpec) -> None:
+    def __init__(self, session: ReplaySession, spec: StageSpec) -> None:
         self._topic = spec.topic
         self._stage: StageRunner | None = None
         self._last: Curve | None = None
@@ -473,7 +473,7 @@ class StepCurve:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, spec: StageSpec, span_ns: tuple[int, int]
+        self, timeline: Timeline, session: ReplaySession, spec: StageSpec, span_ns: tuple[int, int]
     ) -> None:
         self._timeline = timeline
         self._spec = spec
@@ -811,7 +811,7 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
     lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
 
 
-def lane_labels(session: Session) -> list[Label]:
+def lane_labels(session: ReplaySession) -> list[Label]:
     """Return the labels that have lanes: of a room with steps not the walk as a whole.
 
     It would say nothing more, unless parts of it are ignored. Passes of vehicles have lanes by
@@ -879,7 +879,7 @@ class Verdict(NamedTuple):
 
 
 def verdicts(
-    session: Session, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
+    session: ReplaySession, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
 ) -> list[Verdict]:
     """Return what became of every true step, and which detections answer none.
 

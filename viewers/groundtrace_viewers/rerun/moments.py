@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from groundtrace.explain.reasons import GateReading
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence
     from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.signals import Stream
@@ -175,7 +175,7 @@ def moments_of_results(
 
 
 def moments_of_session(
-    session: Session, events: Sequence[Event], at_ns: int | None = None
+    session: ReplaySession, events: Sequence[Event], at_ns: int | None = None
 ) -> Moments:
     """Return the moments of a replay that has ended, of the events it gave.
 

@@ -26,8 +26,8 @@ from groundtrace.layout.report import (
     region_words,
     sign_words,
 )
-from groundtrace.pipeline.engine import Session
-from groundtrace.pipeline.results import appearing, step_times
+from groundtrace.pipeline.engine import ReplaySession
+from groundtrace.pipeline.results import atomic_write, step_times
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -193,7 +193,7 @@ def recording_at(
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
     shown = [rr.GrpcSink(data_url(port))] if spawn else []
-    with nullcontext() if path is None else appearing(path) as fresh:
+    with nullcontext() if path is None else atomic_write(path) as fresh:
         outlet = Outlet(recording, fresh, *shown, name=path)
         try:
             yield recording
@@ -232,7 +232,7 @@ class MomentSink(RerunSink):
         self._at_ns = at_ns
         self._start_ns = 0
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin a replay."""
         self._start_ns = session.start_ns
         super().open(session)
@@ -514,10 +514,10 @@ def arranged(page: rrb.View, stack: Sequence[rrb.View], shares: Sequence[float])
     )
 
 
-def session_of(evidence: Evidence) -> Session:
+def session_of(evidence: Evidence) -> ReplaySession:
     """Return what evidence says of its recording."""
     e, config = evidence, evidence.config
-    return Session(
+    return ReplaySession(
         e.name, config.application, e.start_ns, e.end_ns, (), None, e.labels, config.name
     )
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rerun import ComponentColumn, ComponentColumnList
 
     from groundtrace.localizers.arrival_order import Regions
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event, Pick, StageSpec
     from groundtrace_codecs.geometry import Geometry
 
@@ -75,7 +75,7 @@ class Places:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, colours: SensorColours, lines: LogLines
+        self, timeline: Timeline, session: ReplaySession, colours: SensorColours, lines: LogLines
     ) -> None:
         shown = None if session.application == "walker" else bounds(session)
         self.shown = shown

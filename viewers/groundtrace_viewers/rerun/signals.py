@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rerun.components import AggregationPolicy
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
@@ -597,7 +597,7 @@ class Plan:
         return f"{size}, and {each} at full rate around each of {self.subject}{instead}{most}"
 
 
-def planned(asked: FullRate, session: Session) -> Plan:
+def planned(asked: FullRate, session: ReplaySession) -> Plan:
     """Return what of a session is shown at full rate.
 
     Parameters

@@ -81,7 +81,7 @@ if TYPE_CHECKING:
 
     import rerun as rr
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
@@ -152,13 +152,13 @@ class RerunSink:
         self._channels = tuple(channels)
         self._full_rate = FullRate.parse(full_rate or ("all" if spawn else "misses"))
         self._map_tiles = map_tiles
-        self._session: Session | None = None
+        self._session: ReplaySession | None = None
         self._recording: rr.RecordingStream | None = None
         self._outlet: Outlet | None = None
         self._replay: Replay | None = None
         self._events: list[Event] = []
 
-    def expected(self, session: Session) -> str:
+    def expected(self, session: ReplaySession) -> str:
         """Return what the timeline of a session will weigh, one line for people."""
         return planned(self._full_rate, session).words()
 
@@ -167,7 +167,7 @@ class RerunSink:
         """What is shown at full rate, for people; empty before anything is."""
         return self._replay.close_ups.words() if self._replay is not None else ""
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin a replay.
 
         Raises
@@ -381,7 +381,7 @@ class Replay:
     def __init__(
         self,
         recording: rr.RecordingStream,
-        session: Session,
+        session: ReplaySession,
         plan: Plan,
         *,
         live: bool,
@@ -642,7 +642,7 @@ class Stepwise(Details):
     def __init__(
         self,
         timeline: Timeline,
-        session: Session,
+        session: ReplaySession,
         colours: SensorColours,
         site: SensorMap | None,
         channels: Sequence[str] = (),
@@ -805,7 +805,7 @@ def viewed(kind: type[Any]) -> bool:
 
 def particulars(
     timeline: Timeline,
-    session: Session,
+    session: ReplaySession,
     colours: SensorColours,
     sensors: SensorMap | None,
     lanes: StageLanes,
@@ -864,7 +864,7 @@ class Moments:
         Steps may come this long after their signal [ns].
     """
 
-    def __init__(self, plan: Plan, session: Session, lag_ns: int) -> None:
+    def __init__(self, plan: Plan, session: ReplaySession, lag_ns: int) -> None:
         self._plan = plan
         self._lag_ns = lag_ns
         self._every_ns = min(EVERY_NS, lag_ns)
@@ -959,7 +959,7 @@ class CloseUps:
         Number of moments that have their samples, and that would have taken too much.
     """
 
-    def __init__(self, timeline: Timeline, plan: Plan, session: Session, lag_ns: int) -> None:
+    def __init__(self, timeline: Timeline, plan: Plan, session: ReplaySession, lag_ns: int) -> None:
         self.moments = Moments(plan, session, lag_ns)
         self.shown = self.left_out = 0
         self._plan = plan

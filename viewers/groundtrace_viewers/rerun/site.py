@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import (
         CandidateBlock,
         Event,
@@ -134,14 +134,14 @@ def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
     return found
 
 
-def placed(session: Session) -> list[Label]:
+def placed(session: ReplaySession) -> list[Label]:
     """Return the labels that the map shows as places; vehicles come from afar, and go."""
     if session.application == "vehicle":
         return []
     return [x for x in session.labels if x.x_m is not None and x.y_m is not None]
 
 
-def places(session: Session) -> NDArray[np.float64]:
+def places(session: ReplaySession) -> NDArray[np.float64]:
     """Return every place the map must show, shape (n, 2) [m]."""
     points: list[tuple[float, float]] = [
         (label.x_m or 0.0, label.y_m or 0.0) for label in placed(session)
@@ -162,7 +162,7 @@ def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([low - reach, high + reach])
 
 
-def bounds(session: Session) -> Bounds | None:
+def bounds(session: ReplaySession) -> Bounds | None:
     """Return what the map must show, or None where the session knows fewer than two places."""
     return framed(places(session))
 
@@ -223,7 +223,7 @@ class SensorMap:
         The sensors that are named, and what their names say over time.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, colours: SensorColours) -> None:
         import rerun as rr
 
         self._timeline = timeline

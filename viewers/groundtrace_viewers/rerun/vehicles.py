@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     import rerun as rr
     from numpy.typing import ArrayLike, NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence
     from groundtrace_codecs.events import CandidateBlock, Event, Label, StageSpec, TraceBlock
 
@@ -88,7 +88,7 @@ class Vehicles(Details):
     def __init__(
         self,
         timeline: Timeline,
-        session: Session,
+        session: ReplaySession,
         colours: SensorColours,
         lanes: StageLanes,
         lines: LogLines,
@@ -747,7 +747,7 @@ class RatioCurves:
         bar_ns = (times[:, np.newaxis] + np.arange(3)).ravel()
         self._timeline.scalars(f"{path}/sigma", bar_ns, ends.reshape(-1, 1))
 
-    def log_truth(self, session: Session, exponent: float) -> None:
+    def log_truth(self, session: ReplaySession, exponent: float) -> None:
         """Log what true distances make of the ratios by the law, of each vehicle."""
         site = session.geometry
         places = {s.channel: (s.x, s.y) for s in site.sensors} if site is not None else {}
@@ -897,7 +897,7 @@ class RoadPlot:
         Of the sensors.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, colours: SensorColours) -> None:
         self._timeline = timeline
         self._session = session
         self._passes: list[Pass] = []

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
     from groundtrace_codecs.signals import SignalBlock
 
@@ -73,7 +73,7 @@ class Walk(Details):
         Whether a street map is asked for.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, *, tiles: bool = False) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, *, tiles: bool = False) -> None:
         self._timeline = timeline
         self._session = session
         self._curves: dict[tuple[str, str], StepCurve] = {}
@@ -192,7 +192,7 @@ class WalkMap:
         Gives truth, outline and start.
     """
 
-    def __init__(self, timeline: Timeline, session: Session) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
         self._timeline = timeline
         site = session.geometry
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
@@ -282,7 +282,7 @@ class WalkMap:
         self._begin()
         self._points += places
 
-    def _log_truth(self, session: Session) -> None:
+    def _log_truth(self, session: ReplaySession) -> None:
         placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
         if not placed:
             return
@@ -399,7 +399,7 @@ class StreetMap:
         Gives start and truth.
     """
 
-    def __init__(self, timeline: Timeline, session: Session) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
         site = session.geometry
         self._timeline = timeline
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))

@@ -20,7 +20,7 @@ from groundtrace.annotate.agreement import item_of, to_json
 from groundtrace.api.files import unheard
 from groundtrace.api.replay import replay_to_files
 from groundtrace.evaluation.html import score_page
-from groundtrace.pipeline.results import appearing, read_results
+from groundtrace.pipeline.results import atomic_write, read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
 from ..errors import ViewerError
@@ -90,7 +90,7 @@ def share_view(
     used = [path for path in (results, recording, rrd) if path is not None]
     _check_target(out, form == "folder", force, used)
     sources = sources_of(results, recording, report)
-    with appearing(out) as fresh:
+    with atomic_write(out) as fresh:
         folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
         folder.mkdir()
         try:
