@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from groundtrace.inertial.pdr import DeadReckoner
+from groundtrace.inertial.pdr import PedestrianDeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
 from groundtrace.pipeline.gates import Candidates, GateState, decided_block, gate_specs
 from groundtrace_codecs.events import StageSpec
@@ -32,7 +32,7 @@ class Sent:
 
 def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlock:
     """One step of a reckoner, with its cadence."""
-    worker = DeadReckoner(ReckoningParameters())
+    worker = PedestrianDeadReckoning(ReckoningParameters())
     gates = gate_specs(worker.gates, worker.parameters)
     spec = StageSpec("track", "x", "/imu", ("walker",), worker.columns, gates, (), emits)
     values = {"cadence": cadence_hz, "speed": 1.0, "length": 0.7, "azimuth": 12.345}

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
-    from ..detectors.fault_scan import HealthWatch
+    from ..detectors.fault_scan import FaultScan
     from ..detectors.signal_faults import Finding
     from ..inertial.placement import Measures, PlacementWatch
     from ..inertial.worn_sensor_faults import AxisCheck
@@ -169,7 +169,7 @@ def _truth(recording: Recording, *, read: bool) -> dict[str, int]:
 def examine(recording: Recording, size: int, show: Callable[[float], None]) -> RecordingInfo:
     """Read a recording from end to end and say what it holds."""
     # what computes is not imported before there is something to compute
-    from ..detectors.fault_scan import HealthWatch, Listened
+    from ..detectors.fault_scan import FaultScan, MonitoredRecording
     from ..inertial.worn_sensor_faults import ImuWatch
 
     start_ns = recording.start_ns
@@ -178,9 +178,9 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     gaps: list[Gap] = []
     watches = _watches(recording)
     units = {s.topic: UnitWatch(s) for s in recording.streams}
-    health = {s.topic: HealthWatch(s) for s in recording.streams}
+    health = {s.topic: FaultScan(s) for s in recording.streams}
     worn = ImuWatch(Source(recording).streams, limits=False)
-    for item in Source(Listened(recording, health)):
+    for item in Source(MonitoredRecording(recording, health)):
         health[item.topic].hear(item)
         worn.hear(item)
         if isinstance(item, Gap):
@@ -215,7 +215,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
 def _faults(
     recording: Recording,
     worn: list[Finding],
-    health: dict[str, HealthWatch],
+    health: dict[str, FaultScan],
     streams: list[StreamInfo],
 ) -> list[FaultInfo]:
     zero = {(f.topic, f.channel) for f in worn if f.kind == "zero"}

@@ -26,7 +26,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .held_values import STEP_PART, WORN, clipped_effect, full_scale, near_scale
-from .signal_faults import LEAST_STEPS, Finding, Tally, percent, times
+from .signal_faults import LEAST_STEPS, FaultSpans, Finding, percent, times
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -266,7 +266,7 @@ class _RepeatsSide:
     """The highest values of one side, counted upwards, and the tops that end at each."""
 
     sign: int
-    tops: dict[float, Tally] = field(default_factory=dict)
+    tops: dict[float, FaultSpans] = field(default_factory=dict)
     last: float = math.nan
 
     @property
@@ -279,7 +279,7 @@ class _RepeatsSide:
         for value in np.unique(row[row >= floor])[-KEPT:].tolist():
             at = np.flatnonzero(row == value)
             runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-            known = self.tops.setdefault(value, Tally())
+            known = self.tops.setdefault(value, FaultSpans())
             for run in runs:
                 if len(run) <= longest and not (run[0] == 0 and self.last == value):
                     first = int(run[0])

@@ -53,7 +53,7 @@ class CoincidenceParameters:
 
 
 @dataclass(frozen=True, slots=True)
-class SparingRefractory:
+class RefractoryExceptSharp:
     """A minimum time since the last impact that passed, from which sharp ones are spared."""
 
     parameter: str = "refractory_s"
@@ -112,7 +112,7 @@ class Coincidence(Stage):
     gives = (StepEvent,)
     ends_at = "clock step"
     columns = (Quantity("channels", "1"), Quantity("span", "s"), Quantity("sharp", "1"))
-    gates = (Level("channels", "1", "min_channels"), SparingRefractory())
+    gates = (Level("channels", "1", "min_channels"), RefractoryExceptSharp())
 
     def __init__(self, parameters: CoincidenceParameters) -> None:
         self.parameters = parameters

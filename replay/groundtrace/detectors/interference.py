@@ -26,7 +26,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .held_values import level
-from .signal_faults import Finding, Tally, percent, times
+from .signal_faults import FaultSpans, Finding, percent, times
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -71,7 +71,7 @@ class Line:
         return min(MAINS_HZ, key=lambda f: abs(np.log(self.frequency_hz / f)))
 
 
-class Hum:
+class MainsHum:
     """Looks for a steady line in each channel.
 
     Parameters
@@ -231,7 +231,7 @@ class Offsets:
         self.stream = stream
         self.columns = list(columns)
         self.length = max(4, round(FRAME_S * stream.rate_hz))
-        self._found = {c: Tally() for c in columns}
+        self._found = {c: FaultSpans() for c in columns}
         self._largest = dict.fromkeys(columns, 0.0)
         self._begin()
 
@@ -346,7 +346,7 @@ class Spikes:
 
     def __init__(self, stream: Stream, columns: Sequence[int]) -> None:
         self.stream = stream
-        self._found = {c: Tally() for c in columns}
+        self._found = {c: FaultSpans() for c in columns}
         self._highest = dict.fromkeys(columns, 0.0)
         self._heard = 0
 

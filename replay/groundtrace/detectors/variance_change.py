@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class VarianceChangeParameters:
-    """Parameters of :class:`VarianceChangePicker`."""
+    """Parameters of :class:`VarianceChange`."""
 
     low_hz: Annotated[float, measured("Hz", "Lower corner of the band-pass; 0: none.", ge=0)] = 20.0
     high_hz: Annotated[float, measured("Hz", "Upper corner of the band-pass; 0: none.", ge=0)] = (
@@ -136,7 +136,7 @@ class _State:
     tracker: ArrivalTracker
 
 
-class VarianceChangePicker(Stage):
+class VarianceChange(Stage):
     """An arrival is where the short-time variance rises over all that noise has shown."""
 
     Parameters = VarianceChangeParameters
@@ -149,7 +149,7 @@ class VarianceChangePicker(Stage):
     @classmethod
     def unfiltered(
         cls, parameters: VarianceChangeParameters
-    ) -> tuple[type[VarianceChangePicker], VarianceChangeParameters]:
+    ) -> tuple[type[VarianceChange], VarianceChangeParameters]:
         """Return what measures the same without the band-pass."""
         return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
 

@@ -220,7 +220,7 @@ def _earth_scale(first: Array) -> float:
     return EARTH_T / length if length > 0 else 0.0
 
 
-class Aligner:
+class SensorAligner:
     """Brings the parts of a sensor together; what is complete can be taken, in any portions.
 
     Attributes

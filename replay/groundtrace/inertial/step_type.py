@@ -186,7 +186,7 @@ _WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINT
 
 
 @dataclass(frozen=True, slots=True)
-class Frontal:
+class FrontalShape:
     """The frontal pattern of a step.
 
     Attributes
@@ -208,7 +208,7 @@ class Frontal:
 
 
 @dataclass(frozen=True, slots=True)
-class Lateral:
+class LateralShape:
     """The lateral pattern of a step.
 
     Attributes
@@ -246,7 +246,7 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
     return out
 
 
-def frontal(strip: Array, swing: Swing | None) -> Frontal:
+def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
     """Measure the frontal pattern of a strip.
 
     Parameters
@@ -262,14 +262,14 @@ def frontal(strip: Array, swing: Swing | None) -> Frontal:
     )
     if np.isnan(lead):
         lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
-    return Frontal(window, lead, density, slopes)
+    return FrontalShape(window, lead, density, slopes)
 
 
-def lateral(strip: Array) -> Lateral:
+def lateral(strip: Array) -> LateralShape:
     """Measure the lateral pattern of a strip."""
     # over two steps the mean is what a turn adds to the lateral acceleration
     found = steps_kernels.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
-    return Lateral(*found)
+    return LateralShape(*found)
 
 
 #: Steps further apart than this many step times are of two walks.
@@ -296,8 +296,8 @@ class Shape(NamedTuple):
 
     time_ns: int
     step_s: float
-    frontal: Frontal
-    lateral: Lateral
+    frontal: FrontalShape
+    lateral: LateralShape
     mounting_rad: float
 
 
@@ -314,7 +314,9 @@ def linked(step: Shape, others: Sequence[Shape]) -> list[Shape]:
     return found
 
 
-def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Lateral]) -> float:
+def common_share(
+    before: Sequence[LateralShape], own: LateralShape, after: Sequence[LateralShape]
+) -> float:
     """Return the median lateral share of three neighbouring steps, the own one in the middle.
 
     At the ends of a walk it is the first or last of them; with fewer than three steps the share
@@ -333,7 +335,9 @@ def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Latera
     return median(x.share for x in three) if len(three) == 3 else own.share
 
 
-def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Frontal]) -> float:
+def corrected_lead(
+    before: Sequence[FrontalShape], own: FrontalShape, after: Sequence[FrontalShape]
+) -> float:
     """Return by how much a step's frontal maximum leads, put right by its neighbours [steps].
 
     Parameters
@@ -350,7 +354,7 @@ def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Fron
     return median(x.lead for pair in against for x in pair)
 
 
-def _agree_against(pair: Sequence[Frontal], lead: float) -> bool:
+def _agree_against(pair: Sequence[FrontalShape], lead: float) -> bool:
     """Return whether two neighbours agree on an order that is not that of ``lead``."""
     signs = {_sign(x.lead) for x in pair}
     return len(pair) == 2 and len(signs) == 1 and _sign(lead) not in signs
@@ -410,7 +414,7 @@ class _Signal:
         self.time_ns, self.values = self.time_ns[first:], self.values[:, first:]
 
 
-class Follower:
+class StepWindowCollector:
     """Takes signal and steps of one stream in any order; gives each step's candidates in time.
 
     A step's candidates need the two steps after it, measured, or to be sure that none follow.
@@ -670,7 +674,7 @@ class StepTypes(Stage):
     def __init__(self, parameters: StepTypeParameters) -> None:
         self.parameters = parameters
         self.axis = WalkingAxis(parameters.forward != "walk")
-        self._follower: Follower | None = None
+        self._follower: StepWindowCollector | None = None
         self._decided: list[StepEvent] = []  # those whose candidates were yielded last
 
     def start(self, context: Context) -> tuple[str, ...]:
@@ -680,7 +684,7 @@ class StepTypes(Stage):
             raise CannotStart(text)
         self._stage = context.stage
         if self._follower is None:
-            self._follower = Follower(self)
+            self._follower = StepWindowCollector(self)
         return TYPES
 
     def process(self, item: SignalBlock | StepEvent) -> Iterator[Candidates]:
@@ -708,7 +712,9 @@ class StepTypes(Stage):
                 yield self._typed(self._decided[index], kind, float(block.value[row, 0]))
             last = index
 
-    def _complete(self, follower: Follower, *, final: bool = False) -> Iterator[Candidates]:
+    def _complete(
+        self, follower: StepWindowCollector, *, final: bool = False
+    ) -> Iterator[Candidates]:
         """Yield the candidates of the steps around which all is known."""
         told = list(follower.told(final=final))
         self._decided = [step for step, _ in told]

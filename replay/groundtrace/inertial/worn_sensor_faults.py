@@ -39,10 +39,10 @@ from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..detectors.clipping import Limits, Repeats
-from ..detectors.held_values import WORN, Held
+from ..detectors.held_values import WORN, StuckValues
 from ..detectors.signal_faults import Finding, Windows
 from ..pipeline.source import BRIDGE_S, run_tracker
-from .frames import PATIENCE_NS, Aligner, columns_of_axes
+from .frames import PATIENCE_NS, SensorAligner, columns_of_axes
 from .placement import PlacementWatch
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import Stream
 
-    from ..detectors.signal_faults import Watcher, Window
+    from ..detectors.signal_faults import FaultDetector, Window
 
     Mask = NDArray[np.bool_]
     Array = NDArray[np.float64]
@@ -120,7 +120,7 @@ class WornImu:
         self._begin()
 
     def _begin(self) -> None:
-        self._aligner = Aligner()
+        self._aligner = SensorAligner()
         self._rows = np.empty((0, 9))
         self._force_ns: int | None = None
         self._by_force.gap()
@@ -141,7 +141,7 @@ class WornImu:
         elif (
             item.topic == self.turning.topic and (self._force_ns or 0) < item.start_ns - PATIENCE_NS
         ):
-            self._aligner = Aligner()  # nothing to judge it by: it does not wait for ever
+            self._aligner = SensorAligner()  # nothing to judge it by: it does not wait for ever
         for quantity in (TURNING, FORCE, FIELD):
             if quantity not in self._anything and item.topic == self._topic(quantity):
                 columns = columns_of_axes(item.stream, quantity)
@@ -365,13 +365,13 @@ def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream
 
 
 class _AtLimits:
-    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.HealthWatch`` finds it."""
+    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.FaultScan`` finds it."""
 
     def __init__(self, stream: Stream) -> None:
         worn = stream.columns_of(WORN)
         self._windows = Windows(stream.rate_hz)
-        self._watchers: tuple[Watcher, ...] = (
-            Held(stream, worn, worn),
+        self._watchers: tuple[FaultDetector, ...] = (
+            StuckValues(stream, worn, worn),
             Limits(stream),
             Repeats(stream),
         )
