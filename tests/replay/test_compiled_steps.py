@@ -36,10 +36,10 @@ from groundtrace.localizers.gcc_phat import (
     MISFIT_S,
     ONSET,
     PASSES,
-    Apart,
     Band,
     Delays,
     GccPhat,
+    OnsetSeparation,
     consistent,
     correlated,
 )
@@ -133,7 +133,7 @@ def test_the_nearest_arrival_is_the_nearest_of_its_channel_that_stands(seed, cou
     value = np.zeros((count, len(GccPhat.columns)), np.float32)
     value[:, ONSET] = rng.integers(0, 2, count)
     channel, alive = rng.integers(0, 3, count).astype(np.int32), rng.random(count) < 0.6
-    found = Apart().values(
+    found = OnsetSeparation().values(
         Candidates(times, channel, value), GccPhat.columns, alive, 0.1, GateState()
     )
     for row in range(count):

@@ -106,7 +106,7 @@ class GccPhatParameters(ArrayParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class Unless:
+class CorrelationOnlyLevel:
     """A threshold on a column, for arrivals by correlation only: onsets stand for themselves."""
 
     name: str
@@ -130,7 +130,7 @@ class Unless:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class OnsetSeparation:
     """A minimum time between an onset and any arrival by correlation of its channel that stands."""
 
     parameter: str = "apart_s"
@@ -181,10 +181,10 @@ class GccPhat(ArrayMethod):
     gives = (Pick,)
     columns = COLUMNS
     gates = (
-        Unless("height", "1", "min_height"),
-        Unless("closure", "s", "max_closure_s", at_least=False),
-        Unless("loudness", "1", "min_loudness"),
-        Apart(),
+        CorrelationOnlyLevel("height", "1", "min_height"),
+        CorrelationOnlyLevel("closure", "s", "max_closure_s", at_least=False),
+        CorrelationOnlyLevel("loudness", "1", "min_loudness"),
+        OnsetSeparation(),
     )
 
     def __init__(self, parameters: GccPhatParameters) -> None:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..pipeline.stage import LocationEstimate
-    from .base import Site
+    from .base import PlacedSensors
 
     Times = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class SoTdoa(ArrivalLocalizer):
     columns = columns("1")
     gates = gates("1", "max_residual")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Find the regions."""
         self.regions = arrival_order.known_regions(site.positions, site.outline)
         self.theta_s = site.medium.theta_s or THETA_S
@@ -80,7 +80,7 @@ class Hyperbolic(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Settle the velocity."""
         self.site = site
         self.velocity_mps = self.parameters.velocity_mps or site.medium.velocity_mps or 0.0
@@ -124,7 +124,7 @@ class PowerLaw(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Remember the site."""
         self.site = site
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
@@ -175,10 +175,10 @@ class SelfCalibrating(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Begin with what the geometry knows of the floor."""
         p = self.parameters
-        self.running = joint_calibration.running_floor(
+        self.running = joint_calibration.running_arrival_model(
             site.positions,
             site.outline,
             site.medium,

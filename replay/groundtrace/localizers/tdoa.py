@@ -73,7 +73,7 @@ def locate_hyperbolic(
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
         return no_location(picks)
-    area = heard_by(lattice(positions, outline), heard)
+    area = for_sensors(lattice(positions, outline), heard)
     best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
     noise = float(noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)[0])
     _, covariance = moments(area, best.losses[0] * picks, noise)
@@ -166,7 +166,7 @@ def locate_power_law(
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
         return no_location(picks)
-    area = heard_by(lattice(positions, outline, exponent), heard)
+    area = for_sensors(lattice(positions, outline, exponent), heard)
     model = Model(exponent, None, huber * sigma_s)
     best = search(area, positions[heard], times_s[None, heard], model)
     noise = float(noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)[0])
@@ -201,7 +201,7 @@ def power_law_places(
             found.append(best.places)
         else:
             noise = noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)
-            found.append(shares(best.losses * picks, noise) @ area.nodes)
+            found.append(node_posterior(best.losses * picks, noise) @ area.nodes)
     return np.concatenate(found)
 
 
@@ -255,7 +255,7 @@ class Lattice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Best:
+class GridOptimum:
     """The best places found of m impacts.
 
     Attributes
@@ -348,12 +348,12 @@ def _squares(u: Array, times_s: Array, slope: float | None) -> Array:
     return np.maximum(loss, 0.0, out=loss)
 
 
-def heard_by(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
+def for_sensors(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
     """Return a lattice for the sensors that have an arrival, shape (n,)."""
     return area if heard.all() else replace(area, u=area.u[heard])
 
 
-def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
+def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridOptimum:
     """Return the places of least loss: the best node, then the best of ever finer ones about it.
 
     Parameters
@@ -383,7 +383,7 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
         place = np.where(better[:, None], nodes[row, best], place)
         loss = np.where(better, finer[row, best], loss)
         step *= 2 / (FINER - 1)
-    return Best(place, loss, every)
+    return GridOptimum(place, loss, every)
 
 
 def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
@@ -392,7 +392,7 @@ def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
     return [times_s[i : i + rows] for i in range(0, len(times_s), rows)]
 
 
-def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> Array:
+def noise_s(best: GridOptimum, picks: int, unknowns: int, least_s: float) -> Array:
     """Return the standard deviation of an arrival that the residuals tell of, shape (m,) [s].
 
     Parameters
@@ -420,7 +420,7 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     sigma_s
         Standard deviation of an arrival [s].
     """
-    share = shares(excess, np.asarray(sigma_s))
+    share = node_posterior(excess, np.asarray(sigma_s))
     mean = share @ area.nodes
     offset = area.nodes - mean
     # nodes stand for squares
@@ -428,7 +428,7 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     return mean, covariance
 
 
-def shares(excess: Array, sigma_s: Array) -> Array:
+def node_posterior(excess: Array, sigma_s: Array) -> Array:
     """Return how likely each node is, shape (..., q), for :func:`moments`' excess and sigma."""
     least = excess.min(axis=-1, keepdims=True)
     weight = np.exp(-(excess - least) / (2 * sigma_s[..., None] ** 2))

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Stations
 
     from ..pipeline.gates import Candidates
-    from .stations import Cycle
+    from .stations import StationPowers
 
     Array = NDArray[np.float64]
 
@@ -159,7 +159,7 @@ class CyclePlace:
         return np.broadcast_to(self.relative_sigma, self.powers.shape)[heard]
 
 
-def less_noise(
+def noise_subtracted(
     powers: Array, floors: Array, floor_sigmas: Array | None, relative_sigma: float
 ) -> tuple[Array, Array]:
     """Return powers less the noise, and the standard deviation of each over itself.
@@ -256,7 +256,7 @@ class LikelihoodPlaces(CycleStage):
         )
         return ("all",)
 
-    def take(self, cycle: Cycle) -> Candidates:
+    def take(self, cycle: StationPowers) -> Candidates:
         """Locate in a cycle in which any station hears a vehicle."""
         p = self.parameters
         self._found = None
@@ -267,7 +267,7 @@ class LikelihoodPlaces(CycleStage):
         if heard < self.least_stations:
             return candidates_of([(cycle.time_ns, 0, [heard, *[np.nan] * 4])], len(self.columns))
         law = PowerLaw(p.mu or 1.0, p.exponent)
-        signal, sigmas = less_noise(
+        signal, sigmas = noise_subtracted(
             cycle.powers, cycle.floors, cycle.floor_sigmas, p.relative_sigma
         )
         powers = np.where(counted, signal, np.nan)

@@ -487,7 +487,7 @@ class PresenceFeatures:
 
 
 @dataclass(frozen=True, slots=True)
-class Lasting:
+class Persistence:
     """A minimum time for which candidates of a channel have passed all gates before this one.
 
     Parameters
@@ -592,7 +592,7 @@ class VehiclePresence(Stage):
         Level("cadence", "1", "cadence", at_least=False),
         Level("flatness", "1", "flatness", at_least=False),
         Level("centroid", "Hz", "centroid"),
-        Lasting(),
+        Persistence(),
     )
 
     def __init__(self, parameters: PresenceParameters) -> None:
