@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from ..evaluation.report import Score
     from ..evaluation.steps import StepScore
     from ..evaluation.tracks import ConsistencyScore, TrackScore
-    from ..evaluation.vehicles import PassScore, WayScore
-    from ..explain.compare import Comparison, Decision, PlaceComparison, Side
+    from ..evaluation.vehicles import PassScore, VehicleTrackScore
+    from ..explain.compare import ComparedResult, Comparison, Decision, PlaceComparison
     from ..explain.sweep import Counted, LeaveOneOut, Ranked, Ranking, Subject
     from ..pipeline.config import PipelineConfig
     from ..pipeline.results import Provenance
@@ -221,7 +221,7 @@ def _print_closure(c: ClosureScore, unit: str) -> None:
         )
 
 
-def _print_ways(w: WayScore, unit: str) -> None:
+def _print_ways(w: VehicleTrackScore, unit: str) -> None:
     print(
         f"  across the way: median {w.across_median_m:.2f} {unit} off, 90 % within "
         f"{w.across_p90_m:.2f} {unit}, {w.n} points"
@@ -681,7 +681,7 @@ def _print_comparison(found: Comparison) -> None:
         print_table(("time [s]", "step", "verdict", "without it", "why"), rows)
 
 
-def _side(side: Side) -> str:
+def _side(side: ComparedResult) -> str:
     if side.counts is None:
         return f"{side.name}, {side.steps} steps"
     c = side.counts
