@@ -11,7 +11,7 @@ from groundtrace.inertial.pdr import PedestrianDeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
 from groundtrace.pipeline.gates import Candidates, GateState, decided_block, gate_specs
 from groundtrace_codecs.events import StageSpec
-from groundtrace_viewers.rerun.walk import AzimuthLog
+from groundtrace_viewers.rerun.walk import AzimuthView
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
@@ -44,7 +44,7 @@ def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlo
 def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
     pytest.importorskip("rerun")
     sent = Sent()
-    log = AzimuthLog(cast("Timeline", sent))
+    log = AzimuthView(cast("Timeline", sent))
     for time_ns, cadence_hz in ((1, 1.8), (2, 9.0), (3, 1.9)):
         log.candidates(block(time_ns, cadence_hz))
     log.flush()
@@ -57,7 +57,7 @@ def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
 
 def test_other_stages_have_no_azimuths() -> None:
     sent = Sent()
-    log = AzimuthLog(cast("Timeline", sent))
+    log = AzimuthView(cast("Timeline", sent))
     log.candidates(block(1, 1.8, "step"))
     log.flush()
     assert not sent.rows

@@ -144,7 +144,7 @@ def shown_rows(block: CandidateBlock) -> CandidateBlock:
     return replace(block, **{name: getattr(block, name)[rows] for name in columns})
 
 
-class DetectorLog:
+class DetectorView:
     """Logs what one stage says about one topic.
 
     Parameters
@@ -335,7 +335,7 @@ class PickerCurve:
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
-        self._retold = Retold(session, spec)
+        self._retold = RecomputedCurve(session, spec)
         self._declared = False
 
     def feed(self, item: SignalBlock | Gap) -> None:
@@ -396,7 +396,7 @@ class PickerCurve:
         )
 
 
-class Retold:
+class RecomputedCurve:
     """The curve of one stage on one topic.
 
     Parameters
@@ -477,7 +477,7 @@ class StepCurve:
     ) -> None:
         self._timeline = timeline
         self._spec = spec
-        self._retold = Retold(session, spec)
+        self._retold = RecomputedCurve(session, spec)
         self._root = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
         self._times = np.empty(0, np.int64)
         self._values = np.empty(0)
@@ -648,7 +648,7 @@ class LogLines:
         self._pending.clear()
 
 
-class PickLog:
+class PickView:
     """Picks: marks on the waveform, rows of a table and log lines."""
 
     def __init__(self, timeline: Timeline, colours: SensorColours, lines: LogLines) -> None:
@@ -702,7 +702,7 @@ class PickLog:
         self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
 
 
-class StepLog:
+class StepView:
     """Steps and impacts: marks on the waveform, rows of a table and log lines."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -756,7 +756,7 @@ class StepLog:
         self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
 
 
-class LossLog:
+class LossView:
     """Interruptions: a lane and log lines."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -778,7 +778,7 @@ class LossLog:
         self._lane.flush(before_ns)
 
 
-class PlainLog:
+class PlainView:
     """Kinds of events that have no view of their own: a lane and a line of the log each."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -941,7 +941,7 @@ NAMES = ("pic", "nonpic", "Θ", "K")
 MASS_COLOURS = (PEAK, NO_PEAK, EITHER, CONFLICT)
 
 
-class MassLog:
+class MassView:
     """Logs the masses of one stage's candidates.
 
     Parameters

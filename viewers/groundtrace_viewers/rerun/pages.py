@@ -33,7 +33,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import ViewerError
 from .blueprint import linked
-from .decisions import VERDICT_COLOURS, DetectorLog, ceiling, decision_gate, log_truth
+from .decisions import VERDICT_COLOURS, DetectorView, ceiling, decision_gate, log_truth
 from .process import connect, data_url, free_port, open_viewer
 from .sink import Outlet, RerunSink
 from .timeline import (
@@ -567,7 +567,7 @@ def log_detector(
         Path of the decision function to where its plot ends; empty where there is none.
     """
     spec, found = part.spec, part.candidates
-    log = DetectorLog(timeline, spec, colours, lanes, (focus.start_ns, focus.end_ns))
+    log = DetectorView(timeline, spec, colours, lanes, (focus.start_ns, focus.end_ns))
     log.trace(TraceBlock(spec, part.frames.time_ns, part.frames.value))
     for gap in gaps:
         if gap.topic == spec.topic and not gap.bridged:

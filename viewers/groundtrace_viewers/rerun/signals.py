@@ -54,7 +54,7 @@ SLOW_CHUNK_S = 10.0
 IRREGULAR_PERIODS = 20.0
 
 
-class SignalLog:
+class SignalView:
     """Logs the blocks of one stream.
 
     Parameters
@@ -88,7 +88,7 @@ class SignalLog:
         self._curves = curves_of(stream)
         self._styles = CurveStyles(stream, colours)
         self._levels = [
-            EnvelopeLog(
+            EnvelopeView(
                 timeline, stream, curves, self._styles, role, 1.0 / rate_hz, chunk_s or SLOW_CHUNK_S
             )
             for curves in self._curves
@@ -396,7 +396,7 @@ class Envelope:
         return (self._anchor_ns or 0) + np.rint(first).astype(np.int64), peaks
 
 
-class EnvelopeLog:
+class EnvelopeView:
     """Logs the envelope of the curves of a plot.
 
     Parameters
@@ -645,7 +645,7 @@ def _megabytes(size: float) -> str:
 KEEP_S = 10.0
 
 
-class Recent:
+class RecentSamples:
     """Keeps the last blocks of a stream.
 
     Parameters
@@ -769,14 +769,14 @@ class Traces:
     """The last samples of all streams."""
 
     def __init__(self) -> None:
-        self._recent: dict[str, Recent] = {}
+        self._recent: dict[str, RecentSamples] = {}
         self._streams: dict[str, Stream] = {}
 
-    def begin(self, stream: Stream) -> Recent:
+    def begin(self, stream: Stream) -> RecentSamples:
         """Prepare for a stream and return what will hold its samples."""
         self._streams[stream.topic] = stream
         keep_s = KEEP_S if stream.rate_hz > FULL_RATE_HZ else SLOW_KEEP_S
-        self._recent[stream.topic] = recent = Recent(stream, keep_s)
+        self._recent[stream.topic] = recent = RecentSamples(stream, keep_s)
         return recent
 
     def push(self, block: SignalBlock) -> None:

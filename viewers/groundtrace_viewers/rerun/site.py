@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry, Sensor
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from .signals import Recent
+    from .signals import RecentSamples
     from .timeline import SensorColours, Timeline
 
     #: What shows the events of a kind, by the kind: methods that take one event.
@@ -454,7 +454,7 @@ class Section:
     """
 
     def __init__(
-        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: Recent
+        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: RecentSamples
     ) -> None:
         self._timeline = timeline
         self._columns = stream.columns_of(SEISMIC_QUANTITIES)
@@ -618,7 +618,7 @@ def signs(
     return tips
 
 
-class Details:
+class ApplicationViews:
     """Shows nothing; an application's own part overrides what it has something to show of.
 
     Attributes

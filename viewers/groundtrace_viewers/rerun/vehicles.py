@@ -23,7 +23,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .decisions import VERDICT_COLOURS
 from .places import ellipse
-from .site import SITE, Details, bounds, signs_of
+from .site import SITE, ApplicationViews, bounds, signs_of
 from .timeline import (
     ACCEPTED,
     COURSE_COLOURS,
@@ -68,7 +68,7 @@ TOLD = (Pass, LineCrossing)
 EXPONENT = "exponent"
 
 
-class Vehicles(Details):
+class Vehicles(ApplicationViews):
     """Logs everything that is particular to vehicles.
 
     Parameters
@@ -97,9 +97,9 @@ class Vehicles(Details):
         self._session = session
         self._lanes = lanes
         shown = bounds(session)
-        self._courses = CourseLog(timeline, shown, lanes)
-        self._likelihood = LikelihoodLog(timeline) if shown is not None else None
-        self._passes = PassLog(timeline, lines, shown)
+        self._courses = CourseView(timeline, shown, lanes)
+        self._likelihood = LikelihoodView(timeline) if shown is not None else None
+        self._passes = PassView(timeline, lines, shown)
         self._road = RoadPlot(timeline, session, colours)
         self._lines = lines
         self._passing = ""
@@ -251,7 +251,7 @@ DASH, BROAD, THIN = 0.012, 1.6, 1.0
 MARGIN = 0.55
 
 
-class CourseLog:
+class CourseView:
     """Logs tracks of vehicles, which are told when a vehicle has gone, at the times they are of.
 
     Courses of a stage that follow one another use two entities in turn: one may still be seen
@@ -388,7 +388,7 @@ def speed_text(one: Pass | LineCrossing) -> str:
     return f"{one.speed_mps:.1f} ± {one.speed_sigma_mps:.1f} m/s"
 
 
-class PassLog:
+class PassView:
     """Logs passes and crossings, which are told when a vehicle has gone.
 
     Parameters
@@ -778,7 +778,7 @@ OPACITY = 0.8
 LIKELIHOOD_HOLD_NS = 2 * NS_PER_S
 
 
-class LikelihoodLog:
+class LikelihoodView:
     """Logs the images of all stages that locate by likelihood.
 
     Parameters

@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Fix, Label, Pick, StepEvent, TrackPoint
     from groundtrace_codecs.signals import Stream
 
-    from ..rerun.moments import Moments, PageMoment
+    from ..rerun.moments import PageMoment, PageMoments
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 #: What the score's page does not need: links, and tables longer than a screen.
@@ -575,7 +575,7 @@ class Sources:
     labels: tuple[Label, ...]
     score: Score
     said: ResultEvents
-    moments: Moments
+    moments: PageMoments
     recording: Path | None
     streams: tuple[Stream, ...]
     annotations: tuple[Annotation, ...]
