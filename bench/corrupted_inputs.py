@@ -121,12 +121,12 @@ def told(of: Tape, *, channels: bool = True) -> Told:
     gaps: Counter[str] = Counter()
     for item in source:
         if channels:
-            health[item.topic].hear(item)
-        worn.hear(item)
+            health[item.topic].update(item)
+        worn.update(item)
         if isinstance(item, Gap):
             gaps[item.reason] += 1
         else:
-            units[item.topic].hear(item)
+            units[item.topic].update(item)
     worn.finish()
     remarks = [line for watch in units.values() for line in watch.remarks()]
     kinds = set()
@@ -498,7 +498,7 @@ def _clipped(stream: Stream, blocks: list[SignalBlock]) -> int:
     watch = FaultScan(stream)
     for block in blocks:
         watch.recorded(block)
-        watch.hear(block)
+        watch.update(block)
     return sum(f.kind == "clipped" for f in watch.findings())
 
 

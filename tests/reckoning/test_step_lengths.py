@@ -110,6 +110,6 @@ def test_the_barometer_tells_the_height_over_the_first_step() -> None:
     pressure[50] = np.nan
     barometer = Barometer()
     assert math.isnan(barometer.height_m(0))
-    barometer.hear(SignalBlock(stream, 0, 0, pressure[:, None]))
+    barometer.update(SignalBlock(stream, 0, 0, pressure[:, None]))
     assert barometer.height_m(2 * NS_PER_S) == 0
     assert barometer.height_m(12 * NS_PER_S) == pytest.approx(10.05, abs=0.05)

@@ -159,7 +159,7 @@ def test_a_step_announced_late_is_shown_the_same_window_whatever_the_blocks(
 def test_what_no_step_can_ask_for_is_forgotten() -> None:
     recall = SignalBuffer(STREAM, 20 * MS, 30 * MS, 50 * MS, np.zeros(3))
     for k in range(100):
-        recall.hear(ramp(100 * k, 100))
+        recall.update(ramp(100 * k, 100))
     assert sum(len(b) for b in recall._blocks) <= 3100
 
 

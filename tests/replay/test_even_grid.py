@@ -147,7 +147,7 @@ def test_every_hop_gets_its_rhythm_once_however_far_it_looks(ahead_s):
 def test_what_is_kept_is_found_by_its_place():
     kept = ColumnBuffer(2)
     kept.add(np.arange(10.0).reshape(2, 5))
-    kept.forget_before(3)
+    kept.discard_before(3)
     kept.add(np.array([[7.0], [8.0]]))
     assert (kept.first, kept.end) == (3, 6)
     np.testing.assert_array_equal(kept.between(4, 9), [[4.0, 7.0], [9.0, 8.0]])

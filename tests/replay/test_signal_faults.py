@@ -32,7 +32,7 @@ def watched(stream: Stream, samples: np.ndarray, start_ns: int = 0, cut: int = 1
     for first in range(0, len(samples), cut):
         block = SignalBlock(stream, start_ns, first, samples[first : first + cut])
         watch.recorded(block)
-        watch.hear(block)
+        watch.update(block)
     return list(watch.findings())
 
 
@@ -188,7 +188,7 @@ def test_runs_apart_are_judged_apart() -> None:
     stream = Stream("/imu", (Channel("ax", "acceleration", "m/s2", "x"),), 100.0)
     watch = FaultScan(stream)
     samples = swinging()[:, None]
-    watch.hear(SignalBlock(stream, 0, 0, samples[:1000]))
-    watch.hear(Gap("/imu", 10 * NS_PER_S, 15 * NS_PER_S, "missing", 500))
-    watch.hear(SignalBlock(stream, 15 * NS_PER_S, 0, samples[1000:] + 30))
+    watch.update(SignalBlock(stream, 0, 0, samples[:1000]))
+    watch.update(Gap("/imu", 10 * NS_PER_S, 15 * NS_PER_S, "missing", 500))
+    watch.update(SignalBlock(stream, 15 * NS_PER_S, 0, samples[1000:] + 30))
     assert list(watch.findings()) == []

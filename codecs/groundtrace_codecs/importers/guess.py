@@ -745,7 +745,7 @@ class UnitWatch:
     _count: dict[str, int] = field(default_factory=dict)
     _every: int = 1
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the samples of a block into account, fewer of them the longer it goes on."""
         for quantity, columns in self._vectors().items():
             values = block.samples[:: self._every, columns] * self.stream.scales[columns]

@@ -181,16 +181,16 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     health = {s.topic: FaultScan(s) for s in recording.streams}
     worn = ImuWatch(Source(recording).streams, limits=False)
     for item in Source(MonitoredRecording(recording, health)):
-        health[item.topic].hear(item)
-        worn.hear(item)
+        health[item.topic].update(item)
+        worn.update(item)
         if isinstance(item, Gap):
             gaps.append(item)
             if item.topic in watches and not item.bridged:
                 watches[item.topic].gap()
             continue
         if item.topic in watches:
-            watches[item.topic].hear(item)
-        units[item.topic].hear(item)
+            watches[item.topic].update(item)
+        units[item.topic].update(item)
         samples[item.topic] += len(item)
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))

@@ -179,7 +179,7 @@ class AdaptiveDetector(Stage):
         state = self.state
         start = state.waiting.first
         since, norm = state.waiting.between(start, start + len(band))
-        state.waiting.forget_before(start + len(band))
+        state.waiting.discard_before(start + len(band))
         times = since.astype(np.int64) + (state.start_ns or 0)
         state.curve = Curve(times, band[:, None])
         z, norm = band[None, :], norm[None, :]
@@ -192,7 +192,7 @@ class AdaptiveDetector(Stage):
         places = found[:, 0] - state.times.first
         since = state.times.values[0]
         time_ns = np.interp(places, np.arange(len(since)), since)
-        state.times.forget_before(int(found[-1, 0]) - 1)
+        state.times.discard_before(int(found[-1, 0]) - 1)
         return Candidates(
             np.rint(time_ns).astype(np.int64) + (state.start_ns or 0),
             np.zeros(len(found), np.int32),
@@ -327,8 +327,8 @@ class StepBand:
                 HOP,
                 found,
             )
-        self._up.forget_before(end)
-        self._hops.forget_before(end // HOP)
+        self._up.discard_before(end)
+        self._hops.discard_before(end // HOP)
         return Followed(*found)
 
 
@@ -374,7 +374,7 @@ class Peaks:
         """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
         self._kept.add(np.stack(followed))
         found = self._until(self._kept.end - _AHEAD)
-        self._kept.forget_before(self._next - _BACK)
+        self._kept.discard_before(self._next - _BACK)
         return found
 
     def finish(self) -> NDArray[np.float64]:

@@ -222,7 +222,7 @@ class ArrivalTracker:
             return NOTHING
         horizon_ns = self.clock.time_of(earliest)
         self.history.drop_before(earliest)
-        self.clock.forget_before(min(earliest, self._reached_from()))
+        self.clock.discard_before(min(earliest, self._reached_from()))
         count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
         if not count:
             return NOTHING

@@ -90,7 +90,7 @@ class Activity:
         low = max(index - self.reach - self.first, 0)
         return float(np.sqrt(self._power[low : index + self.reach + 1 - self.first].mean()))
 
-    def forget_before(self, index: int) -> None:
+    def discard_before(self, index: int) -> None:
         """Drop what no sample from ``index`` on reaches back to."""
         cut = max(0, index - self.reach - self.first)
         self._power = self._power[cut:]
@@ -144,7 +144,7 @@ class Gravity:
         assert self._force is not None
         start = self._force.first
         force = self._force.between(start, start + gravity.shape[1])
-        self._force.forget_before(start + gravity.shape[1])
+        self._force.discard_before(start + gravity.shape[1])
         return force, gravity
 
 

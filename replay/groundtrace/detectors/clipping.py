@@ -138,7 +138,7 @@ class Limits:
         """Return whether a stream is one of a worn sensor."""
         return bool(stream.columns_of(WORN))
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c, sides in self._sides.items():
@@ -273,7 +273,7 @@ class _RepeatsSide:
     def extreme(self) -> float:
         return max(self.tops, default=-math.inf)
 
-    def hear(self, window: Window, c: int, longest: float) -> None:
+    def update(self, window: Window, c: int, longest: float) -> None:
         row = self.sign * window.core[c]
         floor = min(self.tops) if len(self.tops) >= KEPT else -math.inf
         for value in np.unique(row[row >= floor])[-KEPT:].tolist():
@@ -321,13 +321,13 @@ class Repeats:
         self._longest = max(2.0, LONGEST_S * stream.rate_hz)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c, sides in self._sides.items():
             if np.isfinite(window.core[c]).all() and len(window):
                 for side in sides:
-                    side.hear(window, c, self._longest)
+                    side.update(window, c, self._longest)
 
     def gap(self) -> None:
         """End the run: what comes next continues nothing."""

@@ -61,7 +61,7 @@ class FaultScan:
     def recorded(self, block: SignalBlock) -> None:
         """Take the next block as it was recorded."""
         if self._rate is not None:
-            self._rate.hear(block)
+            self._rate.update(block)
         elif len(block):
             step_ns = 0 if self._last_ns is None else block.start_ns - self._last_ns
             if not 0 <= step_ns <= self._longest_ns:
@@ -69,7 +69,7 @@ class FaultScan:
             self._last_ns = block.last_ns
             self._tell(self._windows.add(block))
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
         if self._rate is None:
             return
@@ -99,7 +99,7 @@ class FaultScan:
     def _tell(self, windows: Iterable[Window]) -> None:
         for window in windows:
             for watcher in self._watchers:
-                watcher.hear(window)
+                watcher.update(window)
 
 
 class MonitoredRecording:

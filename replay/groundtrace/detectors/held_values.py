@@ -99,7 +99,7 @@ class StuckValues:
         self._fresh, self._first_run = True, True
         self._end, self._end_ns = 0, 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._end = window.first + len(window)
         self._end_ns = window.time_ns(len(window))

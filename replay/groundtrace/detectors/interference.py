@@ -96,7 +96,7 @@ class MainsHum:
         self._raw = np.empty((len(self.columns), 0), np.float32)
         self._slow = np.empty((len(self.columns), 0))
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         if not self.columns:
             return
@@ -248,7 +248,7 @@ class Offsets:
         self._shifts = np.zeros((len(self.columns), 2 * SIDE))
         self._spans = [(0, 0)] * (2 * SIDE)
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         core = window.core[self.columns].astype(np.float64)
         before = self._rest.shape[1]
@@ -350,7 +350,7 @@ class Spikes:
         self._highest = dict.fromkeys(columns, 0.0)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c in self._found:

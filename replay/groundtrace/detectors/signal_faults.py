@@ -54,7 +54,7 @@ class Finding:
 class FaultDetector(Protocol):
     """Looks for one kind of fault in all channels of a stream."""
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window of the run."""
 
     def gap(self) -> None:
@@ -307,7 +307,7 @@ class Rate:
         self._best: tuple[float, int, int, int] = (0.0, 0, 0, 0)
         self._last, self._last_ns = 0, 0
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a recorded block."""
         first = self._first
         # the count begins again, or the clock does
@@ -354,7 +354,7 @@ class NonFinite:
         self._open = np.zeros(len(stream.channels), np.bool_)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         bad = np.isnan(window.core)

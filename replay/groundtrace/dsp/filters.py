@@ -263,7 +263,7 @@ class SampleClock:
         anchor = self._anchors[max(0, bisect_right(self._starts, index) - 1)]
         return anchor[0] + round((index + anchor[1]) * self._period_ns)
 
-    def forget_before(self, index: int) -> None:
+    def discard_before(self, index: int) -> None:
         """Forget anchors of samples before one."""
         while len(self._starts) > 1 and self._starts[1] <= index:
             del self._starts[0], self._anchors[0]

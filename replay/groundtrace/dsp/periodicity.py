@@ -138,7 +138,7 @@ class Rhythm:
             count = (self._signal.end - scale.points) // HOP + 1
             if count > found.end:
                 found.add(self._windows(found.end, count, scale))
-        self._signal.forget_before(HOP * min(found.end for found in self._found))
+        self._signal.discard_before(HOP * min(found.end for found in self._found))
         known = min(map(self._known, self.scales, self._found))
         return self._until(known)
 
@@ -174,7 +174,7 @@ class Rhythm:
             self._add(values, found, scale)
         self._next = end
         for scale, found in zip(self.scales, self._found, strict=True):
-            found.forget_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
+            found.discard_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
         return values
 
     def _add(self, values: NDArray[np.float64], found: ColumnBuffer, scale: Scale) -> None:

@@ -190,7 +190,7 @@ class ColumnBuffer:
         """Return all columns, as compiled functions take them."""
         return np.ascontiguousarray(self.values)
 
-    def forget_before(self, place: int) -> None:
+    def discard_before(self, place: int) -> None:
         """Drop the columns before a place."""
         cut = min(max(place - self.first, 0), self.values.shape[1])
         self.values, self.first = self.values[:, cut:], self.first + cut

@@ -169,7 +169,7 @@ class _Series:
         self.values = np.concatenate([self.values, values])
         self.began = self.began or bool(len(time_ns))
 
-    def forget_before(self, time_ns: int) -> None:
+    def discard_before(self, time_ns: int) -> None:
         """Forget what lies before a time, but for the last sample."""
         keep = max(int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1, 0)
         self.time_ns, self.values = self.time_ns[keep:], self.values[keep:]
@@ -237,7 +237,7 @@ class SensorAligner:
         self._field_scale: float | None = None
         self._holders: dict[str, NonFiniteHold] = {}
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
         held = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
         values, times = held.values, held.sample_times()
@@ -308,6 +308,6 @@ class SensorAligner:
             self._rate.values[count:],
         )
         if count:
-            self._force.forget_before(int(times[-1]))
-            self._field.forget_before(int(times[-1]))
+            self._force.discard_before(int(times[-1]))
+            self._field.discard_before(int(times[-1]))
         return samples

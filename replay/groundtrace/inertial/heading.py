@@ -428,7 +428,7 @@ class HeadingStage(Stage):
 
     def process(self, block: SignalBlock) -> Iterator[Output]:
         """Take what a stream measures; the first of the gyroscope begins it all."""
-        self._aligner.hear(block)
+        self._aligner.update(block)
         if not self._turning and not columns_of_axes(block.stream, "angular_velocity"):
             return
         self._turning = True

@@ -111,7 +111,7 @@ class PedestrianDeadReckoning:
         self._track, self._measured, self._last_ns = None, None, None
         self._rested_s, self._north = 0.0, FieldDirection(self.parameters)
 
-    def know(self, places: Sequence[PositionReference]) -> None:
+    def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
         self._places += places
 
@@ -256,7 +256,7 @@ class BodyWornSensor:
         """What was assumed of the field's unit; empty where it is known."""
         return self._aligner.remark
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block of one of the sensor's streams."""
         if self.motion is None and not columns_of_axes(block.stream, TURNING):
             self._early.append(block)
@@ -265,9 +265,9 @@ class BodyWornSensor:
             self.topic = block.topic
             self.motion = LevelFrameTracker(block.stream.rate_hz)
             for early in self._early:
-                self._aligner.hear(early)
+                self._aligner.update(early)
             self._early = []
-        self._aligner.hear(block)
+        self._aligner.update(block)
         self.motion.add(self._aligner.take())
 
     def forget(self) -> None:
@@ -339,7 +339,7 @@ class DeadReckoning(Stage):
         self._plane = TangentPlane(origin)
         self._reckoner = PedestrianDeadReckoning(replace(p, axis=axis))
         self._reckoner.start(context.stage, context.tracks.next(), origin)
-        self._reckoner.know(waypoints_of(context.labels, p.waypoint_m))
+        self._reckoner.update(waypoints_of(context.labels, p.waypoint_m))
         return ("walker",)
 
     def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:
@@ -379,7 +379,7 @@ class DeadReckoning(Stage):
     def _know(self, until_ns: int) -> None:
         """Give the reckoner the fixes up to a time."""
         known_ns, self._known_ns = self._known_ns, max(until_ns, self._known_ns)
-        self._reckoner.know([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
+        self._reckoner.update([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
 
     def _interrupted(self, gap: Gap) -> None:
         """Begin with a new sensor after a gap."""
@@ -395,9 +395,9 @@ class DeadReckoning(Stage):
         if block.stream.placement != self._placement:
             return
         if _has_pressure(block.stream):
-            self._barometer.hear(block)
+            self._barometer.update(block)
         if any(columns_of_axes(block.stream, quantity) for quantity in QUANTITIES):
-            self._sensors[-1].hear(block)
+            self._sensors[-1].update(block)
 
     def _reckon(self, *, final: bool = False) -> Iterator[Output]:
         """Take the steps around which everything is known."""

@@ -270,7 +270,7 @@ class PlacementWatch:
         self._kept = ColumnBuffer(len(self._columns))
         self._start_ns = 0
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block."""
         if self.done or not len(block):
             return
@@ -283,7 +283,7 @@ class PlacementWatch:
         while self._kept.end - self._kept.first >= points and not self.done:
             first = self._kept.first
             self._look(self._kept.between(first, first + points), first + points)
-            self._kept.forget_before(first + points // 2)
+            self._kept.discard_before(first + points // 2)
 
     def _look(self, window: Array, end: int) -> None:
         self._windows += 1
@@ -328,7 +328,7 @@ def guessed_placements(
     watches = {t: PlacementWatch(s) for t, s in streams.items() if PlacementWatch.fits(s)}
     for item in Source(recording, topics=set(watches)) if watches else ():
         if isinstance(item, SignalBlock):
-            watches[item.topic].hear(item)
+            watches[item.topic].update(item)
         elif not item.bridged and item.topic in watches:
             watches[item.topic].gap()
         if all(watch.done for watch in watches.values()):
@@ -361,7 +361,7 @@ def noted(
         if watch is None:
             continue
         if isinstance(item, SignalBlock):
-            watch.hear(item)
+            watch.update(item)
         elif not item.bridged:
             watch.gap()
         if watch.done:

@@ -408,7 +408,7 @@ class _Signal:
         self.time_ns = np.concatenate([self.time_ns, part.time_ns - self.delay_ns])
         self.values = np.concatenate([self.values, self.filter(part.values)], axis=1)
 
-    def forget_before(self, time_ns: int) -> None:
+    def discard_before(self, time_ns: int) -> None:
         """Drop the samples before a time."""
         first = int(np.searchsorted(self.time_ns, time_ns))
         self.time_ns, self.values = self.time_ns[first:], self.values[:, first:]
@@ -433,7 +433,7 @@ class StepWindowCollector:
         self._waiting: list[StepEvent] = []  # measured, not told
         self._shapes: list[Shape] = []  # of up to two that were told, and of those that wait
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block of the run."""
         if self._signal is None:
             self._signal = self._begin(block.stream)
@@ -521,7 +521,7 @@ class StepWindowCollector:
         oldest_ns = run.end_ns - self._late_ns
         if self._steps:
             oldest_ns = min(oldest_ns, self._steps[0].time_ns)
-        run.forget_before(oldest_ns - round((BEFORE + 0.5) * LONGEST_STEP_S * NS_PER_S))
+        run.discard_before(oldest_ns - round((BEFORE + 0.5) * LONGEST_STEP_S * NS_PER_S))
 
 
 TYPES = ("forward", "backward", "left", "right")
@@ -691,7 +691,7 @@ class StepTypes(Stage):
         """Take signal and steps; yield the candidates of steps whose types are known."""
         assert self._follower is not None  # it was started
         if isinstance(item, SignalBlock):
-            self._follower.hear(item)
+            self._follower.update(item)
             yield from self._complete(self._follower)
         else:
             self._follower.step(item)

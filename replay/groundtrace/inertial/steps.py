@@ -358,7 +358,7 @@ class Barometer:
     _time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     _pressure: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block that has a pressure [Pa]."""
         values = block.values[:, block.stream.columns_of({"pressure"})[0]]
         sound = np.isfinite(values) & (values > 0)

@@ -126,7 +126,7 @@ class WornImu:
         self._by_force.gap()
         self._by_field.gap()
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next of one of the streams."""
         if not isinstance(item, SignalBlock):
             if not item.bridged:
@@ -137,7 +137,7 @@ class WornImu:
         if item.topic == self.force.topic:
             self._force_ns = item.last_ns
             if self._walk is not None:
-                self._walk.hear(item)
+                self._walk.update(item)
         elif (
             item.topic == self.turning.topic and (self._force_ns or 0) < item.start_ns - PATIENCE_NS
         ):
@@ -146,7 +146,7 @@ class WornImu:
             if quantity not in self._anything and item.topic == self._topic(quantity):
                 columns = columns_of_axes(item.stream, quantity)
                 self._anything |= {quantity} if item.samples[:, columns].any() else set()
-        self._aligner.hear(item)
+        self._aligner.update(item)
         samples = self._aligner.take()
         self._judge(samples.time_ns, np.hstack([samples.rate, samples.force, samples.field]))
 
@@ -174,10 +174,10 @@ class WornImu:
         self._rows = rows[whole:]
         even = rows[:whole].reshape(-1, self._many, 9).mean(axis=1)
         rate_hz = self.turning.rate_hz / self._many
-        self._by_force.hear(even[:, :6], rate_hz, self._heard_ns)
+        self._by_force.update(even[:, :6], rate_hz, self._heard_ns)
         if self.field is not None:
             field = even[:, [0, 1, 2, 6, 7, 8]] * ([1, 1, 1] + [_FIELD_SCALE] * 3)
-            self._by_field.hear(field, rate_hz, self._heard_ns)
+            self._by_field.update(field, rate_hz, self._heard_ns)
 
     def judges(self) -> list[Judge]:
         """Return what can judge the gyroscope's axes."""
@@ -313,17 +313,17 @@ class ImuWatch:
         ]
         self._limits = {s.topic: _AtLimits(s) for s in streams if limits and Limits.fits(s)}
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
         for sensor in self.sensors:
             if item.topic in sensor.streams:
-                sensor.hear(item)
+                sensor.update(item)
         if isinstance(item, SignalBlock):
             for zero in self._zeros:
                 if item.topic == zero.stream.topic:
-                    zero.hear(item)
+                    zero.update(item)
             if len(item) and item.topic in self._limits:
-                self._limits[item.topic].hear(item)
+                self._limits[item.topic].update(item)
         elif not item.bridged and item.topic in self._limits:
             self._limits[item.topic].gap()
 
@@ -376,7 +376,7 @@ class _AtLimits:
             Repeats(stream),
         )
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         self._tell(self._windows.add(block))
 
     def gap(self) -> None:
@@ -387,7 +387,7 @@ class _AtLimits:
     def _tell(self, windows: Iterable[Window]) -> None:
         for window in windows:
             for watcher in self._watchers:
-                watcher.hear(window)
+                watcher.update(window)
 
     def findings(self) -> Iterator[Finding]:
         told = set()
@@ -408,7 +408,7 @@ class _Zero:
         self._span_ns = (0, 0)
         self._anything = False
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         if self._anything or not len(block):
             return
         self._span_ns = (self._span_ns[0] or block.start_ns, block.end_ns)
@@ -439,11 +439,11 @@ class ImportedImu:
         self._units: dict[str, UnitWatch] = {}
         self._runs = {s.topic: run_tracker(s, BRIDGE_S) for s in streams}
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block as it is written."""
-        self._units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
+        self._units.setdefault(block.topic, UnitWatch(block.stream)).update(block)
         for item in self._runs[block.topic].add(block):
-            self._watch.hear(item)
+            self._watch.update(item)
 
     def remarks(self) -> tuple[str, ...]:
         """Return one line for each thing that was found; nothing is heard after that."""
@@ -476,10 +476,10 @@ def judged(
         yield item
         if isinstance(item, Note):
             continue
-        imu.hear(item)
+        imu.update(item)
         if isinstance(item, SignalBlock):
             end_ns = max(end_ns, item.last_ns)
-            by_topic[item.topic].hear(item)
+            by_topic[item.topic].update(item)
     imu.finish()
     units = [line for watch in by_topic.values() for line in watch.remarks()]
     yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
@@ -857,7 +857,7 @@ class Spreads:
         """Begin a new run."""
         self._rows = np.empty((0, 6))
 
-    def hear(self, rows: Array, rate_hz: float, end_ns: int) -> None:
+    def update(self, rows: Array, rate_hz: float, end_ns: int) -> None:
         """Take samples: angular velocity and vector, shape (n, 6), and the last one's time [ns]."""
         self._rows = np.concatenate([self._rows, rows])
         count = round(self.window_s * rate_hz)

@@ -164,7 +164,7 @@ class SignalBuffer:
     _kept: Cut | None = None
     first_ns: int | None = None
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block; forget what no step can ask for any more."""
         self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
         self._blocks.append(block)

@@ -200,7 +200,7 @@ class Pipeline:
     def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         """Feed an item, and what the first stage made of it, to the others; return all events."""
         found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
-        self._check.hear(found)
+        self._check.update(found)
         return found
 
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
@@ -221,7 +221,7 @@ class Pipeline:
             propagate(held, self.stages[index + 1 :])
             for made in held:
                 found += [made.item, *made.events()]
-        self._check.hear(found)
+        self._check.update(found)
         return [*found, *self._check.finish()]
 
 

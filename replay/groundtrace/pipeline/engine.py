@@ -67,7 +67,7 @@ class ReplayCounts:
     last_ns: int | None = None
     warnings: WarningCounter = field(default_factory=WarningCounter)
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Count a block."""
         start_ns, end_ns = block.start_ns, block.end_ns
         self.first_ns = start_ns if self.first_ns is None else min(self.first_ns, start_ns)
@@ -180,7 +180,7 @@ class ReplayLoop:
     def _finish(self, item: Item, begun: Begun) -> None:
         if isinstance(item, SignalBlock):
             self._wait(item.end_ns)
-            self.tally.hear(item)
+            self.tally.update(item)
         else:
             self.tally.add([item])
         for sink in self._sinks:

@@ -462,7 +462,7 @@ class StageRunner:
         kept = buffers[topic]
         if kept is not None:
             columns, recall = kept
-            recall.hear(block.select(columns))
+            recall.update(block.select(columns))
 
     def process(self, item: Item) -> list[Event]:
         """Take an item; return what it brings about."""

@@ -330,7 +330,7 @@ class HeardCycles:
     names: tuple[str, ...]
     cycles: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=deque)
 
-    def remember(self, block: CandidateBlock) -> None:
+    def buffer(self, block: CandidateBlock) -> None:
         """Keep the cycles in which any channel hears a vehicle."""
         named = [c.name for c in block.spec.columns]
         columns = [named.index(name) for name in ("power", "floor", "floor_sigma")]
@@ -408,7 +408,7 @@ class RatioPlaces(Stage):
     def process(self, item: SignalBlock | CandidateBlock) -> Iterator[Output]:
         """Take samples, and the cycles in which there is a vehicle: places and ratios are there."""
         if isinstance(item, CandidateBlock):
-            self._heard.remember(item)
+            self._heard.buffer(item)
             return
         samples = planar(item.select(self._columns))
         for ratios in self.add(item.sample_times(), samples):
