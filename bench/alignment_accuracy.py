@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.api.align import Moments, align
+from groundtrace.api.align import AlignmentEvents, align
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -76,11 +76,11 @@ def seen(
     return np.sort(np.concatenate([kept, invented]))
 
 
-def on_clock(found_s: Array, end_s: float, ahead_s: float, drift_ppm: float) -> Moments:
+def on_clock(found_s: Array, end_s: float, ahead_s: float, drift_ppm: float) -> AlignmentEvents:
     """Return moments as a device with a wrong clock stamps them."""
     bounds = np.concatenate([[0.0, end_s], found_s]) * (1 + drift_ppm * 1e-6) + ahead_s
     start, end, *times = (START_NS + np.rint(bounds * NS_PER_S).astype(np.int64)).tolist()
-    return Moments(np.array(times, np.int64), start, end)
+    return AlignmentEvents(np.array(times, np.int64), start, end)
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.detectors.fault_scan import HealthWatch, Listened
+from groundtrace.detectors.fault_scan import FaultScan, MonitoredRecording
 from groundtrace.inertial.worn_sensor_faults import ImuWatch, contradiction
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions
@@ -114,19 +114,19 @@ def in_si(streams: tuple[Stream, ...], stamped: list[tuple[int, SignalBlock]]) -
 
 def told(of: Tape, *, channels: bool = True) -> Told:
     """Read a tape as ``info`` does; without ``channels``, single ones are not looked at."""
-    health = {s.topic: HealthWatch(s) for s in of.streams if channels}
+    health = {s.topic: FaultScan(s) for s in of.streams if channels}
     units = {s.topic: UnitWatch(s) for s in of.streams}
-    source = Source(Listened(of, health) if channels else of)
+    source = Source(MonitoredRecording(of, health) if channels else of)
     worn = ImuWatch(source.streams, limits=False)
     gaps: Counter[str] = Counter()
     for item in source:
         if channels:
-            health[item.topic].hear(item)
-        worn.hear(item)
+            health[item.topic].update(item)
+        worn.update(item)
         if isinstance(item, Gap):
             gaps[item.reason] += 1
         else:
-            units[item.topic].hear(item)
+            units[item.topic].update(item)
     worn.finish()
     remarks = [line for watch in units.values() for line in watch.remarks()]
     kinds = set()
@@ -495,10 +495,10 @@ def _at_rails(samples: np.ndarray, part: float, random: np.random.Generator) -> 
 
 
 def _clipped(stream: Stream, blocks: list[SignalBlock]) -> int:
-    watch = HealthWatch(stream)
+    watch = FaultScan(stream)
     for block in blocks:
         watch.recorded(block)
-        watch.hear(block)
+        watch.update(block)
     return sum(f.kind == "clipped" for f in watch.findings())
 
 

@@ -13,7 +13,7 @@ from groundtrace.localizers import arrival_order, tdoa, wave_physics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.pipeline.stage import Location
+    from groundtrace.pipeline.stage import LocationEstimate
 
 SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
 ROOM = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
@@ -47,7 +47,9 @@ def on_lattice(times: np.ndarray) -> np.ndarray:
     return best @ nodes / best.sum(axis=1, keepdims=True)
 
 
-def methods(velocity: float, theta_s: float, sigma: float) -> dict[str, Callable[..., Location]]:
+def methods(
+    velocity: float, theta_s: float, sigma: float
+) -> dict[str, Callable[..., LocationEstimate]]:
     """Return the localisers by name."""
     regions = arrival_order.known_regions(SENSORS, ROOM)
     return {
@@ -59,7 +61,9 @@ def methods(velocity: float, theta_s: float, sigma: float) -> dict[str, Callable
     }
 
 
-def errors(method: Callable[..., Location], times: np.ndarray, sources: np.ndarray) -> np.ndarray:
+def errors(
+    method: Callable[..., LocationEstimate], times: np.ndarray, sources: np.ndarray
+) -> np.ndarray:
     found = [method(row) for row in times]
     return np.hypot(*(np.array([(p.x, p.y) for p in found]) - sources).T)
 

@@ -85,7 +85,7 @@ def guess_of(case: Case) -> PlacementGuess | None:
             watch = PlacementWatch(stream)
             for item in Source(opened, topics=[stream.topic]):
                 if isinstance(item, SignalBlock):
-                    watch.hear(item)
+                    watch.update(item)
                 elif not item.bridged:
                     watch.gap()
                 if watch.done:

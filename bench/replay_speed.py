@@ -23,7 +23,7 @@ from timing import alone, interleaved, on_one_core
 
 from groundtrace.dsp.spectral import WindowPower
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
-from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write
@@ -54,7 +54,7 @@ class PowerSink:
         self._tail: np.ndarray | None = None
         self.largest = 0.0
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin."""
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -163,7 +163,7 @@ def whole_replay(path: Path, *sinks: Sink, pipeline: str = "room-steps") -> None
         chain = build_pipeline(load_pipeline(pipeline), recording.geometry)
         times = (recording.start_ns, recording.end_ns)
         site = (recording.streams, recording.geometry, ())  # labels are read apart
-        session = Session(path.name, "room", *times, *site, chain.recipe())
+        session = ReplaySession(path.name, "room", *times, *site, chain.recipe())
         for sink in sinks:
             sink.open(session)
         replay(Source(recording), chain, sinks)

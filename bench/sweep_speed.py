@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from timing import alone, on_one_core
 
-from groundtrace.explain.redecide import Grid, Redecider, make_grid, parse_axis
+from groundtrace.explain.redecide import Grid, OfflineDecider, make_grid, parse_axis
 from groundtrace.explain.sweep import Subject, count, measure_evidence
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.simulate.gait import WalkOptions
@@ -53,7 +53,7 @@ def swept_s(evidence: Evidence, grid: Grid) -> float:
 
 def single_s(evidence: Evidence, grid: Grid) -> float:
     """Wall time of some settings, each decided from the start."""
-    redecider = Redecider(evidence)
+    redecider = OfflineDecider(evidence)
     keys = [(axis.stage, axis.parameter) for axis in grid.axes]
     began = time.perf_counter()
     for values in grid.rows[:: len(grid) // SINGLE][:SINGLE]:

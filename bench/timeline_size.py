@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
-from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
@@ -60,7 +60,7 @@ def written_s(path: Path, rrd: Path, full_rate: str, settings: list[str]) -> flo
         config = with_settings(load_pipeline("room-footsteps"), settings)
         chain = build_pipeline(config, recording.geometry, recording.labels)
         source = Source(recording)
-        session = Session(
+        session = ReplaySession(
             path.name,
             config.application,
             recording.start_ns,

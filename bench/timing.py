@@ -8,7 +8,7 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from groundtrace.runtime import keep_freed_memory, one_thread
+from groundtrace.runtime import limit_blas_threads, raise_malloc_trim
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,9 +22,9 @@ def alone() -> None:
     The CPU time of a process is that of all its threads, and those wait for work by looking for it
     again and again, on whatever core: a product of matrices was then seen at ten times its time.
     """
-    if one_thread():
+    if limit_blas_threads():
         os.execv(sys.executable, sys.orig_argv)
-    keep_freed_memory()
+    raise_malloc_trim()
 
 
 def on_one_core() -> None:

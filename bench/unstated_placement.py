@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from groundtrace.evaluation.steps import StepScore
     from groundtrace.pipeline.config import PipelineConfig
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
     from groundtrace_codecs.signals import Stream
 
 TOLERANCE_S = 0.12
@@ -59,7 +59,7 @@ class Unstated:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield its blocks."""
         wanted = topics or [stream.topic for stream in self.streams]
         found = self._recording.blocks(wanted, start_ns, stop_ns, joined_ns)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 from timing import alone, interleaved, on_one_core
 
-from groundtrace.explain.why import account
+from groundtrace.explain.why import explain_steps
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, with_settings
-from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.results import Provenance, ResultsSink, evidence_of, read_results
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.recording import write
@@ -26,7 +26,7 @@ from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.recording import Recording
 
 if TYPE_CHECKING:
-    from groundtrace.explain.why import Account
+    from groundtrace.explain.why import StepExplanation
 
 #: What is set so that steps are missed.
 SETTINGS = {"all found": [], "many missed": ["picks.ratio=9", "steps.min_channels=8"]}
@@ -41,14 +41,14 @@ def replayed(path: Path, out: Path, settings: list[str]) -> None:
         site = (recording.streams, recording.geometry, recording.labels)
         recipe = chain.recipe()
         sink = ResultsSink(out, Provenance(path.name, "", *times, recipe), force=True)
-        sink.open(Session(path.name, "room", *times, *site, recipe))
+        sink.open(ReplaySession(path.name, "room", *times, *site, recipe))
         replay(Source(recording), chain, [sink])
         sink.close()
 
 
-def explained(results: Path) -> Account:
+def explained(results: Path) -> StepExplanation:
     """From the results file to the account of all wrong decisions."""
-    return account(evidence_of(read_results(results, evidence=True)))
+    return explain_steps(evidence_of(read_results(results, evidence=True)))
 
 
 def main() -> None:

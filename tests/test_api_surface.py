@@ -27,21 +27,22 @@ SURFACE = {
         check_description check_faults check_gap check_gates check_restart check_stage
         check_state outcome rechunked run""",
     "groundtrace.pipeline.gates": """
-        Candidates Carry Decisions Gate Level Reach Refractory decide decided_block gate_specs
-        never_passed""",
+        Candidates Decisions Gate GateState Level Reach Refractory decide decided_block
+        gate_specs never_passed""",
     "groundtrace.pipeline.parameters": """
         ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
     "groundtrace.pipeline.stage": """
-        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS Location
-        Measured NO_FRAMES Numbers POWERS Spans Stage StageConfig StageRunner accepted_events
-        allows associates detects emitted in_length_unit joined length_note nowhere
-        scaled_lengths takes_signal_alone topic_of units_per_metre wanted_quantities""",
+        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS
+        LocationEstimate Measured NO_FRAMES Numbers POWERS PresenceIntervals Stage StageConfig
+        StageRunner accepted_events allows associates detects emitted in_length_unit joined
+        length_note no_location scaled_lengths takes_signal_alone topic_of units_per_metre
+        wanted_quantities""",
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
-        Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing McapFile Medium
-        MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
-        RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec Stamped
-        StepEvent Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
+        Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing LoggedBlock McapFile
+        Medium MissingReaderError NS_PER_S Note OtherTopic Pass Pick Presence Quantity Recording
+        RecordingWriter SEISMIC_QUANTITIES SchemaError Sensor SignalBlock StageSpec StepEvent
+        Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
 }

@@ -39,7 +39,7 @@ from .signals import NS_PER_S, SEISMIC_QUANTITIES, Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:
     from .mcap.reader import McapFile
-    from .recording import OtherTopic, Recording, Stamped
+    from .recording import LoggedBlock, OtherTopic, Recording
     from .schemas.event_messages import events_of, labels_of
     from .writer import RecordingWriter, write_recording
 
@@ -63,6 +63,7 @@ __all__ = [
     "Label",
     "LikelihoodSurface",
     "LineCrossing",
+    "LoggedBlock",
     "McapFile",
     "Medium",
     "MissingReaderError",
@@ -78,7 +79,6 @@ __all__ = [
     "Sensor",
     "SignalBlock",
     "StageSpec",
-    "Stamped",
     "StepEvent",
     "Stream",
     "TraceBlock",
@@ -93,7 +93,7 @@ _LAZY = {
     "OtherTopic": "recording",
     "Recording": "recording",
     "RecordingWriter": "writer",
-    "Stamped": "recording",
+    "LoggedBlock": "recording",
     "events_of": "schemas.event_messages",
     "labels_of": "schemas.event_messages",
     "write_recording": "writer",

@@ -260,7 +260,7 @@ def cut(
     file = recording.file
     scissors = _Scissors(recording, Span(start_ns, stop_ns))
     faults: list[str] = []
-    with appearing(Container(path, "zstd", force, profile=file.profile)) as container:
+    with atomic_write(Container(path, "zstd", force, profile=file.profile)) as container:
         ids = copy_frame(file, container, file.channels.keys(), faults)
         container.add_metadata(CUT, origin)
         messages = send_all(file, container, ids, scissors.messages())
@@ -402,7 +402,7 @@ class Copied:
 
 
 @contextmanager
-def appearing(container: Container) -> Iterator[Container]:
+def atomic_write(container: Container) -> Iterator[Container]:
     """Close a container, which gets its name only where nothing went wrong."""
     complete = False
     try:
@@ -451,7 +451,7 @@ def filter_topics(
     """
     with opened(source) as file:
         chosen, faults = _chosen(file, keep, drop), list[str]()
-        with appearing(Container(path, "zstd", force, profile=file.profile)) as container:
+        with atomic_write(Container(path, "zstd", force, profile=file.profile)) as container:
             ids = copy_frame(file, container, chosen, faults)
             messages = send_all(file, container, ids, file.as_recorded(chosen))
         others = {i: file.message_counts.get(i, 0) for i in file.channels.keys() - chosen}
@@ -497,7 +497,7 @@ def convert(
         if block_ns is not None:
             messages = _reblocked(file, messages, block_ns)
         container = Container(path, compression, force, chunk_bytes, profile=file.profile)
-        with appearing(container):
+        with atomic_write(container):
             ids = copy_frame(file, container, file.channels.keys(), faults)
             counts = send_all(file, container, ids, messages)
         return Copied(counts, {}, file.damage, tuple(faults))

@@ -255,7 +255,7 @@ def as_truth(label: Label) -> Label:
 SAME_NS = NS_PER_S // 10
 
 
-class Said:
+class PreviousLabels:
     """The labels of earlier files, by what they are about."""
 
     def __init__(self) -> None:

@@ -15,9 +15,9 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
 from .annotations import ANNOTATIONS_TOPIC
-from .copies import appearing
+from .copies import atomic_write
 from .errors import CodecError, FormatError, SchemaError
-from .events import Said
+from .events import PreviousLabels
 from .geometry import SITE_NAME
 from .mcap.writer import Container
 from .schemas.event_messages import TRUTH_TOPIC, decode_label, label_channels
@@ -93,7 +93,7 @@ def merge(
     check_topics(parts)
     profiles = {part.recording.file.profile for part in parts}
     profile = profiles.pop() if len(profiles) == 1 else ""
-    with appearing(Container(path, "zstd", force, profile=profile)) as container:
+    with atomic_write(Container(path, "zstd", force, profile=profile)) as container:
         writer = _Merger(container, undoing=not clocks)
         for part in parts:
             writer.add(part)
@@ -133,7 +133,7 @@ class _Merger:
         self._undoing = undoing
         self._queues: list[Iterator[tuple[int, int, Message]]] = []
         self._topics: dict[int, str] = {}
-        self._truth = Said()
+        self._truth = PreviousLabels()
         self._attached: dict[str, bytes] = {}
         self._metadata: dict[str, dict[str, str]] = {}
         self._placed = False
@@ -172,7 +172,7 @@ class _Merger:
             counts[self._topics[channel_id]] += 1
         return dict(sorted(counts.items()))
 
-    def _record(self, part: Part, channel: Retimed) -> ChannelRecord:
+    def _record(self, part: Part, channel: RetimedChannel) -> ChannelRecord:
         named = part.renamed(channel.channel)
         if self._undoing:
             return named
@@ -184,7 +184,7 @@ class _Merger:
         return channel_id
 
     def _add_truth(
-        self, part: Part, ids: Mapping[int, int], channels: Mapping[int, Retimed]
+        self, part: Part, ids: Mapping[int, int], channels: Mapping[int, RetimedChannel]
     ) -> None:
         """Take a file's labels; what an earlier file says too goes to a topic of its own."""
         file = part.recording.file
@@ -254,7 +254,10 @@ def _aside(part: Part) -> str:
 
 
 def _queue(
-    file: McapFile, members: Sequence[int], channels: Mapping[int, Retimed], ids: Mapping[int, int]
+    file: McapFile,
+    members: Sequence[int],
+    channels: Mapping[int, RetimedChannel],
+    ids: Mapping[int, int],
 ) -> Iterator[tuple[int, int, Message]]:
     """Yield the messages of channels of one clock, which keep their order."""
     for message in file.as_recorded(set(members)):
@@ -355,7 +358,7 @@ _TIMESTAMP = "google.protobuf.Timestamp"
 _ROS_STAMP_S = 1 << 31
 
 
-class Mover(Protocol):
+class TimestampRewriter(Protocol):
     """Puts the content of a channel's messages on another clock."""
 
     def moved(self, message: Message) -> bytes:
@@ -364,7 +367,7 @@ class Mover(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Retimed:
+class RetimedChannel:
     """A channel on another clock.
 
     Attributes
@@ -379,7 +382,7 @@ class Retimed:
 
     channel: ChannelRecord
     clock: DeviceClock
-    mover: Mover | None
+    mover: TimestampRewriter | None
 
     def message(self, message: Message) -> Message:
         """Return a message with all its times on the common clock.
@@ -406,7 +409,7 @@ class Retimed:
         return message._replace(log_time=log_ns, publish_time=publish_ns, data=data)
 
 
-def retimed(file: McapFile, channel: ChannelRecord, clock: DeviceClock) -> Retimed:
+def retimed(file: McapFile, channel: ChannelRecord, clock: DeviceClock) -> RetimedChannel:
     """Return how a channel comes onto the common clock.
 
     Waveforms and ROS messages of groundtrace keep their sample counters: their times are those of
@@ -420,7 +423,7 @@ def retimed(file: McapFile, channel: ChannelRecord, clock: DeviceClock) -> Retim
         The clock it was recorded with.
     """
     if clock.same:
-        return Retimed(channel, clock, None)
+        return RetimedChannel(channel, clock, None)
     place = f"{file.name}: {channel.topic}"
     stream: Stream | None = None
     if STREAM_KEY in channel.metadata:
@@ -429,7 +432,7 @@ def retimed(file: McapFile, channel: ChannelRecord, clock: DeviceClock) -> Retim
         metadata = channel.metadata | {STREAM_KEY: stream_json(faster)}
         channel = replace(channel, metadata=metadata)
     mover = _mover(file.schemas.get(channel.schema_id), channel, stream, clock, place)
-    return Retimed(channel, clock, mover)
+    return RetimedChannel(channel, clock, mover)
 
 
 def _mover(
@@ -438,7 +441,7 @@ def _mover(
     stream: Stream | None,
     clock: DeviceClock,
     place: str,
-) -> Mover | None:
+) -> TimestampRewriter | None:
     if schema is None:
         return None
     kind = (channel.message_encoding, schema.encoding)

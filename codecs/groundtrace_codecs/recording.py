@@ -220,7 +220,7 @@ class Recording:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield blocks of all streams in order of log time, then of channel id.
 
         One block per WaveformBlock; messages of one sample are put together over 0.25 s of log
@@ -260,7 +260,7 @@ class Recording:
             return
         for logged_ns, block in self._decoded(readers, low, high, joined_ns):
             if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
-                yield Stamped(logged_ns, part)
+                yield LoggedBlock(logged_ns, part)
 
     def _wanted(self, topics: Collection[str] | None) -> set[str]:
         known = {s.topic for s in self.streams}
@@ -275,7 +275,7 @@ class Recording:
         low_ns: int | None,
         high_ns: int | None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield decoded blocks by log time, one batch after the other."""
         tables = self.file.tables(readers.keys(), low_ns, high_ns, self._clock)
         for batch in batches(tables, joined_ns or BATCH_NS):
@@ -323,7 +323,7 @@ _PROBE_NS = 30 * NS_PER_S
 _LOCATION_KINDS = {"foxglove.LocationFix", "foxglove.LocationFixes"}
 
 
-class Stamped(NamedTuple):
+class LoggedBlock(NamedTuple):
     """A block and the log time of the (last) message it came from [ns]."""
 
     log_ns: int
@@ -335,7 +335,7 @@ class ChannelReader(Protocol):
 
     streams: tuple[Stream, ...]
 
-    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
+    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[LoggedBlock]:
         """Yield the blocks of consecutive messages of the channel, joined where they continue."""
 
 
@@ -396,19 +396,19 @@ class WaveformReader:
         self._place = place
         self._count = 0  # samples of the last message: most have as many
 
-    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[Stamped]:
+    def blocks(self, messages: MessageTable, *, joined: bool = False) -> Iterator[LoggedBlock]:
         """Yield one block per message, or per run of messages that continue each other."""
         run: WaveformRun | None = None
         log_ns = 0
         for message in messages:
             if run is None or not (joined and run.take(message.data)):
                 if run is not None:
-                    yield Stamped(log_ns, run.block())
+                    yield LoggedBlock(log_ns, run.block())
                 run = WaveformRun(self.streams[0], message.data, self._place, self._count)
                 self._count = run.count
             log_ns = message.log_time
         if run is not None:
-            yield Stamped(log_ns, run.block())
+            yield LoggedBlock(log_ns, run.block())
 
 
 def _waveform_reader(file: McapFile, channel: ChannelRecord) -> WaveformReader | None:
@@ -467,7 +467,7 @@ class RosReader:
             if s.position
         )
 
-    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[Stamped]:  # noqa: ARG002
+    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[LoggedBlock]:  # noqa: ARG002
         """Yield the blocks of consecutive messages: one per stream and contiguous run."""
         log_ns = log_times(messages, self._place)
         tables = list(self._decoder.tables(messages.by_size()))
@@ -479,7 +479,7 @@ class RosReader:
             if stream.irregular:
                 first = messages[0].sequence
                 block = SignalBlock(stream, int(found.times_ns[0]), first, values, found.times_ns)
-                yield Stamped(messages[-1].log_time, block)
+                yield LoggedBlock(messages[-1].log_time, block)
             else:
                 indices = messages.rows["sequence"]
                 yield from _runs(stream, indices, found.times_ns, values, log_ns)
@@ -506,13 +506,13 @@ def _runs(
     times_ns: NDArray[np.int64],
     values: NDArray[np.float64],
     log_ns: NDArray[np.int64],
-) -> Iterator[Stamped]:
+) -> Iterator[LoggedBlock]:
     """Cut uniform samples where index or anchor jump; the index is the message's sequence."""
     anchors = times_ns - np.rint(indices * stream.period_ns).astype(np.int64)
     breaks = np.flatnonzero((np.diff(indices) != 1) | (np.diff(anchors) != 0)) + 1
     for start, stop in zip([0, *breaks], [*breaks, len(indices)], strict=True):
         block = SignalBlock(stream, int(anchors[start]), int(indices[start]), values[start:stop])
-        yield Stamped(int(log_ns[stop - 1]), block)
+        yield LoggedBlock(int(log_ns[stop - 1]), block)
 
 
 def _ros_reader(file: McapFile, channel: ChannelRecord, schema: Schema) -> RosReader | None:
@@ -577,7 +577,7 @@ class LocationReader:
 
         return (parse(LocationFix, message.data, self._place),)
 
-    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[Stamped]:  # noqa: ARG002
+    def blocks(self, messages: MessageTable, *, joined: bool = True) -> Iterator[LoggedBlock]:  # noqa: ARG002
         """Yield one block of all the fixes."""
         logs = log_times(messages, self._place)
         pairs = [(m, fix) for m in messages for fix in self._fixes(m)]
@@ -586,7 +586,7 @@ class LocationReader:
         times = [get_time(fix.timestamp, self._place) or m.log_time for m, fix in pairs]
         values = np.array([(f.latitude, f.longitude, f.altitude) for _, f in pairs], np.float64)
         block = SignalBlock(self.streams[0], times[0], 0, values, np.array(times, np.int64))
-        yield Stamped(int(logs[-1]), block)
+        yield LoggedBlock(int(logs[-1]), block)
 
 
 def _location_reader(
@@ -613,7 +613,7 @@ def readable(
     leave_out: Callable[[Message, CodecError], None],
     *,
     joined: bool = False,
-) -> list[Stamped]:
+) -> list[LoggedBlock]:
     """Decode messages without those that are not what their schema says.
 
     Parameters

@@ -21,7 +21,7 @@ from importlib.metadata import PackageNotFoundError, version
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-def one_thread() -> list[str]:
+def limit_blas_threads() -> list[str]:
     """Ask for one thread in libraries loaded from now on, and by processes started from here.
 
     Returns
@@ -38,7 +38,7 @@ _KEPT_BYTES = 32 << 20
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD of malloc.h
 
 
-def keep_freed_memory() -> bool:
+def raise_malloc_trim() -> bool:
     """Let this process keep up to 32 MiB that it freed; return whether the C library can."""
     # other C libraries of Linux have no such function
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from hypothesis import strategies as st
 
-from groundtrace.detectors.dempster_shafer import Frame
+from groundtrace.detectors.dempster_shafer import HypothesisSet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-PEAK = Frame(("peak", "other"))
+PEAK = HypothesisSet(("peak", "other"))
 OTHER_RULES = ("smets", "yager", "disjunctive", "dubois-prade", "florea")
 
 

@@ -12,7 +12,7 @@ from groundtrace.localizers.wave_physics import arrivals
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from groundtrace.pipeline.stage import Location
+    from groundtrace.pipeline.stage import LocationEstimate
 
 SENSORS = np.array([(x, y) for y in (0.0, 5.0, 10.0) for x in (0.0, 5.0, 10.0)])
 ROOM = np.array([(0.0, 0.0), (10, 0), (10, 10), (0, 10)])
@@ -45,7 +45,7 @@ def repeated(theta_s: float, sigma_s: float, runs: int = 500) -> np.ndarray:
 
 
 def distances_off(
-    locate: Callable[[np.ndarray], Location], times: np.ndarray, sources: np.ndarray
+    locate: Callable[[np.ndarray], LocationEstimate], times: np.ndarray, sources: np.ndarray
 ) -> np.ndarray:
     found = [locate(row) for row in times]
     return np.hypot(*(np.array([(p.x, p.y) for p in found]) - sources).T)

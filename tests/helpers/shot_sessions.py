@@ -15,7 +15,7 @@ from groundtrace_viewers.rerun.sink import RerunSink
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
 
 SHOTS_S = (1.0, 3.5)
 #: Samples between a shot and its arrival at a channel, and between channels.
@@ -48,7 +48,7 @@ def shot_labels() -> tuple[Label, ...]:
     return tuple(sorted([*impacts, *picks]))
 
 
-def shots_session(labels: tuple[Label, ...]) -> Session:
+def shots_session(labels: tuple[Label, ...]) -> ReplaySession:
     """A line of geophones."""
     line = Geometry(tuple(Sensor(n, n, 2.0 * i, 0.0) for i, n in enumerate(NAMES)))
     session = room_session("shots.mcap")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event
 
 STATIONS = {"S1": 0.0, "S2": 20.0, "S3": 40.0}
@@ -103,7 +103,7 @@ def truth() -> tuple[Label, ...]:
     return tuple(labels)
 
 
-def vehicle_session(*, placed: bool = True) -> Session:
+def vehicle_session(*, placed: bool = True) -> ReplaySession:
     sensors = tuple(Sensor(name, name, x, 0.0) for name, x in STATIONS.items())
     geometry = Geometry(sensors, road=((-BEFORE_M, 5.0), (140.0, 5.0))) if placed else None
     return replace(
@@ -154,7 +154,7 @@ def ratios(second: float) -> TraceBlock:
     return TraceBlock(RATIOS, np.array([at(second)], np.int64), value)
 
 
-def written(path: Path, session: Session, *events: Event) -> Path:
+def written(path: Path, session: ReplaySession, *events: Event) -> Path:
     """Write events into a viewer's file."""
     sink = RerunSink(path)
     sink.open(session)

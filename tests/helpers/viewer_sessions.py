@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.engine import ReplaySession
 from groundtrace_codecs.events import (
     CandidateBlock,
     Event,
@@ -106,17 +106,17 @@ def truth() -> tuple[Label, ...]:
     return (*steps, Label(at(0.5), "walking", end_ns=at(5.5)))
 
 
-def room_session(name: str = "room.mcap") -> Session:
+def room_session(name: str = "room.mcap") -> ReplaySession:
     """Geophones in a room."""
     sensors = tuple(Sensor(n, n, x, y) for n, (x, y) in zip(NAMES, CORNERS, strict=True))
     geometry = Geometry(sensors, CORNERS, (1.0, 2.0), (("S1", 3.0, 2.5),))
     end = at(SECONDS) - round(SEISMIC.period_ns)
-    return Session(
+    return ReplaySession(
         name, "room", START_NS, end, (SEISMIC, IMU), geometry, truth(), 'use = "sta-lta"'
     )
 
 
-def walker_session(name: str = "waist.mcap") -> Session:
+def walker_session(name: str = "waist.mcap") -> ReplaySession:
     """A waist sensor alone: no places."""
     labels = tuple(replace(x, x_m=None, y_m=None) for x in truth())
     return replace(

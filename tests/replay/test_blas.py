@@ -7,7 +7,7 @@ import os
 import pytest
 
 from groundtrace.cli.main import main
-from groundtrace.runtime import THREADS, one_thread
+from groundtrace.runtime import THREADS, limit_blas_threads
 
 
 @pytest.fixture
@@ -22,11 +22,11 @@ def test_the_command_line_asks_for_one_thread(capsys):
     main(["--version"])
     assert capsys.readouterr().out
     assert [os.environ.get(name) for name in THREADS] == ["1"] * len(THREADS)
-    assert one_thread() == []
+    assert limit_blas_threads() == []
 
 
 @pytest.mark.usefixtures("unset")
 def test_what_people_say_stays(monkeypatch):
     monkeypatch.setenv(THREADS[1], "4")
-    assert one_thread() == []
+    assert limit_blas_threads() == []
     assert THREADS[0] not in os.environ

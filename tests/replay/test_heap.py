@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="glibc
 
 FAULTS = """
 import resource
-from groundtrace.runtime import keep_freed_memory
+from groundtrace.runtime import raise_malloc_trim
 {call}
 def faults():
     before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -32,5 +32,5 @@ def pages(call: str) -> int:
 
 
 def test_the_pages_of_freed_blocks_are_used_again():
-    assert pages("assert keep_freed_memory()") < 100
+    assert pages("assert raise_malloc_trim()") < 100
     assert pages("") > 1000

@@ -23,7 +23,7 @@ import numpy as np
 from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S, QUANTITIES, to_si
 from .map import TIME_UNITS_NS
-from .time import moments
+from .time import timestamps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -580,7 +580,7 @@ def _iso(table: RawTable, index: int) -> GuessedTime | None:
     if not all(c[:4].isdigit() and len(c) > 9 for c in cells):
         return None
     try:
-        times_ns, _ = moments(cells, table.label(index))
+        times_ns, _ = timestamps(cells, table.label(index))
     except SchemaError:
         return None
     step = float(np.median(np.diff(times_ns))) / NS_PER_S
@@ -743,7 +743,7 @@ class UnitWatch:
     _count: dict[str, int] = field(default_factory=dict)
     _every: int = 1
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the samples of a block into account, fewer of them the longer it goes on."""
         for quantity, columns in self._vectors().items():
             values = block.samples[:: self._every, columns] * self.stream.scales[columns]

@@ -52,7 +52,7 @@ from .base import (
     Timing,
     TruthMap,
 )
-from .time import check_time, leap_seconds, moments, parse_start, zone_of
+from .time import check_time, leap_seconds, parse_start, timestamps, zone_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -401,7 +401,7 @@ def _times(
     remarks: list[str] = []
     if time.unit == "iso":
         where = f"{table.name}: {time.column}"
-        times_ns, remarks = moments(table.texts(time.column), where, map_.zone)
+        times_ns, remarks = timestamps(table.texts(time.column), where, map_.zone)
     else:
         times_ns = table.times_ns(time)
     if time.wraps is not None and time.unit != "iso":

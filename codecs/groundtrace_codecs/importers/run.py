@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class Listener(Protocol):
     """Hears what is imported while it is written, and says at the end what is wrong with it."""
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block of a stream; streams come merged in time, block by block."""
 
     def remarks(self) -> Sequence[str]:
@@ -304,9 +304,9 @@ class _Counts:
             self.end_ns = max(self.end_ns, block.end_ns)
             if self.progress is not None:
                 self.progress((self.end_ns - self.start_ns) / NS_PER_S)
-            self.units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
+            self.units.setdefault(block.topic, UnitWatch(block.stream)).update(block)
             if self.listener is not None:
-                self.listener.hear(block)
+                self.listener.update(block)
             yield block
         self.open -= 1
         if not self.open and self.listener is not None:

@@ -121,7 +121,7 @@ class SeismicImporter:
                 raise SchemaError(
                     f"{waves[0].name}: expected shots of one format, found {', '.join(others)}"
                 )
-            shots = lay([_shot(path, traces) for path, traces in read])
+            shots = assemble_shots([_shot(path, traces) for path, traces in read])
             return replace(shots, warnings=(*lost, *shots.warnings))
         traces = [trace for _, found in read for trace in found]
         stations, doubts = _stations(waves, described, traces)
@@ -172,7 +172,7 @@ def _stations(
     """Return the metadata given, or the only one beside the files, and what to say about it."""
     if described:
         return load_stations(described), ()
-    found = beside(waves, {trace.stats.station for trace in traces} - {""})
+    found = matching_station_files(waves, {trace.stats.station for trace in traces} - {""})
     if not found:
         return None, ()
     if len(found) == 1:
@@ -449,7 +449,7 @@ def is_station_xml(path: Path) -> bool:
         return _MARK in file.read(_HEAD_BYTES)
 
 
-def beside(paths: Sequence[Path], stations: Iterable[str]) -> list[Path]:
+def matching_station_files(paths: Sequence[Path], stations: Iterable[str]) -> list[Path]:
     """Return the StationXML files in the folders of some files that name one of some stations."""
     codes = [f'code="{station}"'.encode() for station in stations]
     folders = dict.fromkeys(p.resolve().parent for p in paths)
@@ -733,7 +733,7 @@ class Shot:
     samples: NDArray[Any]
 
 
-def lay(shots: Sequence[Shot]) -> Imported:
+def assemble_shots(shots: Sequence[Shot]) -> Imported:
     """Return shots as one recording with geometry and an ``impact`` label at each time zero.
 
     Raises

@@ -23,7 +23,7 @@ import numpy as np
 from ..errors import CodecError, FormatError, SchemaError, did_you_mean
 from . import map as expressions
 from .map import TIME_UNITS_NS, import_tables
-from .time import moments
+from .time import timestamps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -155,7 +155,7 @@ class TextTable:
         """Return the sample times [ns], shape (n,), exact to the digit."""
         cells = self.cells(time.column)
         if time.unit == "iso":
-            return moments(cells, f"{self.name}: {time.column}")[0]
+            return timestamps(cells, f"{self.name}: {time.column}")[0]
         factor = TIME_UNITS_NS[time.unit]
 
         def moment(cell: str) -> int:

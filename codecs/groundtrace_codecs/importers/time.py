@@ -136,11 +136,11 @@ def parse_start(text: str, place: str, zone: str = "", scale: TimeScale = "utc")
     SchemaError
         Where the text is no ISO 8601 time, or the zone skips it.
     """
-    time_ns = int(moments([text], place, zone)[0][0])
+    time_ns = int(timestamps([text], place, zone)[0][0])
     return time_ns - leap_seconds(time_ns, scale) * NS_PER_S
 
 
-def moments(
+def timestamps(
     texts: Sequence[str], place: str, zone: str = ""
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Return ISO 8601 times of samples, in the order they were taken, and what is to be said.

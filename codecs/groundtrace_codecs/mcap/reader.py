@@ -66,7 +66,7 @@ from .chunks import (
     parse_metadata,
     read_record,
 )
-from .recover import ANY_TIME, front_scan, stray_reason
+from .recover import ANY_TIME, front_scan, gap_reason
 
 if TYPE_CHECKING:
     from collections.abc import (
@@ -332,7 +332,7 @@ class McapFile:
             self._lost(entry, lost, f"chunk: {error}")
             return MessageTable.none()
         if strays:
-            self._lost(entry, strays, stray_reason(entry))
+            self._lost(entry, strays, gap_reason(entry))
         return part.in_whole(found)
 
     def _in_time(self, entry: ChunkEntry, found: MessageTable, floor_ns: int) -> MessageTable:

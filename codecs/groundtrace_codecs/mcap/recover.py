@@ -80,7 +80,7 @@ class _Scanner:
     def __init__(self, source: ByteSource, start: int) -> None:
         self._source = source
         self._found = Scan(start, source.size)
-        self._heads = Heads(source, self._found.definitions.channels)
+        self._heads = RecordHeaderScan(source, self._found.definitions.channels)
         self._window = self._heads.window
         self._indexing = False
         self._chunked = False
@@ -158,7 +158,7 @@ class _Scanner:
             self._lost(entry, error)
             return
         if strays:
-            self._found.note(entry.offset, entry.length, stray_reason(entry), strays)
+            self._found.note(entry.offset, entry.length, gap_reason(entry), strays)
         if messages:
             counts = messages.counts()
             start_ns, end_ns = messages[0].log_time, messages[-1].log_time
@@ -303,7 +303,7 @@ class _Scanner:
         times: tuple[int | None, int | None] = index[1:]
         if times[0] is None and len(head) == RECORD_HEAD.size + U64_U64.size and head[0] == CHUNK:
             times = U64_U64.unpack_from(head, RECORD_HEAD.size)
-        reason = tear_reason(head, self._source.size - offset)
+        reason = truncation_reason(head, self._source.size - offset)
         if stop < self._source.size:
             reason += f"; found again at byte {stop}"
         self._found.damage.append(Damage(offset, stop - offset, *times, index.messages, reason))
@@ -379,13 +379,13 @@ class Scan:
         self.note(entry.offset + place, entry.length - place, reason, 1)
 
 
-def stray_reason(entry: ChunkEntry) -> str:
+def gap_reason(entry: ChunkEntry) -> str:
     """Name the damage of messages whose channel is defined nowhere."""
     place = "messages outside chunks" if entry.bare else "chunk"
     return f"{place}: expected a channel record before each message, found none for some"
 
 
-def tear_reason(head: memoryview, rest: int) -> str:
+def truncation_reason(head: memoryview, rest: int) -> str:
     """Say what is wrong where no record can be; ``head`` begins the ``rest`` bytes of the file."""
     if len(head) < RECORD_HEAD.size:
         return f"records: expected a record, found {rest} bytes"
@@ -429,7 +429,7 @@ _SEARCH_BYTES: Final = 1 << 20
 
 
 @dataclass(slots=True)
-class Heads:
+class RecordHeaderScan:
     """The record heads of one file within a source.
 
     Attributes

@@ -123,7 +123,7 @@ def _opening(length: int) -> bytes:
     return bytes([*found, length])
 
 
-def apart(
+def split_payload(
     data: bytes | memoryview, count: int
 ) -> tuple[bytes | memoryview, bytes | memoryview | None]:
     """Split a message before its last field where that holds ``count`` samples.
@@ -145,7 +145,7 @@ def apart(
 def _parsed(data: bytes | memoryview, place: str, count: int) -> tuple[Any, bytes | memoryview]:
     """Parse a message, and give its samples' bytes, where they lie if that can be."""
     block = message_class("WaveformBlock")
-    fields, samples = apart(data, count)
+    fields, samples = split_payload(data, count)
     if samples is not None:
         with suppress(DecodeError):
             return block.FromString(fields), samples
@@ -305,7 +305,7 @@ class WaveformRun:
 
     def take(self, data: bytes | memoryview) -> bool:
         """Take a message that continues the run as plainly as most do; else return False."""
-        fields, packed = apart(data, self.count)
+        fields, packed = split_payload(data, self.count)
         if packed is None or self._first.times_ns is not None:
             return False
         try:

@@ -56,7 +56,7 @@ _MAD_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moments:
+class AlignmentEvents:
     """What happened in a recording, and when it recorded.
 
     Attributes
@@ -96,8 +96,8 @@ class Alignment:
     """
 
     clock: DeviceClock
-    best: Shift
-    second: Shift | None
+    best: ClockShift
+    second: ClockShift | None
 
     @property
     def margin(self) -> float:
@@ -117,7 +117,9 @@ class Alignment:
         return not self.best.beats(self.second)
 
 
-def align(reference: Moments, other: Moments, least: int = LEAST_MATCHED) -> Alignment | None:
+def align(
+    reference: AlignmentEvents, other: AlignmentEvents, least: int = LEAST_MATCHED
+) -> Alignment | None:
     """Find the clock of ``other`` against that of ``reference``.
 
     Parameters
@@ -166,7 +168,7 @@ class _Pair:
     b_length_s: float
     interval_s: float
 
-    def judged(self, lag_s: float, drift_ppm: float) -> Judged | None:
+    def judged(self, lag_s: float, drift_ppm: float) -> ShiftEvaluation | None:
         """Return what comes of a shift once it is refined; None where nothing agrees."""
         tolerance_s = min(0.35 * self.interval_s, 0.15)
         gained = drift_ppm * 1e-6
@@ -193,7 +195,7 @@ class _Pair:
 
     def _scored(
         self, lag_s: float, gained: float, i: NDArray[np.intp], j: NDArray[np.intp]
-    ) -> Judged | None:
+    ) -> ShiftEvaluation | None:
         if len(i) < 2:
             return None
         ahead = self.b[j] - self.a[i]
@@ -211,7 +213,7 @@ class _Pair:
         count = len(i)
         far = line.slope_sigma * line.about if fitted else 0.0
         inside_a, inside_b = self._inside(lag_s)
-        shift = Shift(
+        shift = ClockShift(
             ahead_s=lag_s,
             drift_ppm=gained / (1 - gained) * 1e6,
             matched=count,
@@ -224,7 +226,7 @@ class _Pair:
             worth=float(np.log(self.interval_s / (sigma_s * np.sqrt(2 * np.pi * math.e)))),
         )
         runs = _runs_alone(inside_a, i), _runs_alone(inside_b, j)
-        return Judged(shift, runs, (int(inside_a.sum()), int(inside_b.sum())))
+        return ShiftEvaluation(shift, runs, (int(inside_a.sum()), int(inside_b.sum())))
 
     def _inside(self, lag_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which moments of each, (n,) and (m,), lie where the other recorded too."""
@@ -330,7 +332,7 @@ _MARGIN_COUNTED = 15.0
 _MISSED, _UNHEARD = (0.1, 0.6), -5.0
 
 
-class Shift(NamedTuple):
+class ClockShift(NamedTuple):
     """One way to lay two recordings over each other.
 
     ``ahead_s`` is what the other's seconds since its start exceed those of the reference by, at its
@@ -359,17 +361,17 @@ class Shift(NamedTuple):
         """
         return self.matched * self.worth + self.alone
 
-    def beats(self, other: Shift) -> bool:
+    def beats(self, other: ClockShift) -> bool:
         """Whether another shift is out of the question."""
         margin = self.score - other.score
         counted = (self.matched - other.matched) * self.worth + self.alone - other.alone
         return margin >= needed(self) or min(margin, counted) >= _MARGIN_COUNTED
 
 
-class Judged(NamedTuple):
+class ShiftEvaluation(NamedTuple):
     """A shift, and the lengths of runs without a partner and the numbers of moments, of both."""
 
-    shift: Shift
+    shift: ClockShift
     runs: tuple[NDArray[np.intp], NDArray[np.intp]]
     counts: tuple[int, int]
 
@@ -380,7 +382,7 @@ class Judged(NamedTuple):
         a, b = (min(max(1 - self.shift.matched / max(n, 1), low), high) for n in self.counts)
         return a, b
 
-    def with_alone(self, lacking: tuple[float, float]) -> Shift:
+    def with_alone(self, lacking: tuple[float, float]) -> ClockShift:
         """Return the shift with how likely its moments without partner are."""
         alone = sum(
             float(np.maximum(runs * np.log(each), _UNHEARD).sum())
@@ -389,7 +391,7 @@ class Judged(NamedTuple):
         return self.shift._replace(alone=alone)
 
 
-def needed(best: Shift) -> float:
+def needed(best: ClockShift) -> float:
     """Return what its margin must be over a shift under which as many moments agree."""
     return _MARGIN + _MARGIN_DEVIATIONS * float(np.sqrt(best.matched))
 
@@ -406,7 +408,7 @@ _ACCELERATION = frozenset({"acceleration", "acceleration_magnitude"})
 
 def steps_by_replay(
     recording: Recording, pipeline: str, progress: Callable[[int], None] | None = None
-) -> Moments:
+) -> AlignmentEvents:
     """Return the steps that a pipeline finds; its stages that place and track are left out.
 
     Parameters
@@ -424,18 +426,18 @@ def steps_by_replay(
     kept = EventList()
     chain = build_pipeline(replace(config, stage=finding), labels=recording.labels)
     replay(Source(recording), chain, [kept], progress=progress)
-    return Moments(_steps(kept.events), recording.start_ns, recording.end_ns)
+    return AlignmentEvents(_steps(kept.events), recording.start_ns, recording.end_ns)
 
 
-def steps_of_results(path: Path, recording: Recording) -> Moments:
+def steps_of_results(path: Path, recording: Recording) -> AlignmentEvents:
     """Return the steps in results of a recording."""
-    return Moments(_steps(read_results(path).events), recording.start_ns, recording.end_ns)
+    return AlignmentEvents(_steps(read_results(path).events), recording.start_ns, recording.end_ns)
 
 
-def steps_of_labels(labels: Sequence[Label], recording: Recording) -> Moments:
+def steps_of_labels(labels: Sequence[Label], recording: Recording) -> AlignmentEvents:
     """Return the steps and impacts that are labelled."""
     times = sorted({x.time_ns for x in labels if x.kind in ("step", "impact")})
-    return Moments(np.array(times, np.int64), recording.start_ns, recording.end_ns)
+    return AlignmentEvents(np.array(times, np.int64), recording.start_ns, recording.end_ns)
 
 
 def results_beside(path: Path) -> Path | None:
@@ -454,7 +456,7 @@ def results_beside(path: Path) -> Path | None:
     return None
 
 
-def impacts(recording: Recording) -> Moments:
+def impacts(recording: Recording) -> AlignmentEvents:
     """Return the strongest impacts: of the seismic signals, or else of an accelerometer.
 
     An impact is a maximum, in bins of 5 ms, of the largest deviation of a channel from its median,
@@ -468,7 +470,7 @@ def impacts(recording: Recording) -> Moments:
     """
     strength, start_ns, bin_ns = _strength(recording)
     times = [start_ns + round(k * bin_ns) for k in _standing_out(strength, bin_ns / NS_PER_S)]
-    return Moments(np.array(times, np.int64), recording.start_ns, recording.end_ns)
+    return AlignmentEvents(np.array(times, np.int64), recording.start_ns, recording.end_ns)
 
 
 def _steps(events: Iterable[Event]) -> NDArray[np.int64]:

@@ -17,10 +17,10 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..evaluation.report import score_events
 from ..explain.reasons import StepReasons, matched
-from ..explain.redecide import Redecider
-from ..explain.remedies import Healer
+from ..explain.redecide import OfflineDecider
+from ..explain.remedies import RemedySearch
 from ..explain.unfiltered import with_recording
-from ..explain.why import Account, Moment, account, moment, remedy_of
+from ..explain.why import Moment, StepExplanation, explain_steps, moment, remedy_of
 from ..explain.why_picks import PickAccount, PickMoment, pick_account, pick_moment
 from ..explain.why_places import FixMoment, PlaceAccount, PlaceExplainer
 from ..explain.why_vehicles import VehicleAccount, VehicleMoment, vehicle_account, vehicle_moment
@@ -214,7 +214,7 @@ def _numbers(parts: dict[str, Any]) -> Iterator[tuple[str, str, float]]:
 Kind = Literal["steps", "picks", "fixes", "vehicles"]
 #: What is explained of a result, or of one moment of it.
 Details = (
-    Account
+    StepExplanation
     | Moment
     | PickAccount
     | PickMoment
@@ -369,17 +369,17 @@ def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int 
                 f"{name}: expected true steps (in the recording, or --truth FILE), found "
                 f"{kinds_of(evidence.labels)}; --at SECONDS explains a moment without truth"
             )
-        return Answer("steps", account(evidence, asked.tolerance_s))
+        return Answer("steps", explain_steps(evidence, asked.tolerance_s))
     tolerance_s = asked.tolerance_s
     step = asked.step if at_ns is None else None
     time_ns = _time_of(evidence, name, asked) if at_ns is None else at_ns
     found = moment(evidence, time_ns, tolerance_s)
-    redecider = Redecider(evidence)
+    redecider = OfflineDecider(evidence)
     sought = step is not None and found.reason is not None and not redecider.untried
     remedy = None
     if sought:
         reasons = StepReasons(evidence, tolerance_s)
-        remedy = remedy_of(Healer(redecider, tolerance_s), reasons, time_ns)
+        remedy = remedy_of(RemedySearch(redecider, tolerance_s), reasons, time_ns)
     return Answer("steps", found, time_ns, step, remedy, sought)
 
 
@@ -576,7 +576,7 @@ class Explanation:
     @property
     def table(self) -> EventTable:
         """The wrong decisions about steps, a row each; of one moment its :attr:`gates`."""
-        if not isinstance(self.details, Account):
+        if not isinstance(self.details, StepExplanation):
             return self.gates
         rows: list[tuple[Any, ...]] = [
             (m.time_s, "missed", m.step, m.reason.cause, m.reason.text, _remedy_text(m.remedy))
@@ -631,7 +631,7 @@ class Explanation:
         return f"Explanation({self.recording}, {what} {self.time_s:.3f} s: {said})"
 
     def _summary(self) -> str:
-        if isinstance(self.details, Account):
+        if isinstance(self.details, StepExplanation):
             counts = self.details.counts
             return f"{counts.tp} right, {counts.fn} missed, {counts.fp} false"
         if isinstance(self.details, Moment):

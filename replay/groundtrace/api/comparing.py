@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
 from ..explain.compare import compare as compared
-from ..explain.reasons import TOLERANCE_S, counted_kind, noun_of
+from ..explain.reasons import TOLERANCE_S, event_noun, scored_event
 from ..explain.redecide import make_grid, parse_axis
 from ..explain.sweep import Subject, count, located, measurements, rank, without_refused
 from .analysis import Comparison, Sweep
@@ -134,12 +134,12 @@ def check_subjects(subjects: Sequence[Subject], config: PipelineConfig) -> None:
         Where one has no truth, or another pipeline.
     """
     for subject in subjects:
-        counted = counted_kind(subject.evidence.config)
+        counted = scored_event(subject.evidence.config)
         needed = "step" if counted == "step" else "pass"
         if not any(label.kind == needed for label in subject.evidence.labels):
             raise RecordingError(
-                f"{subject.evidence.name}: expected true {noun_of(counted)} (in the recording, or "
-                f"--truth FILE), found {kinds_of(subject.evidence.labels)}"
+                f"{subject.evidence.name}: expected true {event_noun(counted)} (in the recording, "
+                f"or --truth FILE), found {kinds_of(subject.evidence.labels)}"
             )
     for subject in subjects:
         if subject.evidence.config.stage != config.stage:
@@ -196,7 +196,7 @@ class SweepPlan:
             Where no setting is left, or a recording is needed and not to be found.
         """
         if tolerance_s is None:
-            tolerance_s = TOLERANCE_S[counted_kind(config)]
+            tolerance_s = TOLERANCE_S[scored_event(config)]
         settings, refused = without_refused(asked, config)
         return cls(tuple(located(subjects, settings)), settings, tolerance_s, refused or "")
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
-    from ..detectors.fault_scan import HealthWatch
+    from ..detectors.fault_scan import FaultScan
     from ..detectors.signal_faults import Finding
     from ..inertial.placement import Measures, PlacementWatch
     from ..inertial.worn_sensor_faults import AxisCheck
@@ -169,7 +169,7 @@ def _truth(recording: Recording, *, read: bool) -> dict[str, int]:
 def examine(recording: Recording, size: int, show: Callable[[float], None]) -> RecordingInfo:
     """Read a recording from end to end and say what it holds."""
     # what computes is not imported before there is something to compute
-    from ..detectors.fault_scan import HealthWatch, Listened
+    from ..detectors.fault_scan import FaultScan, MonitoredRecording
     from ..inertial.worn_sensor_faults import ImuWatch
 
     start_ns = recording.start_ns
@@ -178,19 +178,19 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
     gaps: list[Gap] = []
     watches = _watches(recording)
     units = {s.topic: UnitWatch(s) for s in recording.streams}
-    health = {s.topic: HealthWatch(s) for s in recording.streams}
+    health = {s.topic: FaultScan(s) for s in recording.streams}
     worn = ImuWatch(Source(recording).streams, limits=False)
-    for item in Source(Listened(recording, health)):
-        health[item.topic].hear(item)
-        worn.hear(item)
+    for item in Source(MonitoredRecording(recording, health)):
+        health[item.topic].update(item)
+        worn.update(item)
         if isinstance(item, Gap):
             gaps.append(item)
             if item.topic in watches and not item.bridged:
                 watches[item.topic].gap()
             continue
         if item.topic in watches:
-            watches[item.topic].hear(item)
-        units[item.topic].hear(item)
+            watches[item.topic].update(item)
+        units[item.topic].update(item)
         samples[item.topic] += len(item)
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
@@ -215,7 +215,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
 def _faults(
     recording: Recording,
     worn: list[Finding],
-    health: dict[str, HealthWatch],
+    health: dict[str, FaultScan],
     streams: list[StreamInfo],
 ) -> list[FaultInfo]:
     zero = {(f.topic, f.channel) for f in worn if f.kind == "zero"}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..explain.sweep import recording_in
-from ..pipeline.engine import Session
+from ..pipeline.engine import ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink
 from .plots import FAILED, PASSED, draw_signal, recording_at
@@ -99,7 +99,7 @@ def save(results: Results, path: Path) -> Path:
     """Write results that are in memory alone; return where."""
     decided = results.decided
     origin = decided.provenance
-    session = Session(
+    session = ReplaySession(
         name=origin.recording,
         application=results.pipeline.config.application,
         start_ns=origin.start_ns,

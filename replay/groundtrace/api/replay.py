@@ -17,7 +17,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..errors import RecordingError
 from ..explain.suitability import Prepared, prepared
 from ..pipeline.config import PipelineConfig, checked_pipeline, load_pipeline, with_settings
-from ..pipeline.engine import ReplayLoop, Session
+from ..pipeline.engine import ReplayLoop, ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import (
     Provenance,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event, Note
 
     from ..pipeline.config import Pipeline as Chain
-    from ..pipeline.engine import Clock, Sink, Tally
+    from ..pipeline.engine import Clock, ReplayCounts, Sink
     from .files import Report
 
     #: First and last time of what is replayed [ns]; None where it begins or ends by itself.
@@ -121,7 +121,9 @@ def configured_for(
     return prepared(config, recording)
 
 
-def session_of(recording: File, path: Path, chain: Chain, report: Report = unheard) -> Session:
+def session_of(
+    recording: File, path: Path, chain: Chain, report: Report = unheard
+) -> ReplaySession:
     """Return what a replay is about.
 
     Parameters
@@ -141,7 +143,7 @@ def session_of(recording: File, path: Path, chain: Chain, report: Report = unhea
     streams = Source(recording).streams
     if not streams:
         raise RecordingError(f"{recording.name}: expected signals to replay, found none")
-    return Session(
+    return ReplaySession(
         name=path.name,
         application=chain.config.application,
         start_ns=recording.start_ns,
@@ -155,7 +157,7 @@ def session_of(recording: File, path: Path, chain: Chain, report: Report = unhea
 
 
 def provenance_of(
-    session: Session, path: Path, chain: Chain, span_ns: Span, arguments: tuple[str, ...] = ()
+    session: ReplaySession, path: Path, chain: Chain, span_ns: Span, arguments: tuple[str, ...] = ()
 ) -> Provenance:
     """Return where the results of a replay come from; ``arguments`` are those of the command."""
     return Provenance(
@@ -172,7 +174,7 @@ def provenance_of(
     )
 
 
-def span_of(session: Session, from_s: float | None, to_s: float | None) -> Span:
+def span_of(session: ReplaySession, from_s: float | None, to_s: float | None) -> Span:
     """Return a span given in seconds since the first sample [ns].
 
     Raises
@@ -194,7 +196,7 @@ def span_of(session: Session, from_s: float | None, to_s: float | None) -> Span:
     return at(from_s), at(to_s)
 
 
-def shown_part(session: Session, span_ns: Span) -> Session:
+def shown_part(session: ReplaySession, span_ns: Span) -> ReplaySession:
     """Return the session with the part of it that is replayed."""
     if span_ns == (None, None):
         return session
@@ -221,13 +223,13 @@ def run_through(
     source: Source,
     chain: Chain,
     sinks: Sequence[Sink],
-    session: Session,
+    session: ReplaySession,
     *,
     clock: Clock | None = None,
     progress: Callable[[float], None] | None = None,
     looked_at: Iterable[str] = (),
     first: Sequence[Note] = (),
-) -> Tally:
+) -> ReplayCounts:
     """Replay into sinks, from opening to closing them.
 
     A replay that is stopped leaves no output under its name.
@@ -369,7 +371,7 @@ class EventsInMemory:
     def __init__(self) -> None:
         self.events = []
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin; nothing is needed."""
 
     def write(self, item: SignalBlock | Event) -> None:

@@ -22,7 +22,7 @@ from ..annotate.store import AUTHOR, Annotations, named, stored
 from ..api.files import existing, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
-from .console import print_json, print_table, progress, say
+from .console import print_json, print_stderr, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -186,7 +186,7 @@ def _server() -> Any:
 
     if "annotate" not in {plugin.name for plugin in plugins("views")}:
         raise AnnotationError("--serve: expected an installed page (groundtrace.views), found none")
-    return partial(load("views", "annotate"), report=say, progress=progress)
+    return partial(load("views", "annotate"), report=print_stderr, progress=progress)
 
 
 def _results(path: Path, given: Path | None) -> Path | None:
@@ -261,14 +261,14 @@ def _committed(path: Path, done: Done, out: Path) -> Done:
 
     damage = copy_with_annotations(path, out, done.annotations)
     if damage:
-        say(f"{path.name}: {damage} damaged places are not in the copy")
+        print_stderr(f"{path.name}: {damage} damaged places are not in the copy")
     return replace(done, committed=out)
 
 
 def _report(done: Done, asked: _Asked, *, listed: bool, conflicts: bool, other: bool) -> None:
     """Print what was done, and what is asked to be listed."""
     for remark in done.remarks:
-        say(remark)
+        print_stderr(remark)
     for line in done.lines(undo=asked.undo):
         print(line)
     if listed or not (asked.anything or conflicts or other):

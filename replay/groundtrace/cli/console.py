@@ -40,7 +40,7 @@ def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
 
 
-def say(text: str) -> None:
+def print_stderr(text: str) -> None:
     """Print a line of progress or a remark on stderr."""
     print(text, file=sys.stderr)
 
@@ -120,19 +120,19 @@ def scored_truth_of(
 ) -> ScoredTruth:
     """Return the truth of a result; annotations are looked for beside its file, ``path``."""
     recording = path.parent / Path(result.provenance.recording).name
-    return known_truth.scored_truth_of(result, recording, truth, author, say)
+    return known_truth.scored_truth_of(result, recording, truth, author, print_stderr)
 
 
 def truth_of_recording(
     recording: Recording, path: Path, truth: Path | None, author: str | None = None
 ) -> tuple[Label, ...]:
     """Return the truth of a recording that was not replayed."""
-    return known_truth.truth_of_recording(recording, path, truth, author, say)
+    return known_truth.truth_of_recording(recording, path, truth, author, print_stderr)
 
 
 def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
     """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
-    return known_truth.annotations_to_show(recording, path, say)
+    return known_truth.annotations_to_show(recording, path, print_stderr)
 
 
 def has_display() -> bool:
@@ -163,6 +163,6 @@ def where_to_show(
     if rrd is not None:
         writable(rrd, force=force, sources=sources)
     if spawn and not has_display():
-        say("no display: the viewer's file is written instead")
+        print_stderr("no display: the viewer's file is written instead")
         return False, rrd or writable(fallback, force=force, sources=sources)
     return spawn, rrd

@@ -26,7 +26,7 @@ from ..pipeline.parameters import describe
 from ..pipeline.plugins import GROUPS, load
 from ..pipeline.plugins import plugins as plugins_plugins
 from ..runtime import installed_version
-from .console import print_json, print_table, progress, say
+from .console import print_json, print_stderr, print_table, progress
 from .main import is_known
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def doctor(
     if recording is None:
         if repair is not None:
             raise RecordingError("--repair: expected a recording to repair, found none")
-        report = Report(installation=look_at_installation())
+        report = Report(installation=inspect_installation())
     else:
         existing(recording)
         if repair is not None:
@@ -324,7 +324,7 @@ class Installation:
     sound: bool
 
 
-def look_at_installation() -> Installation:
+def inspect_installation() -> Installation:
     """Find out what is installed."""
     needed, extras = _requirements()
     viewer, broken = _viewer(), _broken_plugins()
@@ -421,7 +421,7 @@ def _print_parameters(group: str, name: str) -> None:
     try:
         kind = load(group, name)
     except PluginError as error:
-        say(f"warning: {error}")
+        print_stderr(f"warning: {error}")
         return
     print(f"\n{name}: {(kind.__doc__ or '').splitlines()[0]}")
     header = ("parameter", "default", "unit", "allowed", "part", "")

@@ -32,7 +32,7 @@ from ..fleet.run import shard as shard_tasks
 from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import write_text
-from .console import print_json, print_table, progress, say
+from .console import print_json, print_stderr, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -155,7 +155,7 @@ def _resumable(tasks: Sequence[Task], count: Count, parts: Parts) -> Iterator[No
         yield
     except KeyboardInterrupt:
         again = [a for a in sys.argv[1:] if a != "--resume"]
-        say(
+        print_stderr(
             f"\ninterrupted: {count.total} of {len(tasks)} are done and kept in {parts.folder}; "
             f"go on with: {shlex.join(['groundtrace', *again, '--resume'])}"
         )
@@ -269,7 +269,7 @@ def fleet_report(
     elif old is not None:
         header = ("figure", "pipeline", "recordings", "before", "now", "change", "interval", "")
         print_table(header, [(*change_cells(c), c.verdict) for c in found])
-    say(f"page: {out}")
+    print_stderr(f"page: {out}")
 
 
 def _info(change: Change) -> ChangeInfo:
@@ -297,6 +297,6 @@ def _pipeline_files(fleet: FleetTable, out: Path) -> dict[str, str]:
         if name not in shipped or build_pipeline(load_pipeline(name)).recipe() != recipe:
             path = out.with_name(f"{out.stem}.{name}.toml")
             write_text(path, recipe)
-            say(f"pipeline: {path}")
+            print_stderr(f"pipeline: {path}")
             files[name] = str(path)
     return files

@@ -23,9 +23,9 @@ from ..pipeline.plugins import load
 from ..pipeline.results import RUN, read_results, write_text
 from .console import (
     print_json,
+    print_stderr,
     print_table,
     progress,
-    say,
     truth_of,
     truth_of_recording,
     where_to_show,
@@ -105,7 +105,7 @@ def room(
     else:
         _print_room(found)
     for remark in remarks:
-        say(f"remark: {remark}")
+        print_stderr(f"remark: {remark}")
     _write(found, png, rrd, spawn=spawn)
 
 
@@ -132,11 +132,11 @@ def _write(found: RoomAnalysis, png: Path | None, rrd: Path | None, *, spawn: bo
         from ..layout.report import save
 
         save(found, png)
-        say(f"figure: {png}")
+        print_stderr(f"figure: {png}")
     if rrd is not None or spawn:
         load("views", "room-analysis")(found, path=rrd, spawn=spawn)
     if rrd is not None:
-        say(f"maps: {rrd} (open it with: rerun {rrd})")
+        print_stderr(f"maps: {rrd} (open it with: rerun {rrd})")
 
 
 def attenuation(
@@ -356,4 +356,4 @@ def _print_calibration(c: Calibration) -> None:
             f"n {p.n}"
         )
     for note in c.notes:
-        say(f"warning: {note}")
+        print_stderr(f"warning: {note}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError
 
-from ..runtime import keep_freed_memory, one_thread
+from ..runtime import limit_blas_threads, raise_malloc_trim
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -205,8 +205,8 @@ def _version() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
-    one_thread()  # before a command imports numpy
-    keep_freed_memory()
+    limit_blas_threads()  # before a command imports numpy
+    raise_malloc_trim()
     try:
         code = _run(arguments)
         for stream in (sys.stdout, sys.stderr):

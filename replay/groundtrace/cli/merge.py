@@ -30,14 +30,14 @@ from ..api.pipelines import fitting_pipeline
 from ..errors import RecordingError
 from ..pipeline.config import checked_pipeline
 from ..pipeline.results import RUN, file_sha256
-from .console import print_json, print_table, progress, say
+from .console import print_json, print_stderr, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from groundtrace_codecs.merge import Merged
 
-    from ..api.align import Alignment, Moments
+    from ..api.align import Alignment, AlignmentEvents
 
 Align = Literal["steps", "impacts", "none"]
 FLAG = Parameter(negative="")
@@ -126,7 +126,7 @@ def merge(
         merged = merge_files(parts, out, records, force=force)
     for path in sources:
         if sidecar_path(path).exists():
-            say(f"annotations beside {path.name} are not in the merged file")
+            print_stderr(f"annotations beside {path.name} are not in the merged file")
     report(out, sources, found, merged, json=json)
 
 
@@ -261,7 +261,7 @@ class Aligner:
         self._names = [path.name for path in sources]
         self._where = keys.by_file("--steps", steps)
         self._pipelines = keys.by_file("--pipeline", pipelines)
-        self._known: dict[int, Moments] = {}
+        self._known: dict[int, AlignmentEvents] = {}
 
     def found(self, number: int, record: MergedClock, how: str, *, force: bool) -> Found:
         """Return the clock of a file against the first one's.
@@ -294,7 +294,7 @@ class Aligner:
                     f"{name}: clock: expected {how} that fit in one way only, found {note}; give "
                     f"--offset {name}=SECONDS, or --force to take the best"
                 )
-            say(f"warning: {name}: clock is ambiguous: {note}")
+            print_stderr(f"warning: {name}: clock is ambiguous: {note}")
         clock, best = found.clock, found.best
         record = replace(
             record,
@@ -310,19 +310,19 @@ class Aligner:
         )
         return Found(record, found)
 
-    def _moments(self, number: int, how: str) -> Moments:
+    def _moments(self, number: int, how: str) -> AlignmentEvents:
         if number not in self._known:
             self._known[number] = self._impacts(number) if how == "impacts" else self._steps(number)
         return self._known[number]
 
-    def _impacts(self, number: int) -> Moments:
+    def _impacts(self, number: int) -> AlignmentEvents:
         from ..api.align import impacts
 
         found = impacts(self._recordings[number])
-        say(f"{self._names[number]}: {len(found.times_ns)} impacts that stand out")
+        print_stderr(f"{self._names[number]}: {len(found.times_ns)} impacts that stand out")
         return found
 
-    def _steps(self, number: int) -> Moments:
+    def _steps(self, number: int) -> AlignmentEvents:
         from ..api import align as events
 
         recording, path, name = (
@@ -346,10 +346,10 @@ class Aligner:
             found, origin = events.steps_of_results(beside, recording), beside.name
         else:
             found, origin = self._replayed(number)
-        say(f"{name}: {len(found.times_ns)} steps, by {origin}")
+        print_stderr(f"{name}: {len(found.times_ns)} steps, by {origin}")
         return found
 
-    def _replayed(self, number: int) -> tuple[Moments, str]:
+    def _replayed(self, number: int) -> tuple[AlignmentEvents, str]:
         from ..api.align import steps_by_replay
 
         recording = self._recordings[number]
@@ -550,12 +550,14 @@ def report(
         [damage.reason for damage in merged.damage],
     )
     for line in merged.conflicts:
-        say(f"note: {line}")
+        print_stderr(f"note: {line}")
     for topic in merged.unmoved:
-        say(f"note: {topic}: its messages hold no times that are known; their log times were moved")
+        print_stderr(
+            f"note: {topic}: its messages hold no times that are known; their log times were moved"
+        )
     for damage in merged.damage:
         count = "some" if damage.messages is None else damage.messages
-        say(f"warning: damage, {count} messages lost: {damage.reason}")
+        print_stderr(f"warning: damage, {count} messages lost: {damage.reason}")
     if json:
         print_json(result)
         return

@@ -33,7 +33,7 @@ from ..export.base import (
     stage_of,
 )
 from ..pipeline.results import RUN, file_sha256, read_results, write_text
-from .console import annotations_to_show, print_json, print_table, progress, say, truth_of
+from .console import annotations_to_show, print_json, print_stderr, print_table, progress, truth_of
 from .share import recording_of
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def import_(
         _guess(sources, out, force=force)
         return
     if out is None:
-        say("import: expected --out, found none")
+        print_stderr("import: expected --out, found none")
         raise CycloptsError
     # what computes is not imported before there is something to compute
     from ..inertial.worn_sensor_faults import ImportedImu
@@ -120,7 +120,7 @@ def import_(
             listener=ImportedImu,
         )
     for warning in report.warnings:
-        say(f"warning: {warning}")
+        print_stderr(f"warning: {warning}")
     if json:
         print_json(report)
         return
@@ -348,11 +348,11 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
     )
     for damage in found.damage:
         count = "some" if damage.messages is None else damage.messages
-        say(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
+        print_stderr(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
     for fault in found.faults:
-        say(f"warning: {fault}; it is not in the copy")
+        print_stderr(f"warning: {fault}; it is not in the copy")
     if sidecar_path(source).exists():
-        say(
+        print_stderr(
             f"annotations beside {source.name} are not in the copy: groundtrace annotate "
             f"{source.name} --commit -o NEW.mcap makes a recording with them inside"
         )
@@ -418,7 +418,7 @@ def export_(
     """
     known, troubles = exporters()
     for trouble in troubles:
-        say(f"warning: {trouble}")
+        print_stderr(f"warning: {trouble}")
     exporter = exporter_of(known, out, format_)
     folder = is_folder(exporter, out)
     existing(source, "results or a recording")
@@ -537,7 +537,7 @@ def _of_stages(material: Material, stages: Sequence[str]) -> Material:
 def _export_report(report: ExportReport, *, json: bool) -> None:
     """Say what was written, and what the format does not hold."""
     for reason in report.damage:
-        say(f"warning: {report.source}: damage, not exported: {reason}")
+        print_stderr(f"warning: {report.source}: damage, not exported: {reason}")
     if json:
         print_json(report)
         return

@@ -40,7 +40,7 @@ from ..pipeline.results import (
     replayed_labels,
 )
 from ..pipeline.source import Source
-from .console import print_json, print_warnings, progress, say, truth_of, where_to_show
+from .console import print_json, print_stderr, print_warnings, progress, truth_of, where_to_show
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..pipeline.config import Pipeline
-    from ..pipeline.engine import Session, Sink, Tally
+    from ..pipeline.engine import ReplayCounts, ReplaySession, Sink
 
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
 
@@ -148,7 +148,7 @@ def replay(
         )
         if rrd is not None and rrd.resolve() == results.resolve():
             raise RecordingError(f"{rrd}: expected another file than the results, found the same")
-        session = session_of(opened, path, chain, say)
+        session = session_of(opened, path, chain, print_stderr)
         span = span_of(session, from_, to)
         arguments = public_arguments(sys.argv[1:])
         provenance = provenance_of(session, path, chain, span, arguments)
@@ -158,7 +158,7 @@ def replay(
             shown = load("sinks", "rerun")(
                 rrd, spawn=spawn, web=web, full_rate=full_rate, map_tiles=map_tiles
             )
-            say(shown.expected(session))
+            print_stderr(shown.expected(session))
             sinks.append(shown)
         source = Source(opened, start_ns=span[0], stop_ns=span[1], block_s=0.0 if rate else None)
         tally = run_into(
@@ -175,7 +175,7 @@ def replay(
             at_ns = missed_step(results, at_miss)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             again = build_pipeline(chain.config, opened.geometry, opened.labels)
-            run_into(Source(opened), again, [Around(shown, at_ns)], session, quiet=quiet)
+            run_into(Source(opened), again, [TimeWindowSink(shown, at_ns)], session, quiet=quiet)
         damage = len(set(opened.damage))
     timeline = shown.summary if shown is not None else ""
     report(session, chain, tally, results, rrd, timeline, damage, json=json)
@@ -186,7 +186,7 @@ def replay(
 def _bundled() -> Path:
     from groundtrace_recordings import path_of
 
-    say("no recording given: replaying the bundled walk through a room")
+    print_stderr("no recording given: replaying the bundled walk through a room")
     return path_of("room-walk.mcap")
 
 
@@ -219,7 +219,7 @@ def _where_to_show(
 def _stay_with_the_page(shown: Any) -> None:
     """Serve what was shown to browsers until the user stops."""
     url, server = load("views", "web")(shown)
-    say(f"serving {url} (Ctrl-C ends it)")
+    print_stderr(f"serving {url} (Ctrl-C ends it)")
     try:
         server.wait()
     finally:
@@ -231,13 +231,13 @@ def run_into(
     source: Source,
     chain: Pipeline,
     sinks: Sequence[Sink],
-    session: Session,
+    session: ReplaySession,
     clock: Clock | None = None,
     *,
     quiet: bool,
     looked_at: Iterable[str] = (),
     first: Sequence[Note] = (),
-) -> Tally:
+) -> ReplayCounts:
     """Replay as :func:`~.api.replay.run_through`; with ``quiet`` nothing is shown."""
     first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
     length_s = (last_ns - first_ns) / NS_PER_S
@@ -258,7 +258,7 @@ def run_into(
 COUNTED = ("picks", "steps", "fixes", "passes", "crossings", "gaps", "notes")
 
 
-def counts_of(tally: Tally) -> dict[str, int]:
+def counts_of(tally: ReplayCounts) -> dict[str, int]:
     """Return how many there are of what is counted."""
     named = {kind.plural: cls.__name__ for cls, kind in EVENTS.items()}
     counted = {"candidates": "CandidateBlock"} | {name: named[name] for name in COUNTED}
@@ -266,9 +266,9 @@ def counts_of(tally: Tally) -> dict[str, int]:
 
 
 def report(
-    session: Session,
+    session: ReplaySession,
     chain: Pipeline,
-    tally: Tally,
+    tally: ReplayCounts,
     results: Path,
     rrd: Path | None,
     timeline: str,
@@ -328,7 +328,7 @@ def report(
 
 
 def _print_report(
-    streams: tuple[Stream, ...], chain: Pipeline, tally: Tally, counts: dict[str, int]
+    streams: tuple[Stream, ...], chain: Pipeline, tally: ReplayCounts, counts: dict[str, int]
 ) -> None:
     signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
     print(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
@@ -363,7 +363,7 @@ def missed_step(results: Path, number: int) -> int:
     return int(found.truth_ns[found.missed[number - 1]])
 
 
-class Around:
+class TimeWindowSink:
     """Passes on what lies around a moment; it is decided by a replay of the whole recording.
 
     Parameters
@@ -379,7 +379,7 @@ class Around:
         reach = round(AROUND_S * NS_PER_S)
         self._start_ns, self._end_ns = at_ns - reach, at_ns + reach
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin, with the labels and annotations of the window."""
         shown_ns = (max(self._start_ns, session.start_ns), min(self._end_ns, session.end_ns))
         labels = replayed_labels(session.labels, *shown_ns)

@@ -25,10 +25,10 @@ from ..pipeline.plugins import load
 from ..pipeline.results import RUN, evidence_of, provenance_in, read_results, write_text
 from .console import (
     print_json,
+    print_stderr,
     print_table,
     print_warnings,
     progress,
-    say,
     scored_truth_of,
     truth_of,
     truth_of_recording,
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from ..evaluation.report import Score
     from ..evaluation.steps import StepScore
     from ..evaluation.tracks import ConsistencyScore, TrackScore
-    from ..evaluation.vehicles import PassScore, WayScore
-    from ..explain.compare import Comparison, Decision, PlaceComparison, Side
+    from ..evaluation.vehicles import PassScore, VehicleTrackScore
+    from ..explain.compare import ComparedResult, Comparison, Decision, PlaceComparison
     from ..explain.sweep import Counted, LeaveOneOut, Ranked, Ranking, Subject
     from ..pipeline.config import PipelineConfig
     from ..pipeline.results import Provenance
@@ -103,7 +103,7 @@ def score(
         print_warnings(result.warnings)
         _print_score(figures, "m" if result.geometry is None else result.geometry.length_unit)
     if html is not None:
-        say(f"page: {html}")
+        print_stderr(f"page: {html}")
 
 
 def _print_score(figures: Score, unit: str) -> None:
@@ -221,7 +221,7 @@ def _print_closure(c: ClosureScore, unit: str) -> None:
         )
 
 
-def _print_ways(w: WayScore, unit: str) -> None:
+def _print_ways(w: VehicleTrackScore, unit: str) -> None:
     print(
         f"  across the way: median {w.across_median_m:.2f} {unit} off, 90 % within "
         f"{w.across_p90_m:.2f} {unit}, {w.n} points"
@@ -382,7 +382,7 @@ def sweep(
         _print_sweep(ranking)
     for name, path in (("pipeline", write), ("figure", figure)):
         if path is not None:
-            say(f"{name}: {path}")
+            print_stderr(f"{name}: {path}")
 
 
 def _swept(plan: SweepPlan, top: int, jobs: int) -> tuple[Counted, Ranking]:
@@ -390,7 +390,9 @@ def _swept(plan: SweepPlan, top: int, jobs: int) -> tuple[Counted, Ranking]:
     again = plan.measured()
     total_s = sum(subject.recorded_s for subject in again)
     if again:
-        say(f"the signal path is swept: {len(again)} measurements ({total_s:.0f} s recorded)")
+        print_stderr(
+            f"the signal path is swept: {len(again)} measurements ({total_s:.0f} s recorded)"
+        )
     with progress(total_s, "measuring") as show:
         counter = iter(range(1, len(again) + 1))
         return plan.run(top, jobs, lambda: show(next(counter) * total_s / len(again)))
@@ -411,7 +413,7 @@ def _print_sweep(r: Ranking) -> None:
         _print_left_out(r.left_out)
     _print_rate(r)
     for note in r.notes:
-        say(f"warning: {note}")
+        print_stderr(f"warning: {note}")
 
 
 def _print_top(r: Ranking) -> None:
@@ -576,7 +578,7 @@ def _measured(
             placements[path] = {s.topic: s.placement for s in recording.streams}
             total_s += (recording.end_ns - recording.start_ns) / NS_PER_S
     if paths:
-        say(f"measuring {len(paths)} recordings ({total_s:.0f} s)")
+        print_stderr(f"measuring {len(paths)} recordings ({total_s:.0f} s)")
     with progress(total_s, "measuring") as show:
         count = iter(range(1, len(paths) + 1))
         found = in_processes(
@@ -590,7 +592,7 @@ def _measured(
         specs = [stage.spec for stage in evidence.stages]
         own = own_truth(labels[path], specs, placements[path])
         for remark in own.remarks:
-            say(f"truth: {remark}")
+            print_stderr(f"truth: {remark}")
         subjects[path] = Subject(replace(evidence, labels=own.labels), (path,))
     return subjects
 
@@ -657,7 +659,7 @@ def compare(
         sides = evidence_of(one, labels), evidence_of(other, labels)
         load("views", "compare")(*sides, found, comparison_page(found), path=rrd, spawn=spawn)
     if rrd is not None:
-        say(f"timeline: {rrd} (open it with: rerun {rrd})")
+        print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
 def _print_comparison(found: Comparison) -> None:
@@ -679,7 +681,7 @@ def _print_comparison(found: Comparison) -> None:
         print_table(("time [s]", "step", "verdict", "without it", "why"), rows)
 
 
-def _side(side: Side) -> str:
+def _side(side: ComparedResult) -> str:
     if side.counts is None:
         return f"{side.name}, {side.steps} steps"
     c = side.counts

@@ -12,7 +12,7 @@ from ..api.files import existing
 from ..errors import RecordingError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_warnings, say
+from .console import print_stderr, print_warnings
 
 FLAG = Parameter(negative="")
 
@@ -61,7 +61,7 @@ def share(
     timeline = None if rrd is None else existing(rrd, "a viewer's file")
     found = recording_of(results, recording)
     write = load("views", "share")
-    options = {"light": light, "force": force, "report": say}
+    options = {"light": light, "force": force, "report": print_stderr}
     write(results, out, form=form, recording=found, rrd=timeline, **options)
     print_warnings(read_results(results, blocks=False).warnings)
     _report(out, form)
@@ -69,7 +69,7 @@ def share(
 
 def recording_of(results: Path, given: Path | None = None) -> Path | None:
     """Return the recording of results; say where one of its name has other bytes."""
-    return files.recording_of(results, given, say)
+    return files.recording_of(results, given, print_stderr)
 
 
 def _report(out: Path, form: str) -> None:

@@ -10,13 +10,13 @@ from cyclopts import Parameter, validators
 
 from ..api.analysis import Answer, Kind, Question, evidence_with, explained
 from ..explain.unfiltered import beside
-from ..explain.why import Account, Moment
+from ..explain.why import Moment, StepExplanation
 from ..explain.why_picks import PickAccount, PickMoment
 from ..explain.why_places import FixMoment, PlaceAccount
 from ..explain.why_vehicles import VehicleAccount, VehicleMoment
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_json, print_table, print_warnings, say, truth_of, where_to_show
+from .console import print_json, print_stderr, print_table, print_warnings, truth_of, where_to_show
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..explain.reasons import Chain
     from ..explain.redecide import Counts
     from ..explain.remedies import Remedy
-    from ..explain.why import False_, Missed
+    from ..explain.why import FalseDetection, Missed
     from ..explain.why_picks import BadPick, ChannelPicks
     from ..explain.why_places import Figures, FixAccount, PlaceCause, PlaceRemedy, SensorFault
     from ..pipeline.results import Evidence
@@ -101,9 +101,11 @@ def why(
     if not json:
         print_warnings(evidence.warnings)
     found = explained(evidence, results.name, asked)
-    if isinstance(found.details, Account):
+    if isinstance(found.details, StepExplanation):
         for at_s in evidence.clock_steps_s:
-            say(f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact")
+            print_stderr(
+                f"warning: a clock steps at {at_s:.3f} s: changes around it may not be exact"
+            )
     if json:
         print_json(found.details, evidence.warnings)
     else:
@@ -113,7 +115,7 @@ def why(
         page = _page(found)
         show(evidence, page, path=rrd, spawn=spawn, at_ns=found.time_ns, tolerance_s=tolerance)
     if rrd is not None:
-        say(f"timeline: {rrd} (open it with: rerun {rrd})")
+        print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
 
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
@@ -126,7 +128,7 @@ def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> 
 def _print(found: Answer) -> None:
     """Print what was found, for people."""
     match found.details:
-        case Account():
+        case StepExplanation():
             print_account(found.details)
         case Moment():
             print_moment(found.details)
@@ -149,7 +151,7 @@ def _print(found: Answer) -> None:
 def _page(found: Answer) -> str:
     """Return the page that a viewer's file has of it."""
     match found.details:
-        case Account():
+        case StepExplanation():
             return account_page(found.details)
         case Moment():
             title = "" if found.step is None else f"step {found.step}"
@@ -449,7 +451,7 @@ def first_to_last(times_s: Sequence[float]) -> str:
     return text if len(times_s) == 1 else f"{text}-{times_s[-1]:.3f}"
 
 
-def print_account(found: Account) -> None:
+def print_account(found: StepExplanation) -> None:
     """Print every missed and false step, and how many picks and places are bad."""
     counts = found.counts
     print(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
@@ -488,7 +490,7 @@ def print_account(found: Account) -> None:
         print_table(("time [s]", "what it is", "narrowest gate", "smallest change"), rows)
 
 
-def _missed_row(m: Missed, found: Account) -> tuple[str, ...]:
+def _missed_row(m: Missed, found: StepExplanation) -> tuple[str, ...]:
     near = m.reason.candidate_s
     candidate = "none" if near is None else f"{(near - m.time_s) * 1e3:+.0f} ms"
     cause, text = m.reason.cause, m.reason.text
@@ -499,14 +501,14 @@ def _missed_row(m: Missed, found: Account) -> tuple[str, ...]:
     return (str(m.step), f"{m.time_s:.3f}", candidate, cause, text, _change_text(m, found))
 
 
-def _false_row(f: False_, found: Account) -> tuple[str, ...]:
+def _false_row(f: FalseDetection, found: StepExplanation) -> tuple[str, ...]:
     gate = f.narrowest
     text = "-" if gate is None else f"{gate.gate} {gate.value:.4g} over {gate.threshold:.4g}"
     answers = "-" if f.pair is None else f.pair.text
     return (f"{f.time_s:.3f}", answers, text, _change_text(f, found))
 
 
-def _change_text(wrong: Missed | False_, found: Account) -> str:
+def _change_text(wrong: Missed | FalseDetection, found: StepExplanation) -> str:
     """Return what mends a wrong decision; the one shift of all where that is what does it."""
     if wrong.remedy is None and wrong.pair is not None and found.shift is not None:
         left_ms = wrong.pair.late_ms - found.shift.late_ms
@@ -677,7 +679,7 @@ def _chain(link: Chain) -> list[str]:
     return [head, "", "| gate | value | threshold | margin | |", "|---|---|---|---|---|", *rows]
 
 
-def account_page(found: Account) -> str:
+def account_page(found: StepExplanation) -> str:
     """Return the page about a whole result."""
     lines = [f"# {found.recording}", "", *_counts_table((("", found.counts),)), ""]
     if found.shift is not None:

@@ -26,7 +26,7 @@ from groundtrace_codecs.signals import SignalBlock
 
 from ..dsp.filters import HIGHEST_CORNER
 from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
-from ..dsp.resample import GRID_HZ, CentredFilter, Kept, gaussian, lowpass
+from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian, lowpass
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
@@ -83,8 +83,8 @@ class _State:
     peaks: Peaks
     trace: FrameTrace
     start_ns: int | None
-    waiting: Kept  # time since the start [ns] and recorded norm, until the band is known
-    times: Kept  # time since the start [ns], until the peaks are known
+    waiting: ColumnBuffer  # time since the start [ns] and recorded norm, until the band is known
+    times: ColumnBuffer  # time since the start [ns], until the peaks are known
     curve: Curve | None = None
 
 
@@ -136,8 +136,8 @@ class AdaptiveDetector(Stage):
             Peaks(p.floor, p.rise if trunk else 0.0),
             FrameTrace(GRID_HZ, 1),
             None,
-            Kept(2),
-            Kept(),
+            ColumnBuffer(2),
+            ColumnBuffer(),
         )
         return ("up",)
 
@@ -179,7 +179,7 @@ class AdaptiveDetector(Stage):
         state = self.state
         start = state.waiting.first
         since, norm = state.waiting.between(start, start + len(band))
-        state.waiting.forget_before(start + len(band))
+        state.waiting.discard_before(start + len(band))
         times = since.astype(np.int64) + (state.start_ns or 0)
         state.curve = Curve(times, band[:, None])
         z, norm = band[None, :], norm[None, :]
@@ -192,7 +192,7 @@ class AdaptiveDetector(Stage):
         places = found[:, 0] - state.times.first
         since = state.times.values[0]
         time_ns = np.interp(places, np.arange(len(since)), since)
-        state.times.forget_before(int(found[-1, 0]) - 1)
+        state.times.discard_before(int(found[-1, 0]) - 1)
         return Candidates(
             np.rint(time_ns).astype(np.int64) + (state.start_ns or 0),
             np.zeros(len(found), np.int32),
@@ -286,8 +286,10 @@ class StepBand:
         self._trend = CentredFilter(-trend)
         self._rhythm = Rhythm(scales, ahead_s)
         self._reach = len(self._kernels[0]) // 2
-        self._up = Kept()  # held before and after its ends; its places are those of the first tap
-        self._hops = Kept(3)  # strength of the rhythm, step time, swing
+        self._up = (
+            ColumnBuffer()
+        )  # held before and after its ends; its places are those of the first tap
+        self._hops = ColumnBuffer(3)  # strength of the rhythm, step time, swing
 
     def __call__(self, up: NDArray[np.float64]) -> Followed:
         """Take the acceleration upward, shape (1, n); return the points known by now."""
@@ -325,8 +327,8 @@ class StepBand:
                 HOP,
                 found,
             )
-        self._up.forget_before(end)
-        self._hops.forget_before(end // HOP)
+        self._up.discard_before(end)
+        self._hops.discard_before(end // HOP)
         return Followed(*found)
 
 
@@ -364,7 +366,7 @@ class Peaks:
     def __init__(self, floor: float, rise: float) -> None:
         self.floor = floor
         self.rise = rise
-        self._kept = Kept(5)
+        self._kept = ColumnBuffer(5)
         self._next = 1  # a maximum has a neighbour on either side
         self._last = 0.0  # place of the peak before
 
@@ -372,7 +374,7 @@ class Peaks:
         """Take points; return the peaks whose surroundings are complete, as :data:`COLUMNS`."""
         self._kept.add(np.stack(followed))
         found = self._until(self._kept.end - _AHEAD)
-        self._kept.forget_before(self._next - _BACK)
+        self._kept.discard_before(self._next - _BACK)
         return found
 
     def finish(self) -> NDArray[np.float64]:

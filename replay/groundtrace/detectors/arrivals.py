@@ -21,8 +21,8 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..dsp.filters import LaneHistory, SampleClock
-from ..dsp.noise import CELL_S, LocalMaxima, NoiseLevel, NoiseRatio, Rises
+from ..dsp.filters import SampleClock, SampleHistory
+from ..dsp.noise import CELL_S, LocalMaxima, LocalMaximaWithOnset, NoiseLevel, NoiseRatio
 from ..kernels import compiled
 from ..kernels.lanes import LANES, every, greater, put_row, row
 from ..kernels.logarithms import ROUGHNESS, logarithm, rough_logarithm
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..dsp.noise import Cells
+    from ..dsp.noise import CompleteCells
 
     Array = NDArray[np.float64]
     Indices = NDArray[np.intp]
@@ -145,7 +145,7 @@ class ArrivalTracker:
         self.settings = settings
         self.rate_hz = rate_hz
         self.clock = SampleClock()
-        self.history = LaneHistory(signals, channels)
+        self.history = SampleHistory(signals, channels)
         self._channels = channels
         self._length = max(1, round(CELL_S * rate_hz))
         cell_s = self._length / rate_hz
@@ -155,15 +155,15 @@ class ArrivalTracker:
         back = round(settings.back_s / cell_s)
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
-        self._reached: tuple[Cells, NDArray[np.float64]] | None = None
-        self._waiting = Rises.none()  # maxima whose AIC windows are open
+        self._reached: tuple[CompleteCells, NDArray[np.float64]] | None = None
+        self._waiting = LocalMaximaWithOnset.none()  # maxima whose AIC windows are open
         self._held = NOTHING
         self._back = round(settings.back_s * rate_hz)
         self._windows = np.rint(np.array(settings.windows_s) * rate_hz).astype(np.intp)
         before, self._after = (int(most) for most in self._windows.max(axis=0))
         self._before = self._back + before
 
-    def take(self, cells: Cells) -> Measured:
+    def take(self, cells: CompleteCells) -> Measured:
         """Take the cells that are complete by now, after the samples were added to the history."""
         if not len(cells):
             self._reached = (cells, cells.level)
@@ -221,7 +221,7 @@ class ArrivalTracker:
             return NOTHING
         horizon_ns = self.clock.time_of(earliest)
         self.history.drop_before(earliest)
-        self.clock.forget_before(min(earliest, self._reached_from()))
+        self.clock.discard_before(min(earliest, self._reached_from()))
         count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
         if not count:
             return NOTHING
@@ -232,7 +232,7 @@ class ArrivalTracker:
         """Return the sample from which the curve can be asked for."""
         return 0 if self._reached is None else self._reached[0].first * self._length
 
-    def _refined(self, rises: Rises) -> Candidates:
+    def _refined(self, rises: LocalMaximaWithOnset) -> Candidates:
         """Return the candidates that are held, and those at the onsets of rises."""
         held = (self._held.time_ns, self._held.channel, self._held.value)
         signal = (self.history.rows(), (self.history.first, self.history.end))
@@ -241,7 +241,7 @@ class ArrivalTracker:
         clock = (self.clock.table, self.rate_hz)
         return Candidates(*with_onsets(held, signal, new, self._windows, correlation, clock))
 
-    def _anchors(self, rises: Rises) -> NDArray[np.intp]:
+    def _anchors(self, rises: LocalMaximaWithOnset) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""
         length, channel = self._length, rises.channel
         if self.settings.anchor == "rise":

@@ -11,7 +11,7 @@ from scipy import signal
 from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
 
 from ..dsp.filters import StreamingFilter, UnbiasedMean, corner, phase_delay_s, planar
-from ..dsp.resample import CentredFilter, EvenGrid, GridPart, Kept, gaussian
+from ..dsp.resample import CentredFilter, ColumnBuffer, GridPart, UniformResampler, gaussian
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Quantity
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from ..pipeline.gates import Candidates, Carry
+    from ..pipeline.gates import Candidates, GateState
 
 #: Corners that leave every step as it was recorded [Hz]: the low-pass as high as the rate allows,
 #: the high-pass so low that it takes out gravity alone, of which 20 s of it leave 0.2 %.
@@ -90,7 +90,7 @@ class Activity:
         low = max(index - self.reach - self.first, 0)
         return float(np.sqrt(self._power[low : index + self.reach + 1 - self.first].mean()))
 
-    def forget_before(self, index: int) -> None:
+    def discard_before(self, index: int) -> None:
         """Drop what no sample from ``index`` on reaches back to."""
         cut = max(0, index - self.reach - self.first)
         self._power = self._power[cut:]
@@ -116,7 +116,7 @@ class Gravity:
 
     def __init__(self, sigma_s: float = AVERAGE_S) -> None:
         self._average = CentredFilter(gaussian(sigma_s, 2.5))
-        self._force: Kept | None = None
+        self._force: ColumnBuffer | None = None
 
     def __call__(
         self, force: NDArray[np.float64]
@@ -128,7 +128,7 @@ class Gravity:
         Specific force and gravity of the points that are complete by now, shape (n_axes, m) each.
         """
         if self._force is None:
-            self._force = Kept(force.shape[0])
+            self._force = ColumnBuffer(force.shape[0])
         self._force.add(force)
         return self._paired(self._average(force))
 
@@ -144,7 +144,7 @@ class Gravity:
         assert self._force is not None
         start = self._force.first
         force = self._force.between(start, start + gravity.shape[1])
-        self._force.forget_before(start + gravity.shape[1])
+        self._force.discard_before(start + gravity.shape[1])
         return force, gravity
 
 
@@ -215,7 +215,7 @@ class Upward:
         unknown = channels[0].unit in UNKNOWN_UNITS
         self._scale = CountScale(stream.rate_hz) if unknown else None
         self._gravity = Gravity() if len(channels) > 1 else None
-        self._grid = EvenGrid(stream.rate_hz, cutoff_hz)
+        self._grid = UniformResampler(stream.rate_hz, cutoff_hz)
         self._times = np.empty(0, np.int64)
         self._recorded = np.empty((1, 0))
 
@@ -271,7 +271,7 @@ class Pairing:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the time since the last pair ended [s]; inf where there was none."""
         column = [c.name for c in columns].index(self.length)

@@ -25,7 +25,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .held_values import STEP_PART, WORN, clipped_effect, full_scale, near_scale
-from .signal_faults import LEAST_STEPS, Finding, Tally, percent, times
+from .signal_faults import LEAST_STEPS, FaultSpans, Finding, percent, times
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -137,7 +137,7 @@ class Limits:
         """Return whether a stream is one of a worn sensor."""
         return bool(stream.columns_of(WORN))
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c, sides in self._sides.items():
@@ -265,20 +265,20 @@ class _RepeatsSide:
     """The highest values of one side, counted upwards, and the tops that end at each."""
 
     sign: int
-    tops: dict[float, Tally] = field(default_factory=dict)
+    tops: dict[float, FaultSpans] = field(default_factory=dict)
     last: float = math.nan
 
     @property
     def extreme(self) -> float:
         return max(self.tops, default=-math.inf)
 
-    def hear(self, window: Window, c: int, longest: float) -> None:
+    def update(self, window: Window, c: int, longest: float) -> None:
         row = self.sign * window.core[c]
         floor = min(self.tops) if len(self.tops) >= KEPT else -math.inf
         for value in np.unique(row[row >= floor])[-KEPT:].tolist():
             at = np.flatnonzero(row == value)
             runs = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-            known = self.tops.setdefault(value, Tally())
+            known = self.tops.setdefault(value, FaultSpans())
             for run in runs:
                 if len(run) <= longest and not (run[0] == 0 and self.last == value):
                     first = int(run[0])
@@ -320,13 +320,13 @@ class Repeats:
         self._longest = max(2.0, LONGEST_S * stream.rate_hz)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c, sides in self._sides.items():
             if np.isfinite(window.core[c]).all() and len(window):
                 for side in sides:
-                    side.hear(window, c, self._longest)
+                    side.update(window, c, self._longest)
 
     def gap(self) -> None:
         """End the run: what comes next continues nothing."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..pipeline.gates import Carry
+    from ..pipeline.gates import GateState
 
 NOTHING = Candidates.empty(3)
 #: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.
@@ -53,7 +53,7 @@ class CoincidenceParameters:
 
 
 @dataclass(frozen=True, slots=True)
-class SparingRefractory:
+class RefractoryExceptSharp:
     """A minimum time since the last impact that passed, from which sharp ones are spared."""
 
     parameter: str = "refractory_s"
@@ -67,7 +67,7 @@ class SparingRefractory:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where sharp or the first."""
         last = carry.last_ns.setdefault(self.name, {})
@@ -112,7 +112,7 @@ class Coincidence(Stage):
     gives = (StepEvent,)
     ends_at = "clock step"
     columns = (Quantity("channels", "1"), Quantity("span", "s"), Quantity("sharp", "1"))
-    gates = (Level("channels", "1", "min_channels"), SparingRefractory())
+    gates = (Level("channels", "1", "min_channels"), RefractoryExceptSharp())
 
     def __init__(self, parameters: CoincidenceParameters) -> None:
         self.parameters = parameters

@@ -14,7 +14,7 @@ its test of ``m(peak)`` against ``m(Theta)`` are two gates, since the second doe
 the first.
 
 Belief functions, as used here: masses are arrays of shape (..., 2^k), floats or exact fractions,
-one row for each candidate; :class:`Frame` says what the columns are. Models make masses of measured
+one row for each candidate; :class:`HypothesisSet` says what the columns are. Models make masses of measured
 values (chapter II, section III.2; chapter III, section V.2), for peaks and valleys as in chapter
 III, section V. Rules combine the masses of several sources and discount a source (chapter II,
 section III.3). Every rule takes all sources at once, since Yager's, Dubois and Prade's and Florea's
@@ -36,7 +36,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..dsp.filters import Lookaround, level
+from ..dsp.filters import CentredWindow, level
 from ..errors import BeliefError, TotalConflictError
 from ..pipeline.gates import Candidates, Level, Reach, Refractory
 from ..pipeline.parameters import gate, measured
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class HypothesisSet:
     """Hypotheses of which exactly one is true.
 
     A subset is a number whose bit ``i`` says whether hypothesis ``i`` is in it: 0 is the empty
     set, ``2^k - 1`` the whole frame (total ignorance). Masses lie in that order along the last
-    axis of an array; for ``Frame(("peak", "other"))`` it is empty, peak, other, both.
+    axis of an array; for ``HypothesisSet(("peak", "other"))`` it is empty, peak, other, both.
 
     Attributes
     ----------
@@ -119,14 +119,14 @@ def hypotheses_of(masses: NDArray[Any]) -> int:
 
 #: The sensors, in the order of the columns.
 SOURCES = ("accelerometer", "gyroscope")
-FRAME = Frame(("it", "none"))
+FRAME = HypothesisSet(("it", "none"))
 IT, NONE = FRAME.subset(["it"]), FRAME.subset(["none"])
 #: Corners of a trapezoid, and so many heights are looked at besides them.
 CORNERS, GRID = ("rise", "full", "fade", "gone"), 100
 
 
 @dataclass(frozen=True, slots=True)
-class Heights:
+class TrapezoidMembership:
     """A trapezoid over heights: 0 up to ``rise``, 1 from ``full`` to ``fade``, 0 from ``gone``."""
 
     rise: float
@@ -140,7 +140,7 @@ class Heights:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class SensorMass:
     """Turns heights into masses and combines them.
 
     Attributes
@@ -155,8 +155,8 @@ class Evidence:
         What the decision takes the largest of.
     """
 
-    certainty: Heights
-    truth: Heights
+    certainty: TrapezoidMembership
+    truth: TrapezoidMembership
     reliability: tuple[float, float]
     rule: Rule
     criterion: Criterion
@@ -299,7 +299,7 @@ def _gathered(masses: NDArray[Any], counts: Callable[[int, int], bool]) -> NDArr
     return found
 
 
-def specialised(frame: Frame, subset: int, support: Any, against: Any) -> NDArray[Any]:
+def specialised(frame: HypothesisSet, subset: int, support: Any, against: Any) -> NDArray[Any]:
     """Return masses on a subset, its complement, and the rest on the whole frame: (II.9)."""
     zero = (np.asarray(support) + np.asarray(against)) * 0
     masses = np.stack([zero] * frame.size, axis=-1)
@@ -309,7 +309,7 @@ def specialised(frame: Frame, subset: int, support: Any, against: Any) -> NDArra
     return masses
 
 
-def graded(frame: Frame, hypothesis: int, certainty: Any, truth: Any) -> NDArray[Any]:
+def graded(frame: HypothesisSet, hypothesis: int, certainty: Any, truth: Any) -> NDArray[Any]:
     """Return the masses of a source that can tell with ``certainty``, and then says ``truth``.
 
     ``m(A) = p q``, ``m(not A) = p (1 - q)``, ``m(whole) = 1 - p``: thesis, equations (III.4) and
@@ -489,7 +489,7 @@ RISING = (
 
 @dataclass(frozen=True, slots=True)
 class BeliefParameters:
-    """Parameters of :class:`BeliefDetector`."""
+    """Parameters of :class:`DempsterShaferDetector`."""
 
     cutoff_hz: Annotated[float, measured("Hz", "Corner of the low-pass.", gt=0)] = 3.0
     gravity_hz: Annotated[float, measured("Hz", "Corner of the high-pass.", gt=0)] = 0.25
@@ -566,13 +566,13 @@ class _State:
     rotation: WalkingSignal
     columns: tuple[list[int], list[int]]  # of the accelerometer and of the gyroscope
     trace: FrameTrace
-    signal: Lookaround
-    evidence: Evidence
+    signal: CentredWindow
+    evidence: SensorMass
     rate_hz: float
     curve: Curve | None = None
 
 
-class BeliefDetector(Stage):
+class DempsterShaferDetector(Stage):
     """A step is a peak that both sensors believe in, followed by a valley they believe in.
 
     The candidates are the peaks of the acceleration's magnitude, each with the lowest valley before
@@ -589,8 +589,8 @@ class BeliefDetector(Stage):
         Quantity("height", "m/s2"),
         Quantity("depth", "m/s2"),
         Quantity("fall", "s"),
-        *Evidence.columns("peak"),
-        *Evidence.columns("valley"),
+        *SensorMass.columns("peak"),
+        *SensorMass.columns("valley"),
     )
     trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
     gates = (
@@ -608,7 +608,7 @@ class BeliefDetector(Stage):
     @classmethod
     def unfiltered(
         cls, parameters: BeliefParameters
-    ) -> tuple[type[BeliefDetector], BeliefParameters]:
+    ) -> tuple[type[DempsterShaferDetector], BeliefParameters]:
         """Return what measures the same with the low-pass and the high-pass wide open."""
         return cls, replace(parameters, cutoff_hz=OPEN_CUTOFF_HZ, gravity_hz=OPEN_GRAVITY_HZ)
 
@@ -627,7 +627,7 @@ class BeliefDetector(Stage):
             WalkingSignal(rate, p.cutoff_hz, p.gravity_hz),
             columns,
             FrameTrace(rate, 1),
-            Lookaround(2, max(around, match, 1), after),
+            CentredWindow(2, max(around, match, 1), after),
             _evidence(p, has_gyroscope=bool(columns[1])),
             rate,
         )
@@ -722,10 +722,10 @@ def vertex(three: NDArray[np.float64]) -> float:
     return 0.5 * (before - after) / bend if bend else 0.0
 
 
-def _evidence(p: BeliefParameters, *, has_gyroscope: bool) -> Evidence:
-    return Evidence(
-        certainty=Heights(p.certain_from, p.certain_at),
-        truth=Heights(p.true_from, p.true_at, p.shock_from, p.shock_at),
+def _evidence(p: BeliefParameters, *, has_gyroscope: bool) -> SensorMass:
+    return SensorMass(
+        certainty=TrapezoidMembership(p.certain_from, p.certain_at),
+        truth=TrapezoidMembership(p.true_from, p.true_at, p.shock_from, p.shock_at),
         reliability=(p.accelerometer, p.gyroscope if has_gyroscope else 0.0),
         rule=p.rule,
         criterion=p.criterion,

@@ -9,18 +9,18 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..pipeline.source import BRIDGE_S
 from .clipping import Limits, Repeats
-from .held_values import Held
-from .interference import Hum, Offsets, Spikes
+from .held_values import StuckValues
+from .interference import MainsHum, Offsets, Spikes
 from .signal_faults import NonFinite, Rate, Windows
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
 
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..pipeline.source import Readable
-    from .signal_faults import Finding, Watcher, Window
+    from .signal_faults import FaultDetector, Finding, Window
 
 #: Quantities that move all the time: what stands still or jumps in them is a fault.
 MOVING = SEISMIC_QUANTITIES | {"acceleration", "acceleration_magnitude", "angular_velocity"}
@@ -28,7 +28,7 @@ MOVING = SEISMIC_QUANTITIES | {"acceleration", "acceleration_magnitude", "angula
 SLOW = frozenset({"magnetic_field"})
 
 
-class HealthWatch:
+class FaultScan:
     """Looks for faults in one stream, block by block, in constant memory.
 
     A stream of a constant rate is judged as the source gives it, one whose samples carry their own
@@ -48,20 +48,20 @@ class HealthWatch:
         self._rate = None if stream.irregular else Rate(stream)
         self._last_ns: int | None = None
         self._longest_ns = max(BRIDGE_S * NS_PER_S, 2.5 * stream.period_ns)
-        self._watchers: tuple[Watcher, ...] = (
+        self._watchers: tuple[FaultDetector, ...] = (
             NonFinite(stream),
-            Held(stream, [*moving, *stream.columns_of(SLOW)], moving),
+            StuckValues(stream, [*moving, *stream.columns_of(SLOW)], moving),
             Limits(stream, MOVING),
             Repeats(stream),
             Spikes(stream, moving),
             Offsets(stream, seismic),
-            Hum(stream, seismic),
+            MainsHum(stream, seismic),
         )
 
     def recorded(self, block: SignalBlock) -> None:
         """Take the next block as it was recorded."""
         if self._rate is not None:
-            self._rate.hear(block)
+            self._rate.update(block)
         elif len(block):
             step_ns = 0 if self._last_ns is None else block.start_ns - self._last_ns
             if not 0 <= step_ns <= self._longest_ns:
@@ -69,7 +69,7 @@ class HealthWatch:
             self._last_ns = block.last_ns
             self._tell(self._windows.add(block))
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
         if self._rate is None:
             return
@@ -99,10 +99,10 @@ class HealthWatch:
     def _tell(self, windows: Iterable[Window]) -> None:
         for window in windows:
             for watcher in self._watchers:
-                watcher.hear(window)
+                watcher.update(window)
 
 
-class Listened:
+class MonitoredRecording:
     """A recording that tells watches what it gives a source.
 
     Parameters
@@ -113,7 +113,7 @@ class Listened:
         By topic.
     """
 
-    def __init__(self, recording: Readable, watches: dict[str, HealthWatch]) -> None:
+    def __init__(self, recording: Readable, watches: dict[str, FaultScan]) -> None:
         self.recording = recording
         self.watches = watches
 
@@ -128,7 +128,7 @@ class Listened:
         start_ns: int | None = None,
         stop_ns: int | None = None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield recorded blocks in the order of the file."""
         for stamped in self.recording.blocks(topics, start_ns, stop_ns, joined_ns):
             self.watches[stamped[1].topic].recorded(stamped[1])

@@ -16,7 +16,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import G0_MPS2, SEISMIC_QUANTITIES
 
-from .signal_faults import Finding, Rails, Tally, percent, times
+from .signal_faults import FaultSpans, Finding, Rails, percent, times
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -65,8 +65,8 @@ class Line:
     """
 
     rails: Rails = field(default_factory=Rails)
-    dropouts: Tally = field(default_factory=Tally)
-    constant: Tally = field(default_factory=Tally)
+    dropouts: FaultSpans = field(default_factory=FaultSpans)
+    constant: FaultSpans = field(default_factory=FaultSpans)
     values: list[float] = field(default_factory=list)
     late_ns: int | None = None
     step: float = float("inf")
@@ -77,7 +77,7 @@ class Line:
     value: float = float("nan")
 
 
-class Held:
+class StuckValues:
     """Looks for runs of equal samples.
 
     Parameters
@@ -99,7 +99,7 @@ class Held:
         self._fresh, self._first_run = True, True
         self._end, self._end_ns = 0, 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._end = window.first + len(window)
         self._end_ns = window.time_ns(len(window))
@@ -299,7 +299,7 @@ def held_findings(stream: Stream, column: int, line: Line, heard: int) -> Iterat
 
 
 def _finding(
-    stream: Stream, channel: Channel, kind: str, tally: Tally, heard: int, *text: str
+    stream: Stream, channel: Channel, kind: str, tally: FaultSpans, heard: int, *text: str
 ) -> Finding:
     share = tally.samples / heard
     span = tally.start_ns, tally.end_ns
@@ -346,9 +346,9 @@ def _still(channel: Channel) -> tuple[str, str]:
 
 
 def _clipped(
-    stream: Stream, channel: Channel, rails: list[tuple[float, Tally]], heard: int
+    stream: Stream, channel: Channel, rails: list[tuple[float, FaultSpans]], heard: int
 ) -> Finding:
-    both = Tally(
+    both = FaultSpans(
         sum(t.events for _, t in rails),
         sum(t.samples for _, t in rails),
         min(t.start_ns for _, t in rails),
@@ -368,7 +368,7 @@ def _clipped(
     )
 
 
-def _dropouts(stream: Stream, channel: Channel, tally: Tally, heard: int) -> Finding:
+def _dropouts(stream: Stream, channel: Channel, tally: FaultSpans, heard: int) -> Finding:
     longest = f"{tally.samples / stream.rate_hz / tally.events * 1e3:.3g} ms each on average"
     return _finding(
         stream,

@@ -24,7 +24,7 @@ import numpy as np
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from .held_values import level
-from .signal_faults import Finding, Tally, percent, times
+from .signal_faults import FaultSpans, Finding, percent, times
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,7 +69,7 @@ class Line:
         return min(MAINS_HZ, key=lambda f: abs(np.log(self.frequency_hz / f)))
 
 
-class Hum:
+class MainsHum:
     """Looks for a steady line in each channel.
 
     Parameters
@@ -94,7 +94,7 @@ class Hum:
         self._raw = np.empty((len(self.columns), 0), np.float32)
         self._slow = np.empty((len(self.columns), 0))
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         if not self.columns:
             return
@@ -229,7 +229,7 @@ class Offsets:
         self.stream = stream
         self.columns = list(columns)
         self.length = max(4, round(FRAME_S * stream.rate_hz))
-        self._found = {c: Tally() for c in columns}
+        self._found = {c: FaultSpans() for c in columns}
         self._largest = dict.fromkeys(columns, 0.0)
         self._begin()
 
@@ -246,7 +246,7 @@ class Offsets:
         self._shifts = np.zeros((len(self.columns), 2 * SIDE))
         self._spans = [(0, 0)] * (2 * SIDE)
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         core = window.core[self.columns].astype(np.float64)
         before = self._rest.shape[1]
@@ -344,11 +344,11 @@ class Spikes:
 
     def __init__(self, stream: Stream, columns: Sequence[int]) -> None:
         self.stream = stream
-        self._found = {c: Tally() for c in columns}
+        self._found = {c: FaultSpans() for c in columns}
         self._highest = dict.fromkeys(columns, 0.0)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         for c in self._found:

@@ -39,7 +39,7 @@ STRETCHES = ((0.01, 0.5), (0.001, 0.75), (0.0005, 0.5))
 
 @dataclass(frozen=True, slots=True)
 class NoiseStatisticsParameters:
-    """Parameters of :class:`NoiseStatisticsPicker`."""
+    """Parameters of :class:`NoiseStatistics`."""
 
     low_hz: Annotated[float, measured("Hz", "Lower corner of the band-pass; 0: none.", ge=0)] = 20.0
     high_hz: Annotated[float, measured("Hz", "Upper corner of the band-pass; 0: none.", ge=0)] = (
@@ -122,7 +122,7 @@ def _steady(level: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ones_like(level)
 
 
-class NoiseStatisticsPicker(Stage):
+class NoiseStatistics(Stage):
     """An arrival is where the signal leaves the noise and stays outside for a while."""
 
     Parameters = NoiseStatisticsParameters
@@ -135,7 +135,7 @@ class NoiseStatisticsPicker(Stage):
     @classmethod
     def unfiltered(
         cls, parameters: NoiseStatisticsParameters
-    ) -> tuple[type[NoiseStatisticsPicker], NoiseStatisticsParameters]:
+    ) -> tuple[type[NoiseStatistics], NoiseStatisticsParameters]:
         """Return what measures the same without the band-pass."""
         return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
 

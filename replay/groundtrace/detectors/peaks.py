@@ -135,7 +135,7 @@ class PeakDetector(Stage):
         state.waiting = state.waiting[len(ready) :]
         shift_ns = state.walking.delay_ns + round(self.parameters.lead_s * NS_PER_S)
         rows = [(p.height, p.swing, state.activity.around(p.sample)) for p in ready]
-        state.activity.forget_before(state.waiting[0].sample if state.waiting else end)
+        state.activity.discard_before(state.waiting[0].sample if state.waiting else end)
         return Candidates(
             np.array([peak.time_ns - shift_ns for peak in ready], np.int64),
             np.zeros(len(ready), np.int32),

@@ -51,10 +51,10 @@ class Finding:
     remedy: str
 
 
-class Watcher(Protocol):
+class FaultDetector(Protocol):
     """Looks for one kind of fault in all channels of a stream."""
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window of the run."""
 
     def gap(self) -> None:
@@ -65,7 +65,7 @@ class Watcher(Protocol):
 
 
 @dataclass(slots=True)
-class Tally:
+class FaultSpans:
     """Spans of one fault of one channel, summed up.
 
     Attributes
@@ -218,7 +218,7 @@ class _Rail:
     level: float = float("-inf")
     extreme: float = float("-inf")
     beyond: int = 0
-    tops: Tally = field(default_factory=Tally)
+    tops: FaultSpans = field(default_factory=FaultSpans)
     longest: int = 0
 
     def reach(self, value: float, near: float) -> None:
@@ -230,7 +230,7 @@ class _Rail:
 
     def add(self, value: float, near: float, span_ns: tuple[int, int], samples: int) -> None:
         if value > self.level + near:
-            self.level, self.beyond, self.longest, self.tops = value, 0, 0, Tally()
+            self.level, self.beyond, self.longest, self.tops = value, 0, 0, FaultSpans()
         self.tops.add(*span_ns, samples)
         self.longest = max(self.longest, samples)
 
@@ -279,7 +279,7 @@ class Rails:
                 return True
         return False
 
-    def found(self) -> Iterator[tuple[float, Tally]]:
+    def found(self) -> Iterator[tuple[float, FaultSpans]]:
         """Yield the level and the flat tops of each side that is clipped."""
         for rail, sign in ((self._high, 1), (self._low, -1)):
             if rail.real:
@@ -307,7 +307,7 @@ class Rate:
         self._best: tuple[float, int, int, int] = (0.0, 0, 0, 0)
         self._last, self._last_ns = 0, 0
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a recorded block."""
         first = self._first
         # the count begins again, or the clock does
@@ -350,11 +350,11 @@ class NonFinite:
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
-        self._found = [Tally() for _ in stream.channels]
+        self._found = [FaultSpans() for _ in stream.channels]
         self._open = np.zeros(len(stream.channels), np.bool_)
         self._heard = 0
 
-    def hear(self, window: Window) -> None:
+    def update(self, window: Window) -> None:
         """Take the next window."""
         self._heard += len(window)
         bad = np.isnan(window.core)

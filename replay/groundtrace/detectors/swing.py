@@ -18,7 +18,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..dsp.filters import Lookaround
+from ..dsp.filters import CentredWindow
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage
@@ -57,7 +57,7 @@ class SwingParameters:
 class _State:
     walking: WalkingSignal
     trace: FrameTrace
-    signal: Lookaround
+    signal: CentredWindow
     rate_hz: float
     reach: int  # samples the machine follows a swing, and looks back for its rise
     curve: Curve | None = None
@@ -105,7 +105,7 @@ class SwingDetector(Stage):
         self.state = _State(
             WalkingSignal(rate, p.cutoff_hz, p.gravity_hz),
             FrameTrace(rate, 1),
-            Lookaround(1, reach, reach),
+            CentredWindow(1, reach, reach),
             rate,
             reach,
         )

@@ -22,7 +22,7 @@ from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from ..dsp.filters import bandpass, planar_as_stored
-from ..dsp.noise import OpenCells, RunningMaximum
+from ..dsp.noise import PartialCells, RunningMaximum
 from ..kernels.lanes import in_lanes, zero_rows
 from ..kernels.picker import COEFFICIENTS, SECTIONS, spread, variance_cells, variance_levels
 from ..pipeline.gates import Level, Refractory
@@ -36,14 +36,14 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.signals import Stream
 
-    from ..dsp.filters import LaneHistory
-    from ..dsp.noise import Cells
+    from ..dsp.filters import SampleHistory
+    from ..dsp.noise import CompleteCells
     from ..pipeline.stage import Curve, Measured
 
 
 @dataclass(frozen=True, slots=True)
 class VarianceChangeParameters:
-    """Parameters of :class:`VarianceChangePicker`."""
+    """Parameters of :class:`VarianceChange`."""
 
     low_hz: Annotated[float, measured("Hz", "Lower corner of the band-pass; 0: none.", ge=0)] = 20.0
     high_hz: Annotated[float, measured("Hz", "Upper corner of the band-pass; 0: none.", ge=0)] = (
@@ -78,7 +78,7 @@ class _Variance:
         self._coefficients = zero_rows(COEFFICIENTS)
         spread(self._sos, self._coefficients)
         self._alpha = alpha
-        self._cells = OpenCells(stream.rate_hz, len(stream.channels))
+        self._cells = PartialCells(stream.rate_hz, len(stream.channels))
         groups = self._cells.groups
         self._scales = in_lanes(stream.scales)
         self._memory: NDArray[np.float64] | None = None
@@ -86,7 +86,7 @@ class _Variance:
         self._at_cell = zero_rows(groups, 1)  # the mean at the end of the last cell
         self._before = self._at_cell  # and at the end of the one before the last block's
 
-    def __call__(self, block: SignalBlock, history: LaneHistory) -> Cells:
+    def __call__(self, block: SignalBlock, history: SampleHistory) -> CompleteCells:
         """Take a block; add it, filtered, to the history and return the cells it completes."""
         cells, n = self._cells, len(block)
         history.extend(n)
@@ -136,7 +136,7 @@ class _State:
     tracker: ArrivalTracker
 
 
-class VarianceChangePicker(Stage):
+class VarianceChange(Stage):
     """An arrival is where the short-time variance rises over all that noise has shown."""
 
     Parameters = VarianceChangeParameters
@@ -149,7 +149,7 @@ class VarianceChangePicker(Stage):
     @classmethod
     def unfiltered(
         cls, parameters: VarianceChangeParameters
-    ) -> tuple[type[VarianceChangePicker], VarianceChangeParameters]:
+    ) -> tuple[type[VarianceChange], VarianceChangeParameters]:
         """Return what measures the same without the band-pass."""
         return cls, replace(parameters, low_hz=0.0, high_hz=0.0)
 

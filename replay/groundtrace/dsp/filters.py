@@ -261,7 +261,7 @@ class SampleClock:
         anchor = self._anchors[max(0, bisect_right(self._starts, index) - 1)]
         return anchor[0] + round((index + anchor[1]) * self._period_ns)
 
-    def forget_before(self, index: int) -> None:
+    def discard_before(self, index: int) -> None:
         """Forget anchors of samples before one."""
         while len(self._starts) > 1 and self._starts[1] <= index:
             del self._starts[0], self._anchors[0]
@@ -272,7 +272,7 @@ class SampleClock:
         self.table = np.array(rows, np.int64)
 
 
-class LaneHistory:
+class SampleHistory:
     """The last samples of a few signals, by their index in the run; the memory is used again.
 
     Parameters
@@ -340,7 +340,7 @@ class LaneHistory:
         self._begin += cut
 
 
-class Lookaround:
+class CentredWindow:
     """The last stretch of a few signals on one time axis.
 
     Parameters

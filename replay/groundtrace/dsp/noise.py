@@ -49,7 +49,7 @@ class RunningMaximum:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class CompleteCells:
     """Complete cells.
 
     Attributes
@@ -72,7 +72,7 @@ class Cells:
         return int(self.level.shape[1])
 
 
-class OpenCells:
+class PartialCells:
     """The cells under way of all channels, at fixed places of the run, whatever the blocks.
 
     Attributes
@@ -101,23 +101,23 @@ class OpenCells:
         """Return an array for the cells that some more samples complete, (OPEN, channels, n)."""
         return np.empty((OPEN, self.channels, (self.filled + samples) // self.length))
 
-    def done(self, cells: NDArray[np.float64], samples: int) -> Cells:
+    def done(self, cells: NDArray[np.float64], samples: int) -> CompleteCells:
         """Return the cells, now that the samples were taken."""
         first, count = self._first, cells.shape[2]
         self._first += count
         self.filled = (self.filled + samples) % self.length
-        return Cells(first, *cells)
+        return CompleteCells(first, *cells)
 
 
 class CellReducer:
     """Reduces signals to cells, where all of them are there sample by sample."""
 
     def __init__(self, rate_hz: float, channels: int) -> None:
-        self._open = OpenCells(rate_hz, channels)
+        self._open = PartialCells(rate_hz, channels)
         self._levels = np.empty((channels, 0))  # from the last block's first cell on
         self._first = 0  # sample of the run that they begin with
 
-    def add(self, *signals: NDArray[np.float64]) -> Cells:
+    def add(self, *signals: NDArray[np.float64]) -> CompleteCells:
         """Take the recorded signal, the filtered one and the level, each (n_channels, n)."""
         cells, n = self._open, signals[0].shape[1]
         tail = self._levels.shape[1] - cells.filled
@@ -178,7 +178,7 @@ class NoiseRatio:
         return ratio
 
 
-class Rises(NamedTuple):
+class LocalMaximaWithOnset(NamedTuple):
     """Maxima and the rises that lead to them, by cell and channel; each of shape (n,)."""
 
     begin: NDArray[np.intp]
@@ -187,25 +187,27 @@ class Rises(NamedTuple):
     value: NDArray[np.float64]
 
     @classmethod
-    def none(cls) -> Rises:
+    def none(cls) -> LocalMaximaWithOnset:
         """Return no maxima."""
         nothing = np.empty(0, np.intp)
         return cls(nothing, nothing, nothing, np.empty(0))
 
-    def and_then(self, later: Rises) -> Rises:
+    def and_then(self, later: LocalMaximaWithOnset) -> LocalMaximaWithOnset:
         """Return these maxima and later ones."""
         if not len(self.begin):
             return later
-        return Rises(
+        return LocalMaximaWithOnset(
             np.concatenate([self.begin, later.begin]),
             np.concatenate([self.peak, later.peak]),
             np.concatenate([self.channel, later.channel]),
             np.concatenate([self.value, later.value]),
         )
 
-    def part(self, which: slice) -> Rises:
+    def part(self, which: slice) -> LocalMaximaWithOnset:
         """Return some of the maxima."""
-        return Rises(self.begin[which], self.peak[which], self.channel[which], self.value[which])
+        return LocalMaximaWithOnset(
+            self.begin[which], self.peak[which], self.channel[which], self.value[which]
+        )
 
 
 class LocalMaxima:
@@ -231,7 +233,7 @@ class LocalMaxima:
         self._tail = np.full((channels, self._keep), -np.inf)  # cells before ``settled``
         self.settled = 0
 
-    def add(self, values: NDArray[np.float64], *, final: bool = False) -> Rises:
+    def add(self, values: NDArray[np.float64], *, final: bool = False) -> LocalMaximaWithOnset:
         """Take the values of new cells; return the settled maxima, by cell and channel."""
         rule, before = (self.reach, self.floor, self.back), self._tail.shape[1]
         found = settled_maxima(self._tail, values, self._keep, rule, final)
@@ -239,4 +241,4 @@ class LocalMaxima:
         begin, peak = begin + self.settled, peak + self.settled
         after = self.reach if final else 0
         self.settled += before + values.shape[1] + after - self._tail.shape[1]
-        return Rises(begin, peak, channel, value)
+        return LocalMaximaWithOnset(begin, peak, channel, value)

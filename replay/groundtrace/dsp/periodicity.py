@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..later import Later
-from .resample import GRID_HZ, Kept
+from .resample import GRID_HZ, ColumnBuffer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -125,8 +125,10 @@ class Rhythm:
     def __init__(self, scales: Sequence[Scale], ahead_s: float) -> None:
         self.scales = tuple(scales)
         self.ahead = round(ahead_s * GRID_HZ) // HOP
-        self._signal = Kept()
-        self._found: list[Kept] = [Kept(3) for _ in self.scales]  # as a hop, by window
+        self._signal = ColumnBuffer()
+        self._found: list[ColumnBuffer] = [
+            ColumnBuffer(3) for _ in self.scales
+        ]  # as a hop, by window
         self._next = 0
 
     def __call__(self, signal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,7 +138,7 @@ class Rhythm:
             count = (self._signal.end - scale.points) // HOP + 1
             if count > found.end:
                 found.add(self._windows(found.end, count, scale))
-        self._signal.forget_before(HOP * min(found.end for found in self._found))
+        self._signal.discard_before(HOP * min(found.end for found in self._found))
         known = min(map(self._known, self.scales, self._found))
         return self._until(known)
 
@@ -157,7 +159,7 @@ class Rhythm:
         found[2] *= _SWING
         return found
 
-    def _known(self, scale: Scale, found: Kept) -> int:
+    def _known(self, scale: Scale, found: ColumnBuffer) -> int:
         """Return the first hop that needs a window which is not there yet."""
         if not found.end:
             return 0
@@ -172,10 +174,10 @@ class Rhythm:
             self._add(values, found, scale)
         self._next = end
         for scale, found in zip(self.scales, self._found, strict=True):
-            found.forget_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
+            found.discard_before(min(self._next - 1 - scale.points // HOP, found.end - 1))
         return values
 
-    def _add(self, values: NDArray[np.float64], found: Kept, scale: Scale) -> None:
+    def _add(self, values: NDArray[np.float64], found: ColumnBuffer, scale: Scale) -> None:
         """Take in what a scale says of the next hops."""
         hops = (self._next, self._next + values.shape[1])
         width = scale.points // HOP

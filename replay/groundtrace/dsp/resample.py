@@ -64,7 +64,7 @@ class GridPart:
     recorded: NDArray[np.float64]
 
 
-class EvenGrid:
+class UniformResampler:
     """Low-passes a uniform signal and evaluates it at the points of the grid.
 
     Point ``m`` lies ``m / GRID_HZ`` after the run's first sample. Each point is a weighted mean of
@@ -160,7 +160,7 @@ class CentredFilter:
         return self(np.repeat(self._past[:, -1:], self.reach, axis=1))
 
 
-class Kept:
+class ColumnBuffer:
     """Columns that are kept until nobody needs them, by their place in the run.
 
     Parameters
@@ -190,7 +190,7 @@ class Kept:
         """Return all columns, as compiled functions take them."""
         return np.ascontiguousarray(self.values)
 
-    def forget_before(self, place: int) -> None:
+    def discard_before(self, place: int) -> None:
         """Drop the columns before a place."""
         cut = min(max(place - self.first, 0), self.values.shape[1])
         self.values, self.first = self.values[:, cut:], self.first + cut

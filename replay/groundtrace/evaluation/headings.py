@@ -46,7 +46,7 @@ class HeadingScore:
     p95_deg: float | None
 
 
-def wrapped(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+def wrap_angles(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return angles within [-pi, pi)."""
     return np.asarray((angle_rad + np.pi) % (2 * np.pi) - np.pi, np.float64)
 
@@ -105,7 +105,7 @@ def heading_errors(
     ordered = sorted(headings, key=lambda heading: heading.time_ns)
     known_ns = np.array([heading.time_ns for heading in ordered], np.int64)
     known = np.array([heading.heading_rad for heading in ordered], np.float64)
-    return times, wrapped(_at(known_ns, known, times, tolerance_s) - true)
+    return times, wrap_angles(_at(known_ns, known, times, tolerance_s) - true)
 
 
 def _at(
@@ -121,7 +121,7 @@ def _at(
     between = (known_ns[before] <= times) & (times <= known_ns[after])
     between &= (gap > 0) & (gap <= HOLD_S * NS_PER_S)
     part = (times - known_ns[before]) / np.maximum(gap, 1)
-    turned = known[before] + part * wrapped(known[after] - known[before])
+    turned = known[before] + part * wrap_angles(known[after] - known[before])
     earlier = np.abs(times - known_ns[before]) <= np.abs(known_ns[after] - times)
     nearest = np.where(earlier, before, after)
     near = np.abs(known_ns[nearest] - times) <= tolerance_s * NS_PER_S
@@ -177,7 +177,7 @@ def score_disturbances(
         Of one stage.
     start_ns, end_ns
         First and last sample of the recording [ns].
-    told_by
+    error_text
         The stage that would have found some; empty where there is none.
 
     Returns

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .matching import StepMatch
     from .picks import PickErrors, PickResiduals, PickScore
     from .positions import Places, PositionErrors, PositionScore
-    from .report import Answers, Score
+    from .report import ResultEvents, Score
     from .steps import Confusion, StepScore
     from .tracks import Consistency, ConsistencyScore, Moment, TrackScore
     from .vehicles import PassScore, VehiclePass
@@ -238,7 +238,7 @@ class Scored:
     """What a page is about: truth, what the result says, and the score."""
 
     labels: Sequence[Label]
-    said: Answers
+    said: ResultEvents
     geometry: Geometry | None
     start_ns: int
     end_ns: int

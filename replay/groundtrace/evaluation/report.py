@@ -51,7 +51,7 @@ class Score:
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
+class ResultEvents:
     """What a result has to say, by kind of truth, in the order of its events.
 
     Attributes
@@ -86,7 +86,7 @@ class Answers:
     disturbances_by: str = ""
 
 
-def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> Answers:
+def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultEvents:
     """Sort a result's events by the truth they answer.
 
     Parameters
@@ -117,7 +117,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> Answers
     points = found["track"]
     tracks = [point for point in points if point.stage == tracking]
     smoothed = [point for point in points if point.stage == tracking + SMOOTHED]
-    return Answers(
+    return ResultEvents(
         steps=[step for step in found["step"] if step.stage == (stepping or step.stage)],
         picks=[pick for pick in found["pick"] if picking.get(pick.topic) == pick.stage],
         fixes=found["fix"],
@@ -213,14 +213,14 @@ class Truth:
     tolerance_s: float
 
 
-def _score_steps(said: Answers, truth: Truth) -> dict[str, Any]:
+def _score_steps(said: ResultEvents, truth: Truth) -> dict[str, Any]:
     if not said.finds_steps:
         return {"steps": None}
     span = truth.start_ns, truth.end_ns
     return {"steps": _steps(truth.labels, said.steps, *span, truth.tolerance_s)}
 
 
-def _score_places(said: Answers, truth: Truth) -> dict[str, Any]:
+def _score_places(said: ResultEvents, truth: Truth) -> dict[str, Any]:
     labels, tolerance_s = truth.labels, truth.tolerance_s
     return {
         "positions": score_positions(labels, said.fixes, tolerance_s),
@@ -231,14 +231,14 @@ def _score_places(said: Answers, truth: Truth) -> dict[str, Any]:
     }
 
 
-def _score_disturbances(said: Answers, truth: Truth) -> dict[str, Any]:
+def _score_disturbances(said: ResultEvents, truth: Truth) -> dict[str, Any]:
     span, by = (truth.start_ns, truth.end_ns), said.disturbances_by
     score = score_disturbances(truth.labels, said.disturbances, *span, told_by=by)
     return {"disturbance": score}
 
 
 #: What scores the events that are held against a kind of label; it returns parts of :class:`Score`.
-SCORERS: Mapping[str, Callable[[Answers, Truth], dict[str, Any]]] = {
+SCORERS: Mapping[str, Callable[[ResultEvents, Truth], dict[str, Any]]] = {
     "step": _score_steps,
     "waypoint": _score_places,
     "pick": lambda said, truth: {"picks": score_picks(truth.labels, said.picks)},

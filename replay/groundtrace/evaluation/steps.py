@@ -27,7 +27,7 @@ LATENCY_REACH_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class MedianIqr:
     """Median and interquartile range [ms]."""
 
     median: float
@@ -79,7 +79,7 @@ class StepScore:
     count_truth: int
     count_error: int
     count_error_signed: int
-    latency_ms: Spread | None
+    latency_ms: MedianIqr | None
     tolerance_s: float
     curve: list[tuple[float, float]]
     feet: Confusion | None = None
@@ -139,12 +139,12 @@ def score_steps(
     )
 
 
-def spread_ms(values_s: NDArray[np.float64]) -> Spread | None:
+def spread_ms(values_s: NDArray[np.float64]) -> MedianIqr | None:
     """Return median and interquartile range [ms], or None of nothing."""
     if not len(values_s):
         return None
     low, middle, high = np.percentile(values_s, [25, 50, 75]) * 1e3
-    return Spread(float(middle), float(high - low))
+    return MedianIqr(float(middle), float(high - low))
 
 
 def _debiased_f1(

@@ -17,7 +17,7 @@ from .positions import (
     score_waypoints,
     true_places,
 )
-from .vehicles import WayScore, score_ways
+from .vehicles import VehicleTrackScore, score_ways
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -121,7 +121,7 @@ class TrackScore:
     identity: IdentityScore | None
     closure: ClosureScore | None
     waypoints: WaypointScore | None
-    ways: WayScore | None = None
+    ways: VehicleTrackScore | None = None
 
 
 def score_tracks(

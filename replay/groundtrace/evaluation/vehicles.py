@@ -202,7 +202,7 @@ def _in_order(pairs: Sequence[tuple[Label, Pass]]) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class WayScore:
+class VehicleTrackScore:
     """Errors of track points against the way of the nearest vehicle.
 
     Attributes
@@ -224,7 +224,7 @@ class WayScore:
     speed_median_mps: float
 
 
-def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> WayScore | None:
+def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> VehicleTrackScore | None:
     """Score the track points of one stage against the ways of vehicles.
 
     Returns
@@ -239,7 +239,7 @@ def score_ways(labels: Sequence[Label], points: Sequence[TrackPoint]) -> WayScor
     if not errors:
         return None
     across, along, speed = np.array(errors).T
-    return WayScore(
+    return VehicleTrackScore(
         n=len(errors),
         across_median_m=float(np.median(across)),
         across_p90_m=float(np.percentile(across, 90)),

@@ -54,7 +54,7 @@ SideName = Literal["A", "B"]
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacle:
+class RejectionCause:
     """Why one side has no step where the other has one.
 
     Attributes
@@ -110,12 +110,12 @@ class Decision:
     time_s: float
     step: int | None
     verdict: str
-    obstacle: Obstacle | None
+    obstacle: RejectionCause | None
     pairs: tuple[SidePair, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class ComparedResult:
     """One of the two results: its file, its pipeline, its steps, and with truth its score."""
 
     name: str
@@ -151,8 +151,8 @@ class Comparison:
 
     recording: str
     tolerance_s: float
-    a: Side
-    b: Side
+    a: ComparedResult
+    b: ComparedResult
     parameters: tuple[ParameterChange, ...]
     verdicts: dict[str, int]
     p_value: float | None
@@ -225,9 +225,9 @@ def _check_alike(a: Results, b: Results) -> None:
         )
 
 
-def _side(name: str, evidence: Evidence, matching: StepMatch | None) -> Side:
+def _side(name: str, evidence: Evidence, matching: StepMatch | None) -> ComparedResult:
     counts = None if matching is None else Counts.of(matching)
-    return Side(name, evidence.config.name, len(step_times(evidence)), counts)
+    return ComparedResult(name, evidence.config.name, len(step_times(evidence)), counts)
 
 
 def exact_p(verdicts: Counter[str]) -> float | None:
@@ -315,13 +315,15 @@ def _decision(
     return Decision(time_s, step, verdict, obstacle, pairs)
 
 
-def _obstacle(side: SideName, reasons: StepReasons, time_ns: int) -> Obstacle:
+def _obstacle(side: SideName, reasons: StepReasons, time_ns: int) -> RejectionCause:
     reason = reasons.at(time_ns)
     first = next((r for r in reason.readings if r.gate == reason.gate), None)
     place = (side, reason.cause, reason.text, reason.stage, reason.topic)
     if first is None:
-        return Obstacle(*place)
-    return Obstacle(*place, first.gate, first.parameter, first.value, first.threshold, first.margin)
+        return RejectionCause(*place)
+    return RejectionCause(
+        *place, first.gate, first.parameter, first.value, first.threshold, first.margin
+    )
 
 
 @dataclass(frozen=True, slots=True)

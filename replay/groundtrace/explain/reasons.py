@@ -168,13 +168,13 @@ class Truth(Protocol):
         """Return how the candidates that passed all gates, topic by topic, answer it."""
 
 
-def counted_kind(config: PipelineConfig) -> CountedKind:
+def scored_event(config: PipelineConfig) -> CountedKind:
     """Return what a sweep of a pipeline counts; steps where it has nothing else."""
     given = {emitted(stage_named(s.use)) for s in config.stage}
     return next((kind for kind in reversed(KINDS) if kind in given), "step")
 
 
-def noun_of(kind: CountedKind) -> str:
+def event_noun(kind: CountedKind) -> str:
     """Return how what is counted is called."""
     return "steps" if kind == "step" else "passes"
 
@@ -187,7 +187,7 @@ def matched(evidence: Evidence, tolerance_s: float) -> StepMatch:
 
 def truth_for(evidence: Evidence, labels: Sequence[Label], tolerance_s: float) -> Truth:
     """Return the truth of what a pipeline's sweep counts."""
-    kind = counted_kind(evidence.config)
+    kind = scored_event(evidence.config)
     if kind == "step":
         steps = TrueSteps.of(labels, evidence.start_ns, evidence.end_ns, tolerance_s)
         return StepTruth(steps)
@@ -433,7 +433,7 @@ class Confidence:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sums:
+class RatioOfSums:
     """A figure of many recordings as the ratio of two sums: a pooled F1, or a mean.
 
     Attributes
@@ -452,7 +452,7 @@ class Sums:
 
 
 def bootstrap_recordings(
-    before: Sums, after: Sums, draws: int = RECORDING_DRAWS
+    before: RatioOfSums, after: RatioOfSums, draws: int = RECORDING_DRAWS
 ) -> Interval | None:
     """Return the interval of a figure's change over recordings, those of both in the same order.
 

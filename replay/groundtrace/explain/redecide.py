@@ -27,7 +27,7 @@ from ..pipeline.gates import Candidates, decide, decided_block, gate_specs
 from ..pipeline.parameters import build, describe, parse_value
 from ..pipeline.plugins import stage_named
 from ..pipeline.stage import StageRunner, accepted_events, associates, detects, emitted
-from .reasons import counted_kind, noun_of, times_of
+from .reasons import event_noun, scored_event, times_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -83,7 +83,7 @@ class Counts:
         return cls(tp, len(matching.found_ns) - tp, len(matching.truth_ns) - tp)
 
 
-class Redecider:
+class OfflineDecider:
     """Decides the evidence of one result with other settings.
 
     Parameters
@@ -238,7 +238,7 @@ def associated(
 Passed = tuple["StageSpec", Candidates]
 
 
-class Sieve:
+class GateCascade:
     """The gates of one stage and topic; remembers what passed each of them last.
 
     Parameters
@@ -257,11 +257,11 @@ class Sieve:
         self.candidates = candidates
         self._last: list[tuple[float, Candidates]] = []
 
-    def within(self, start_ns: int, end_ns: int) -> Sieve:
+    def within(self, start_ns: int, end_ns: int) -> GateCascade:
         """Return the same of the candidates with start <= time <= end."""
         times = self.candidates.time_ns
         rows = np.flatnonzero((times >= start_ns) & (times <= end_ns))
-        return Sieve(self.spec, self.gates, self.candidates.rows(rows))
+        return GateCascade(self.spec, self.gates, self.candidates.rows(rows))
 
     def passed(self, parameters: Any) -> Candidates:
         """Return the candidates that pass every gate."""
@@ -277,7 +277,7 @@ class Sieve:
         return found
 
 
-class Link:
+class ChainStage:
     """One stage on the way; runs again only where something it depends on has changed.
 
     Parameters
@@ -298,12 +298,12 @@ class Link:
         #: Places in a setting of this stage's values, what changes most first.
         self.own = sorted(own, key=lambda item: rank.get(item[1], 0))
         self._measured = [i for i, name in own if name not in gates]
-        self.sieves: list[Sieve] = []
+        self.sieves: list[GateCascade] = []
         self._values: tuple[Any, ...] | None = None
         self._passed: list[Passed] = []
         self._before: tuple[Any, ...] | None = None
 
-    def load(self, sieves: list[Sieve]) -> None:
+    def load(self, sieves: list[GateCascade]) -> None:
         """Take the candidates to decide on."""
         self.sieves = sieves
 
@@ -320,7 +320,7 @@ class Link:
         """Return the stage's parameters under a setting."""
         return replace(self.base, **{name: setting[i] for i, name in self.own})
 
-    def associate(self, before: Link, passed: list[Passed], setting: Sequence[Any]) -> None:
+    def associate(self, before: ChainStage, passed: list[Passed], setting: Sequence[Any]) -> None:
         """Group what passed the stage before anew, where that or how to group it changed."""
         measured = tuple(setting[i] for i in self._measured)
         if self._before is not None and self._before[0] is passed and self._before[1] == measured:
@@ -332,7 +332,7 @@ class Link:
         made = associated(runner, _picks(passed, gates))
         self.load(
             [
-                Sieve(b.spec, self.kind.gates, Candidates(b.time_ns, b.channel, b.value))
+                GateCascade(b.spec, self.kind.gates, Candidates(b.time_ns, b.channel, b.value))
                 for b in made
                 if isinstance(b, CandidateBlock)
             ]
@@ -378,27 +378,29 @@ class StepChain:
     """
 
     def __init__(self, evidence: Evidence, axes: Sequence[Axis]) -> None:
-        self._redecider = Redecider(evidence)
+        self._redecider = OfflineDecider(evidence)
         self._axes = axes
         self._stages = [(s, stage_named(s.use)) for s in evidence.config.stage]
         self._check(axes)
-        self.links: list[Link] = []
+        self.links: list[ChainStage] = []
         needed = self._last_stage(evidence)
         for index in range(len(self._stages) - 1, -1, -1):
             stage, kind = self._stages[index]
             if stage.key != needed:
                 continue
-            link = Link(stage, kind, axes)
+            link = ChainStage(stage, kind, axes)
             self.links.insert(0, link)
             if not associates(kind):
-                link.load([Sieve(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)])
+                link.load(
+                    [GateCascade(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)]
+                )
                 break
             needed = self._picking_before(index)
 
     def within(self, start_ns: int, end_ns: int) -> StepChain:
         """Return a chain that decides only about candidates with start <= time <= end."""
         found = copy.copy(self)
-        found.links = [Link(link.stage, link.kind, self._axes) for link in self.links]
+        found.links = [ChainStage(link.stage, link.kind, self._axes) for link in self.links]
         found.links[0].load([sieve.within(start_ns, end_ns) for sieve in self.links[0].sieves])
         return found
 
@@ -443,12 +445,12 @@ class StepChain:
                 self._redecider.parameters(*stages[axis.stage], settings)
 
     def _last_stage(self, evidence: Evidence) -> str:
-        counted = counted_kind(evidence.config)
+        counted = scored_event(evidence.config)
         for stage, kind in reversed(self._stages):
             if emitted(kind) == counted and evidence.of(stage.key):
                 return str(stage.key)
         raise RecordingError(
-            f"{evidence.name}: expected a stage that finds {noun_of(counted)}, found none"
+            f"{evidence.name}: expected a stage that finds {event_noun(counted)}, found none"
         )
 
     def _picking_before(self, index: int) -> str:
@@ -457,7 +459,7 @@ class StepChain:
         return str(next(picking, ""))
 
 
-class Tries:
+class ParameterTrials:
     """Decides with some parameters changed.
 
     Parameters
@@ -471,7 +473,7 @@ class Tries:
         Where no stage finds steps.
     """
 
-    def __init__(self, redecider: Redecider) -> None:
+    def __init__(self, redecider: OfflineDecider) -> None:
         evidence = redecider.evidence
         self._redecider = redecider
         self._stages = {stage.key: (stage, kind) for stage, kind in redecider.stages}
@@ -487,18 +489,18 @@ class Tries:
         self._chain = StepChain(evidence, axes)
 
     @classmethod
-    def of(cls, redecider: Redecider) -> Tries | None:
+    def of(cls, redecider: OfflineDecider) -> ParameterTrials | None:
         """Return the tries of a result; None where it has no steps to decide."""
         evidence = redecider.evidence
         steps = any(part.spec.emits == "step" for part in evidence.stages)
-        return cls(redecider) if steps and counted_kind(evidence.config) == "step" else None
+        return cls(redecider) if steps and scored_event(evidence.config) == "step" else None
 
     @property
     def stages(self) -> tuple[str, ...]:
         """Names of the stages that steps depend on."""
         return tuple(link.stage.key for link in self._chain.links)
 
-    def within(self, start_ns: int, end_ns: int) -> Tries:
+    def within(self, start_ns: int, end_ns: int) -> ParameterTrials:
         """Return the tries of candidates with start <= time <= end."""
         found = copy.copy(self)
         found._chain = self._chain.within(start_ns, end_ns)
@@ -612,10 +614,10 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
             f"{did_you_mean(key, stages)}"
         )
     kind = stage_named(stages[key].use)
-    counted = counted_kind(config)
+    counted = scored_event(config)
     if not (detects(kind) or associates(kind)) and emitted(kind) != counted:
         raise PipelineError(
-            f"--grid: expected a stage that decides about {noun_of(counted)}, found {key!r}"
+            f"--grid: expected a stage that decides about {event_noun(counted)}, found {key!r}"
         )
     info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
     span = ":" in right

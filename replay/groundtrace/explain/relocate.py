@@ -23,7 +23,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..evaluation.picks import ANSWER_S
 from ..evaluation.positions import found_places, match_places, true_places
 from ..localizers import tdoa
-from ..localizers.base import Site, first_arrivals, place_candidate
+from ..localizers.base import PlacedSensors, first_arrivals, place_candidate
 from ..localizers.tdoa import distances
 from ..pipeline.gates import Candidates, decided_block
 from ..pipeline.parameters import build
@@ -245,7 +245,7 @@ class Relocator:
         outline = np.array(self.geometry.outline, np.float64)
         worker = self.kind(parameters)
         room, medium = outline if len(outline) else None, self.geometry.medium
-        worker.prepare(Site(positions, room, medium, self.geometry.length_unit))
+        worker.prepare(PlacedSensors(positions, room, medium, self.geometry.length_unit))
         return worker
 
 

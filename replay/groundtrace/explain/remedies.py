@@ -28,7 +28,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import PipelineError
 from ..evaluation.matching import TrueSteps
 from .reasons import StepTruth, times_of
-from .redecide import Counts, Tries
+from .redecide import Counts, ParameterTrials
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from ..pipeline.results import StageEvidence
     from .reasons import Verdicts
-    from .redecide import Redecider
+    from .redecide import OfflineDecider
 
     #: Whether a change does what is wanted, by the true steps and how it does on them.
     Works = Callable[[TrueSteps, Verdicts], bool]
@@ -141,7 +141,7 @@ class _Trial:
         return sum(change.size for change in self.changes)
 
 
-class Healer:
+class RemedySearch:
     """Looks for remedies of the wrong decisions of one result.
 
     Parameters
@@ -152,13 +152,13 @@ class Healer:
         Of the match [s].
     """
 
-    def __init__(self, redecider: Redecider, tolerance_s: float) -> None:
+    def __init__(self, redecider: OfflineDecider, tolerance_s: float) -> None:
         self.redecider = redecider
         self.tolerance_s = tolerance_s
         evidence = redecider.evidence
         truth = TrueSteps.of(evidence.labels, evidence.start_ns, evidence.end_ns, tolerance_s)
         self._truth = StepTruth(truth)
-        self._tries = Tries.of(redecider)
+        self._tries = ParameterTrials.of(redecider)
         #: The stage whose decisions of other settings are not known without a replay; else nothing.
         self.untried = redecider.untried
         self._tried: dict[Changes, _Trial | None] = {}
@@ -219,7 +219,11 @@ class Healer:
         return None if best is None else Remedy(best.changes, self.before, _counts(best.found))
 
     def _nearby(
-        self, tries: Tries, near: tuple[Tries, StepTruth], time_ns: int, works: Works
+        self,
+        tries: ParameterTrials,
+        near: tuple[ParameterTrials, StepTruth],
+        time_ns: int,
+        works: Works,
     ) -> _Trial | None:
         """Return the smallest harmless change by what is around."""
         best: _Trial | None = None
@@ -242,7 +246,11 @@ class Healer:
         return best
 
     def _exact_pairs(
-        self, tries: Tries, near: tuple[Tries, StepTruth], time_ns: int, works: Works
+        self,
+        tries: ParameterTrials,
+        near: tuple[ParameterTrials, StepTruth],
+        time_ns: int,
+        works: Works,
     ) -> Iterator[_Trial]:
         """Yield the pairs that let in a candidate at a time which two gates keep out."""
         for changes in self._let_in(time_ns):
@@ -260,7 +268,7 @@ class Healer:
     def _first(self, table: Sequence[_Trial], works: Works) -> _Trial | None:
         return next((t for t in table if works(self._truth.steps, t.found)), None)
 
-    def _single_table(self, tries: Tries) -> list[_Trial]:
+    def _single_table(self, tries: ParameterTrials) -> list[_Trial]:
         """Return the harmless changes of one parameter, the smallest first."""
         if self._singles is None:
             proposals = list(self._far_proposals())
@@ -269,7 +277,7 @@ class Healer:
             self._singles = sorted(self._harmless_of(tries, tried), key=_size)
         return self._singles
 
-    def _pair_table(self, tries: Tries) -> list[_Trial]:
+    def _pair_table(self, tries: ParameterTrials) -> list[_Trial]:
         """Return the harmless pairs of changes, those with the fewest wrong decisions first."""
         if self._pairs is None:
             sides = self._sides()
@@ -285,7 +293,7 @@ class Healer:
         candidates = sum(len(part.candidates) for part in self._parts())
         return max(WORK // max(candidates * parts, 1), LEAST_TRIES)
 
-    def _harmless_of(self, tries: Tries, tried: Sequence[Changes]) -> Iterator[_Trial]:
+    def _harmless_of(self, tries: ParameterTrials, tried: Sequence[Changes]) -> Iterator[_Trial]:
         """Try changes on the whole recording, in the order that is fastest."""
         for index in tries.order([_settings(changes) for changes in tried]):
             found = _judged(tries, self._truth, tried[index])
@@ -293,7 +301,7 @@ class Healer:
             if trial is not None and self._harmless(trial):
                 yield trial
 
-    def _about(self, tries: Tries, time_ns: int) -> tuple[Tries, StepTruth]:
+    def _about(self, tries: ParameterTrials, time_ns: int) -> tuple[ParameterTrials, StepTruth]:
         """Return the candidates and the true steps around a time."""
         reach = round(NEARBY_S * NS_PER_S)
         steps = self._truth.steps
@@ -303,7 +311,7 @@ class Healer:
         )
         return tries.within(time_ns - reach, time_ns + reach), StepTruth(near)
 
-    def _whole(self, tries: Tries, changes: Changes) -> _Trial | None:
+    def _whole(self, tries: ParameterTrials, changes: Changes) -> _Trial | None:
         """Return how changes do on the whole recording."""
         if changes not in self._tried:
             if len(self._tried) >= REMEMBERED:
@@ -435,7 +443,7 @@ def _of_both(opened: Sequence[Change], shut: Sequence[Change], most: int) -> lis
     return [*first, *_spread(shut, most - len(first))]
 
 
-def _judged(tries: Tries, truth: StepTruth, changes: Changes) -> Verdicts | None:
+def _judged(tries: ParameterTrials, truth: StepTruth, changes: Changes) -> Verdicts | None:
     """Return how changes do; None where it cannot be decided from what was stored."""
     try:
         return truth.verdicts(tries.passed(_settings(changes)))

@@ -97,7 +97,7 @@ class Fault:
         clock, place = gains if self.cause == "clock" else gains[::-1]
         return f"its clock explains them better by {clock:.0f}, its place by {place:.0f} (BIC)"
 
-    def mended(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
+    def without_fault(self, arrivals: Arrivals, positions: Array) -> tuple[Arrivals, Array]:
         """Return the arrivals that places are made of, and sensors' places, without the fault.
 
         Behind an array method arrivals can be mended only as they are: a replay with the clock set
@@ -170,7 +170,7 @@ def _followed(
     while True:
         found.append(judge.felt(fault, arrivals, positions) if correlated else fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
-        arrivals, positions = found[-1].mended(arrivals, positions)
+        arrivals, positions = found[-1].without_fault(arrivals, positions)
         worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
         if worst is None or len(found) == MOST_FAULTS:
             return tuple(found)

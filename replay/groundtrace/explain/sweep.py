@@ -23,7 +23,7 @@ from ..pipeline.engine import replay
 from ..pipeline.results import Evidence, file_sha256, stage_evidence
 from ..pipeline.source import Source
 from ..pipeline.warned import warnings_of
-from .reasons import Interval, bootstrap, counted_kind, noun_of, truth_for
+from .reasons import Interval, bootstrap, event_noun, scored_event, truth_for
 from .redecide import Grid, StepChain, make_grid
 from .suitability import PLACEMENT, refuse_unsuitable, with_placements
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event, Label
 
     from ..pipeline.config import PipelineConfig
-    from ..pipeline.engine import Session
+    from ..pipeline.engine import ReplaySession
     from .reasons import Confidence, Verdicts
     from .redecide import Axis
 
@@ -312,7 +312,7 @@ class EventList:
 
     events: list[Event] = field(default_factory=list)
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin; nothing is needed."""
 
     def write(self, item: SignalBlock | Event) -> None:
@@ -364,7 +364,7 @@ def measure_evidence(
     with Recording.open(path) as recording:
         refuse_unsuitable(config, recording.streams, recording.name)
         # places take long, and no step depends on them, as passes do
-        geometry = None if counted_kind(config) == "step" else recording.geometry
+        geometry = None if scored_event(config) == "step" else recording.geometry
         config, told, _ = with_placements(config, recording)
         chain = build_pipeline(config, geometry, recording.labels)
         replay(Source(recording), chain, [sink])
@@ -744,7 +744,7 @@ def rank(
     return Ranking(
         tuple(s.evidence.name for s in counted.subjects),
         _parameters(counted),
-        noun_of(counted_kind(counted.subjects[0].evidence.config)),
+        event_noun(scored_event(counted.subjects[0].evidence.config)),
         int(counted.now[:, [0, 2]].sum()),
         counted.tolerance_s,
         _now(counted, sure, f1),

@@ -79,7 +79,7 @@ def _panel(plot: Plot, x: int, title: str) -> list[str]:
 def _parameters(counted: Counted, ranking: Ranking) -> list[str]:
     """Return the right half: a line over one parameter, or a map over two."""
     f1 = f1_of(counted.counts.sum(axis=0))
-    axes = that_matter(counted.grid, f1)
+    axes = most_influential(counted.grid, f1)
     others = ", best of the others" if len(counted.grid.axes) > len(axes) else ""
     bins = [binned(counted.grid, i) for i in axes]
     shown_at = (ranking.now, ranking.best)
@@ -222,7 +222,7 @@ def bins_place(bins: Bins, ranked: Ranked) -> float:
     return place if bins.edges[0] <= place <= bins.edges[-1] else float("nan")
 
 
-def that_matter(grid: Grid, f1: NDArray[np.float64]) -> list[int]:
+def most_influential(grid: Grid, f1: NDArray[np.float64]) -> list[int]:
     """Return the one or two parameters along which the best F1 changes most, in their order."""
     several = [i for i, axis in enumerate(grid.axes) if len(axis.values) > 1] or [0]
     change = {i: np.ptp(best_in(binned(grid, i).cell, f1)) for i in several}

@@ -13,8 +13,8 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..evaluation.matching import TimeShift, best_shift, match
 from ..evaluation.steps import usual_latency_s
 from .reasons import Chain, GateReading, Reason, StepReasons, WrongTime, links, readings
-from .redecide import Counts, Redecider
-from .remedies import Healer, Remedy
+from .redecide import Counts, OfflineDecider
+from .remedies import Remedy, RemedySearch
 from .why_picks import bad_picks
 from .why_places import bad_places
 
@@ -51,7 +51,7 @@ class Missed:
 
 
 @dataclass(frozen=True, slots=True)
-class False_:  # noqa: N801  # False is taken
+class FalseDetection:
     """A detection that answers no true step.
 
     Attributes
@@ -81,14 +81,14 @@ class Mended:
     none: int
 
     @classmethod
-    def of(cls, wrong: Sequence[Missed] | Sequence[False_]) -> Mended:
+    def of(cls, wrong: Sequence[Missed] | Sequence[FalseDetection]) -> Mended:
         """Count remedies."""
         found = Counter(len(w.remedy.changes) if w.remedy is not None else 0 for w in wrong)
         return cls(found[1], found[2], found[0])
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
+class StepExplanation:
     """All wrong decisions of a result.
 
     Attributes
@@ -130,14 +130,14 @@ class Account:
     mended_missed: Mended
     mended_false: Mended
     missed: tuple[Missed, ...]
-    false: tuple[False_, ...]
+    false: tuple[FalseDetection, ...]
     shift: TimeShift | None = None
     untried: str = ""
 
 
-def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
+def explain_steps(evidence: Evidence, tolerance_s: float = 0.12) -> StepExplanation:
     """Explain every missed and every false step of a result."""
-    healer = Healer(Redecider(evidence), tolerance_s)
+    healer = RemedySearch(OfflineDecider(evidence), tolerance_s)
     matching = healer.matching
     reasons = StepReasons(evidence, tolerance_s, matching)
     missed = tuple(
@@ -153,7 +153,7 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
         )
     )
     false = tuple(
-        False_(
+        FalseDetection(
             _seconds(evidence, time_ns),
             narrowest(evidence, time_ns),
             remedy_of(healer, reasons, time_ns, false=True),
@@ -163,7 +163,7 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
     )
     causes = dict(Counter(m.reason.cause for m in missed))
     latency_s, right = _without_latency(matching, evidence.start_ns, tolerance_s)
-    return Account(
+    return StepExplanation(
         evidence.name,
         tolerance_s,
         healer.before,
@@ -182,7 +182,7 @@ def account(evidence: Evidence, tolerance_s: float = 0.12) -> Account:
 
 
 def remedy_of(
-    healer: Healer, reasons: StepReasons, time_ns: int, *, false: bool = False
+    healer: RemedySearch, reasons: StepReasons, time_ns: int, *, false: bool = False
 ) -> Remedy | None:
     """Return the remedy of the missed step at a time, or of the false one.
 

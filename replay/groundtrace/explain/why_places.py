@@ -34,7 +34,7 @@ from ..localizers.methods import Hyperbolic, PowerLaw, SoTdoa
 from ..localizers.tdoa import Model
 from ..pipeline.parameters import describe
 from .reasons import GateReading, below, locating, missing_channels, readings, timed
-from .redecide import Redecider
+from .redecide import OfflineDecider
 from .relocate import (
     LEAST_NOISE_S,
     NORMAL,
@@ -189,10 +189,12 @@ class PlaceExplainer:
         self.evidence = evidence
         self.relocator = Relocator(evidence, stage)
         self.reference = reference_of(evidence, self.relocator.located)
-        self.healer = PlaceHealer(self.relocator, Redecider(evidence), self.reference, tolerance_m)
+        self.healer = PlaceRemedySearch(
+            self.relocator, OfflineDecider(evidence), self.reference, tolerance_m
+        )
         self.faults = faults(self.relocator, self.reference)
         truth_off_s = true_pick_errors(evidence, self.relocator)
-        self.judge = PlaceJudge(self.healer, self.faults, truth_off_s)
+        self.judge = PositionErrorCause(self.healer, self.faults, truth_off_s)
         self.errors_m = self.reference.errors_m(self.relocator.located)
 
     def account(self) -> PlaceAccount:
@@ -381,7 +383,7 @@ class Rival:
         return not (self.blames <= other.blames or other.blames <= self.blames)
 
 
-class PlaceJudge:
+class PositionErrorCause:
     """Finds the cause of each bad place of a result.
 
     Parameters
@@ -394,7 +396,9 @@ class PlaceJudge:
         Shape (m, n): arrival minus true arrival [s]; NaN where truth has none.
     """
 
-    def __init__(self, healer: PlaceHealer, faults: Sequence[Fault], truth_off_s: Array) -> None:
+    def __init__(
+        self, healer: PlaceRemedySearch, faults: Sequence[Fault], truth_off_s: Array
+    ) -> None:
         self.healer = healer
         self.relocator = healer.relocator
         self.faults = tuple(faults)
@@ -410,7 +414,7 @@ class PlaceJudge:
 
         By the true arrivals where they are known: those picked may be wrong in all steps.
         """
-        arrivals, positions = self._mended(self.faults)
+        arrivals, positions = self._without_faults(self.faults)
         true_s = self.relocator.arrivals.times_s - self.truth_off_s
         known = np.isfinite(true_s).sum() >= np.isfinite(arrivals).sum() / 2
         sources = self.healer.reference.xy
@@ -418,11 +422,13 @@ class PlaceJudge:
             sources = self.healer.without_faults(self.faults).xy
         return fit_curve(sources, positions, true_s if known else arrivals)
 
-    def _mended(self, faults: Sequence[Fault], row: int | None = None) -> tuple[Array, Array]:
+    def _without_faults(
+        self, faults: Sequence[Fault], row: int | None = None
+    ) -> tuple[Array, Array]:
         """Return the arrivals, of one step or all, and sensors' places without faults."""
         arrivals, positions = self.relocator.arrivals, self.relocator.positions
         for fault in faults:
-            arrivals, positions = fault.mended(arrivals, positions)
+            arrivals, positions = fault.without_fault(arrivals, positions)
         return (arrivals.times_s if row is None else arrivals.times_s[row]), positions
 
     def _noise_s(self) -> float:
@@ -433,7 +439,7 @@ class PlaceJudge:
         """
         own_s = getattr(self.relocator.parameters, "sigma_s", STATED_S)
         stated_s = float(self.relocator.geometry.medium.arrival_sigma_s or own_s)
-        times, positions = self._mended(self.faults)
+        times, positions = self._without_faults(self.faults)
         if self.curve is None:
             return stated_s
         late = times - self._travel_s(self.healer.reference.xy[:, None], positions)
@@ -579,7 +585,7 @@ class PlaceJudge:
 
     def _rivals_with(self, row: int, faults: tuple[Fault, ...]) -> Iterator[Rival]:
         """Yield the accounts that take some sensors' faults for true."""
-        times, positions = self._mended(faults, row)
+        times, positions = self._without_faults(faults, row)
         heard, cost = self.heard(row), self.wrong_cost
         cause = self._faulty(row, faults).cause if faults else "noise"
         felt = [f for f in faults if f.cause == "clock" and self.relocator.correlated]
@@ -698,7 +704,7 @@ class PlaceJudge:
         if not rival.wrong:
             located = self.healer.without_faults(rival.faults)
             return float(self.healer.reference.errors_m(located)[row])
-        times, positions = self._mended(rival.faults, row)
+        times, positions = self._without_faults(rival.faults, row)
         times = times.copy()
         wrong = list(rival.wrong)
         times[wrong] -= rival.off_s[wrong]
@@ -741,7 +747,7 @@ class PlaceJudge:
                 late = timed(fault.offset_s)
                 text = f"{name} is {late} in {fault.steps} steps, the median: its clock"
             else:
-                text = f"{name} {stands(fault, self.relocator.positions)}"
+                text = f"{name} {displacement_text(fault, self.relocator.positions)}"
             text += self._still(row, mended_m)
             remedy = self.healer.by_fault(row, fault)
             return replace(
@@ -989,7 +995,7 @@ def _length_m(places: Array) -> float:
     return float(np.ptp(along, axis=0).max())
 
 
-def stands(fault: Fault, positions: Array) -> str:
+def displacement_text(fault: Fault, positions: Array) -> str:
     """Return where a displaced sensor seems to stand, in words."""
     (x, y), (x0, y0) = fault.place, positions[fault.channel]
     return f"seems to stand at ({x:.2f}, {y:.2f}), not ({x0:.2f}, {y0:.2f})"
@@ -1077,7 +1083,7 @@ class _Again:
     figures: Figures
 
 
-class PlaceHealer:
+class PlaceRemedySearch:
     """Looks for remedies of the bad places of one result.
 
     Parameters
@@ -1093,7 +1099,7 @@ class PlaceHealer:
     def __init__(
         self,
         relocator: Relocator,
-        redecider: Redecider,
+        redecider: OfflineDecider,
         reference: Reference,
         tolerance_m: float,
     ) -> None:
@@ -1112,14 +1118,14 @@ class PlaceHealer:
         if key not in self._mended:
             arrivals, positions = self.relocator.arrivals, self.relocator.positions
             for fault in faults:
-                arrivals, positions = fault.mended(arrivals, positions)
+                arrivals, positions = fault.without_fault(arrivals, positions)
             self._mended[key] = self.relocator.locate(arrivals, positions)
         return self._mended[key]
 
     def by_fault(self, row: int, fault: Fault) -> PlaceRemedy | None:
         """Return the mending of one sensor, where that helps a place."""
         located = self.without_faults((fault,))
-        return self._tried(row, mending(fault, self.relocator), located)
+        return self._tried(row, fault_remedy_text(fault, self.relocator), located)
 
     def by_gate(self, row: int) -> PlaceRemedy | None:
         """Return the smallest change of the localizer's own gate that rejects a place."""
@@ -1272,7 +1278,7 @@ class PlaceHealer:
         return float(np.hypot(*(located.xy[index] - self.reference.xy[row])))
 
 
-def mending(fault: Fault, relocator: Relocator) -> str:
+def fault_remedy_text(fault: Fault, relocator: Relocator) -> str:
     """Return in words how a sensor's fault is mended."""
     name = relocator.names[fault.channel]
     if fault.cause == "clock":
@@ -1367,7 +1373,7 @@ class SensorFault:
     after: Figures | None
 
 
-def faulty_sensors(healer: PlaceHealer, faults: Sequence[Fault]) -> tuple[SensorFault, ...]:
+def faulty_sensors(healer: PlaceRemedySearch, faults: Sequence[Fault]) -> tuple[SensorFault, ...]:
     """Return the accounts of sensors that are late or displaced.
 
     Two that are swapped are mended together. A change that does harm to the places is not offered.
@@ -1388,12 +1394,12 @@ def faulty_sensors(healer: PlaceHealer, faults: Sequence[Fault]) -> tuple[Sensor
     )
 
 
-def _faulty(healer: PlaceHealer, fault: Fault) -> SensorFault:
+def _faulty(healer: PlaceRemedySearch, fault: Fault) -> SensorFault:
     positions = healer.relocator.positions
     (x, y), (x0, y0) = fault.place.tolist(), positions[fault.channel].tolist()
     clock = fault.cause == "clock"
     steady = f"{timed(fault.offset_s)} in {fault.steps} steps, the median"
-    text = steady if clock else stands(fault, positions)
+    text = steady if clock else displacement_text(fault, positions)
     return SensorFault(
         channel=healer.relocator.names[fault.channel],
         cause=fault.cause if fault.clear else "unclear",
@@ -1409,13 +1415,13 @@ def _faulty(healer: PlaceHealer, fault: Fault) -> SensorFault:
         gain=fault.gain,
         rival="position" if clock else "clock",
         rival_gain=fault.rival_gain,
-        change=mending(fault, healer.relocator),
+        change=fault_remedy_text(fault, healer.relocator),
         before=healer.before,
         after=figures(healer.without_faults((fault,)), healer.reference, healer.tolerance_m),
     )
 
 
-def silent_sensors(judge: PlaceJudge) -> tuple[SensorFault, ...]:
+def silent_sensors(judge: PositionErrorCause) -> tuple[SensorFault, ...]:
     """Return the accounts of sensors that have no arrival in most steps."""
     lacking = np.isnan(judge.relocator.arrivals.times_s)
     if not len(lacking):
@@ -1424,7 +1430,7 @@ def silent_sensors(judge: PlaceJudge) -> tuple[SensorFault, ...]:
     return tuple(_silent(judge, int(c), np.flatnonzero(lacking[:, c])) for c in silent)
 
 
-def _silent(judge: PlaceJudge, channel: int, rows: NDArray[np.intp]) -> SensorFault:
+def _silent(judge: PositionErrorCause, channel: int, rows: NDArray[np.intp]) -> SensorFault:
     """Say why a sensor is silent, by the most frequent cause in some of the steps."""
     name = judge.relocator.names[channel]
     sample = rows[:: max(1, len(rows) // SILENT_SAMPLE)]

@@ -15,7 +15,7 @@ from groundtrace_codecs.truth import COLUMNS
 
 from ..errors import PluginError, RecordingError
 from ..pipeline.plugins import load, plugins
-from ..pipeline.results import appearing
+from ..pipeline.results import atomic_write
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -374,7 +374,7 @@ def export(
                 f"{path}: expected a folder of {exporter.name} tables to replace, "
                 f"found {sorted(others)[0]} in it: it stays"
             )
-    with appearing(path) as fresh:
+    with atomic_write(path) as fresh:
         if folder:
             fresh.mkdir()
         return exporter.write(material, kinds, fresh)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 from groundtrace_codecs.errors import MissingReaderError
 
 from ..errors import RecordingError
-from ..runtime import keep_freed_memory, one_thread
+from ..runtime import limit_blas_threads, raise_malloc_trim
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -156,7 +156,7 @@ def _start(function: Callable[[Any], Any]) -> _Worker:
 
 def _serve(pipe: Connection[Any, Any], function: Callable[[Any], Any]) -> None:
     """Answer tasks until the other end is closed."""
-    keep_freed_memory()
+    raise_malloc_trim()
     while True:
         try:
             task = pipe.recv()
@@ -175,7 +175,7 @@ def _end(worker: _Worker) -> None:
 @contextmanager
 def quiet() -> Iterator[None]:
     """Let processes start with one thread of their own, deaf to Ctrl-C, which is ours to answer."""
-    unset = one_thread()
+    unset = limit_blas_threads()
     ours = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
     try:

@@ -25,7 +25,7 @@ from ..evaluation.html import (
     tiles,
 )
 from ..evaluation.html import figure as html_figure
-from ..explain.reasons import Interval, Sums, bootstrap_recordings
+from ..explain.reasons import Interval, RatioOfSums, bootstrap_recordings
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Mapping, Sequence
@@ -609,12 +609,12 @@ class Measure:
     higher: bool = False
     absolute: bool = False
 
-    def sums(self, table: FleetTable) -> Sums:
+    def sums(self, table: FleetTable) -> RatioOfSums:
         """Return what each row adds, NaN where it has no such figure."""
         top = self.scale * _added(table, self.top)
         top = np.abs(top) if self.absolute else top
         bottom = _added(table, self.bottom) if self.bottom else np.ones(len(table))
-        return Sums(top, bottom)
+        return RatioOfSums(top, bottom)
 
 
 MEASURES = (
@@ -690,7 +690,7 @@ def changes(old: FleetTable, new: FleetTable) -> list[Change]:
 
 
 def _change(
-    measure: Measure, pipeline: str, old: Sums, new: Sums, pairs: NDArray[np.intp]
+    measure: Measure, pipeline: str, old: RatioOfSums, new: RatioOfSums, pairs: NDArray[np.intp]
 ) -> Change | None:
     parts = [old.top, old.bottom], [new.top, new.bottom]
     finite = np.ones(len(pairs), np.bool_)
@@ -699,7 +699,8 @@ def _change(
             finite &= np.isfinite(values[pairs[:, side]])
     kept = pairs[finite]
     before, after = (
-        Sums(top[kept[:, side]], bottom[kept[:, side]]) for side, (top, bottom) in enumerate(parts)
+        RatioOfSums(top[kept[:, side]], bottom[kept[:, side]])
+        for side, (top, bottom) in enumerate(parts)
     )
     if not len(kept) or not np.isfinite(before.value() + after.value()):
         return None

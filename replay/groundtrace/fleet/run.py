@@ -346,7 +346,7 @@ def identity_of(task: Task) -> Identity:
         remote = RemoteBytes(task.location, hashed=True)
         end = remote.read_at(max(0, remote.size - _END_BYTES), _END_BYTES)
     except CodecError as error:
-        return Identity(_key(task, ""), error=told_by(task, error))
+        return Identity(_key(task, ""), error=error_text(task, error))
     return Identity(_key(task, f"{remote.size} {_sha256(end)}"), "", remote.size, remote)
 
 
@@ -360,7 +360,7 @@ def name_part(location: str) -> str:
     return file_part(name_of(location))[:80]
 
 
-def told_by(task: Task, error: Exception) -> str:
+def error_text(task: Task, error: Exception) -> str:
     """Return an error without the folder of its recording: the same wherever that lies."""
     text = str(error)
     for place in (task.location, public_url(task.location) if is_url(task.location) else ""):
@@ -439,7 +439,7 @@ def evaluated(task: Task, identity: Identity, row: Row) -> Done:
         part = _part(task, row, remote)
         sha256 = row.sha256 if remote is None else remote.sha256()
     except (CodecError, GroundtraceError) as error:
-        said = told_by(task, error)
+        said = error_text(task, error)
     except OSError as error:
         said = f"{row.recording}: expected a file to use, found: {error.strerror or error}"
     except Exception as error:  # a bug costs its recording, and is told; the fleet goes on

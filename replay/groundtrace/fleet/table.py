@@ -16,7 +16,7 @@ from ..errors import RecordingError
 from ..explain.reasons import CAUSES
 from ..export.base import Column, Table
 from ..export.tables import write_parquet
-from ..pipeline.results import appearing, room_for
+from ..pipeline.results import atomic_write, room_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -332,7 +332,7 @@ def join(parts: Parts, listed: Sequence[Listed], table: Path) -> Joined:
 
 
 def _written(table: Table, path: Path) -> int:
-    with appearing(path) as fresh:
+    with atomic_write(path) as fresh:
         return write_parquet(table, fresh)
 
 

@@ -54,7 +54,7 @@ MEMORY_S = 30.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class LevelFrameMotion:
     """Consecutive samples in level axes.
 
     Attributes
@@ -80,10 +80,10 @@ class Motion:
     def __len__(self) -> int:
         return int(self.time_ns.shape[0])
 
-    def between(self, start_ns: int, stop_ns: int) -> Motion:
+    def between(self, start_ns: int, stop_ns: int) -> LevelFrameMotion:
         """Return the samples in ``[start_ns, stop_ns)``; the nearest one where there is none."""
         rows = slice(*self._rows(start_ns, stop_ns))
-        return Motion(
+        return LevelFrameMotion(
             self.time_ns[rows],
             self.orientation[rows],
             self.acceleration[rows],
@@ -100,7 +100,7 @@ class Motion:
 
 
 @dataclass(slots=True)
-class LevelMotion:
+class LevelFrameTracker:
     """Follows one sensor and remembers the last half minute.
 
     Attributes
@@ -112,7 +112,7 @@ class LevelMotion:
     rate_hz: float
     _estimator: HeadingEstimator = field(init=False)
     _waiting: list[Samples] = field(default_factory=list)
-    _motion: Motion | None = None
+    _motion: LevelFrameMotion | None = None
 
     def __post_init__(self) -> None:
         self._estimator = HeadingEstimator(HeadingParameters(), self.rate_hz)
@@ -124,7 +124,7 @@ class LevelMotion:
         return -(2**62) if self._motion is None else int(self._motion.time_ns[-1])
 
     @property
-    def felt(self) -> Motion:
+    def felt(self) -> LevelFrameMotion:
         """What is remembered; there must be some."""
         assert self._motion is not None  # a frame was taken
         return self._motion
@@ -149,7 +149,7 @@ class LevelMotion:
         force, field_ = (turned(frames.orientation, x) for x in (samples.force, samples.field))
         force[:, 2] -= GRAVITY_MPS2
         rested_s = self._rested(frames)
-        new = Motion(samples.time_ns, frames.orientation, force, field_, rested_s)
+        new = LevelFrameMotion(samples.time_ns, frames.orientation, force, field_, rested_s)
         self._motion = new if self._motion is None else _joined(self._kept(new), new)
 
     def _rested(self, frames: HeadingFrames) -> Array:
@@ -158,7 +158,7 @@ class LevelMotion:
         each_s = np.repeat(frames.resting / self.rate_hz, frames.lengths)
         return np.cumsum(np.concatenate([[before_s], each_s]))[1:]
 
-    def _kept(self, new: Motion) -> Motion:
+    def _kept(self, new: LevelFrameMotion) -> LevelFrameMotion:
         """Return what is not older than any step to come, by when the newest portion begins."""
         assert self._motion is not None  # something came before
         oldest_ns = int(new.time_ns[0]) - round(MEMORY_S * NS_PER_S)
@@ -169,8 +169,8 @@ def _without_field(samples: Samples) -> Samples:
     return replace(samples, field=np.full_like(samples.field, np.nan))
 
 
-def _joined(before: Motion, after: Motion) -> Motion:
-    return Motion(
+def _joined(before: LevelFrameMotion, after: LevelFrameMotion) -> LevelFrameMotion:
+    return LevelFrameMotion(
         np.concatenate([before.time_ns, after.time_ns]),
         np.concatenate([before.orientation, after.orientation]),
         np.concatenate([before.acceleration, after.acceleration]),

@@ -18,7 +18,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
 
 from ..later import Later
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -168,7 +168,7 @@ class _Series:
         self.values = np.concatenate([self.values, values])
         self.began = self.began or bool(len(time_ns))
 
-    def forget_before(self, time_ns: int) -> None:
+    def discard_before(self, time_ns: int) -> None:
         """Forget what lies before a time, but for the last sample."""
         keep = max(int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1, 0)
         self.time_ns, self.values = self.time_ns[keep:], self.values[keep:]
@@ -219,7 +219,7 @@ def _earth_scale(first: Array) -> float:
     return EARTH_T / length if length > 0 else 0.0
 
 
-class Aligner:
+class SensorAligner:
     """Brings the parts of a sensor together; what is complete can be taken, in any portions.
 
     Attributes
@@ -234,11 +234,11 @@ class Aligner:
         self._offered_ns = -(2**62)
         self._unscaled = _Series()
         self._field_scale: float | None = None
-        self._holders: dict[str, Holder] = {}
+        self._holders: dict[str, NonFiniteHold] = {}
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the quantities of a block, every sample finite."""
-        held = self._holders.setdefault(block.topic, Holder()).held(block)
+        held = self._holders.setdefault(block.topic, NonFiniteHold()).held(block)
         values, times = held.values, held.sample_times()
         for quantity in QUANTITIES:
             if columns := columns_of_axes(block.stream, quantity):
@@ -307,6 +307,6 @@ class Aligner:
             self._rate.values[count:],
         )
         if count:
-            self._force.forget_before(int(times[-1]))
-            self._field.forget_before(int(times[-1]))
+            self._force.discard_before(int(times[-1]))
+            self._field.discard_before(int(times[-1]))
         return samples

@@ -24,7 +24,7 @@ from ..later import Later
 from ..pipeline.gates import Candidates
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 from .attitude import Attitude, AttitudeNoise, HeadingFrame, HeadingFrames, HeadingParameters
-from .frames import Aligner, Samples, columns_of_axes, frame_of
+from .frames import Samples, SensorAligner, columns_of_axes, frame_of
 from .heading_baselines import AzimuthKalman, Exponential, GyroscopeAlone
 from .magnetometer import (
     COLUMNS,
@@ -36,7 +36,7 @@ from .magnetometer import (
     Compass,
     DisturbedSpans,
 )
-from .rotations import matrix, wrapped
+from .rotations import matrix, wrap_angle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -153,7 +153,7 @@ class HeadingEstimator:
         self.gyroscope.leave_out(moved, attitude.orientation)
         compass = bool(np.isfinite(tests).all())
         alone = (offset, self.compass.turn_rad if compass else math.nan)
-        values = [*tests, *(math.degrees(wrapped(heading[0] + turn)) for turn in alone)]
+        values = [*tests, *(math.degrees(wrap_angle(heading[0] + turn)) for turn in alone)]
         raw = samples.field[len(samples) // 2 : len(samples) // 2 + 1]
         notes = self.calibrate(raw, np.array([compass]), np.array([undisturbed]))
         return HeadingFrame(
@@ -420,7 +420,7 @@ class HeadingStage(Stage):
         self._period_ns = context.stream.period_ns
         self._filter = self.filter(context.stream.rate_hz)
         self._spans = DisturbedSpans(context.stage, round(self.parameters.join_s * NS_PER_S))
-        self._aligner = Aligner()
+        self._aligner = SensorAligner()
         self._due_ns: int | None = None
         self._told: frozenset[str] = frozenset()
         self._turning = False
@@ -428,7 +428,7 @@ class HeadingStage(Stage):
 
     def process(self, block: SignalBlock) -> Iterator[Output]:
         """Take what a stream measures; the first of the gyroscope begins it all."""
-        self._aligner.hear(block)
+        self._aligner.update(block)
         if not self._turning and not columns_of_axes(block.stream, "angular_velocity"):
             return
         self._turning = True

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .rotations import wrapped
+from .rotations import wrap_angle
 
 if TYPE_CHECKING:
     from .frames import InertialFrame
@@ -222,4 +222,4 @@ def _turn_about_vertical(before: Array, after: Array) -> float:
     (bw, bx, by, bz), (aw, ax, ay, az) = before.tolist(), after.tolist()
     w = aw * bw + ax * bx + ay * by + az * bz
     z = -aw * bz - ax * by + ay * bx + az * bw
-    return wrapped(2 * math.atan2(z, w))
+    return wrap_angle(2 * math.atan2(z, w))

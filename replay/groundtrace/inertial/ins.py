@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 from .frames import columns_of_axes
 from .magnetometer import FootCompass, sigma_of
@@ -54,7 +54,7 @@ PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.star
 NO_NIS = float("nan")
 
 
-class Walk:
+class InsTrajectory:
     """A track from where the foot first stood.
 
     Parameters
@@ -80,7 +80,7 @@ class Walk:
         self.rested_s = 0.0
         self._pointed_ns = 0
         self._transition = np.eye(STATES)
-        self._knots: list[Knots] = []
+        self._knots: list[FilterHistory] = []
         self._compass = FootCompass()
         self._told: list[TrackPoint] = []
 
@@ -120,7 +120,7 @@ class Walk:
                 *(pose, covariance, since, clocks, self._pointed_ns, settings),
             )
             full = len(knots[0]) == navigation_kernels.ROOM
-            self._add(Knots(*(np.array(column) for column in knots)), NO_NIS)
+            self._add(FilterHistory(*(np.array(column) for column in knots)), NO_NIS)
         if at > start:
             self.filter.pose, self.filter.covariance = Pose.of(pose), covariance
             self._transition = since
@@ -217,7 +217,7 @@ class Walk:
         now, sure = self.filter.pose, self.filter.covariance
         if self.parameters.smooth or shown:
             columns = (predicted.row, spread, now.row, sure, self._transition)
-            knot = Knots(
+            knot = FilterHistory(
                 np.array([time_ns], np.int64),
                 np.array([shown]),
                 *(np.array(column)[None] for column in columns),
@@ -226,7 +226,7 @@ class Walk:
             self._add(knot, nis)
         self._transition = np.eye(STATES)
 
-    def _add(self, knots: Knots, nis: float) -> None:
+    def _add(self, knots: FilterHistory, nis: float) -> None:
         """Keep knots; say the points of those that are shown, and what is smoothed by then."""
         self._told += self._points(knots, self.stage, nis)
         if not (self.parameters.smooth and len(knots)):
@@ -265,7 +265,7 @@ class Walk:
 
     def _points(
         self,
-        knots: Knots,
+        knots: FilterHistory,
         stage: str,
         nis: float,
         pose: Array | None = None,
@@ -286,7 +286,7 @@ class Walk:
         ]
 
 
-def _shown(knots: Knots) -> Knots:
+def _shown(knots: FilterHistory) -> FilterHistory:
     return replace(knots, shown=np.ones(len(knots), np.bool_))
 
 
@@ -351,7 +351,7 @@ class FootNavigator(Stage):
         self.parameters = parameters
         self.stage = ""
         self.number = 0
-        self._walk: Walk | None = None
+        self._walk: InsTrajectory | None = None
         self._standing: list[Segment] = []
         self._stands = False
         self._rate_told = False
@@ -370,7 +370,7 @@ class FootNavigator(Stage):
         if columns is None:
             text = f"no track: expected three axes of {' and '.join(QUANTITIES)}, found others"
             raise CannotStart(text if stream.placement else "")
-        self._columns, self._topic, self._holder = columns, context.topic, Holder()
+        self._columns, self._topic, self._holder = columns, context.topic, NonFiniteHold()
         self._segments = segments_of(self.parameters, stream.rate_hz)
         self.begin(context.stage, context.tracks.next())
         return ("foot",)
@@ -480,7 +480,7 @@ class FootNavigator(Stage):
         force = np.concatenate([part.force[1:] for part in self._standing]).mean(axis=0)
         if np.linalg.norm(force) < LEAST_FORCE_MPS2:
             return []
-        self._walk = Walk(self.parameters, levelled(force), self.stage, self.number)
+        self._walk = InsTrajectory(self.parameters, levelled(force), self.stage, self.number)
         self._standing, self._stands = [], True
         return self._walk.follow(segment, self._stands, None)
 
@@ -512,7 +512,7 @@ def segments_of(p: FootNavigatorParameters, rate_hz: float) -> Segments:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Knots:
+class FilterHistory:
     """What the filter said at consecutive moments, in columns.
 
     Attributes
@@ -539,13 +539,13 @@ class Knots:
     def __len__(self) -> int:
         return len(self.time_ns)
 
-    def __deepcopy__(self, memo: object) -> Knots:
+    def __deepcopy__(self, memo: object) -> FilterHistory:
         return self  # nothing in it changes
 
-    def rows(self, start: int, stop: int | None) -> Knots:
+    def rows(self, start: int, stop: int | None) -> FilterHistory:
         """Return some of them."""
         part = slice(start, stop)
-        return Knots(
+        return FilterHistory(
             self.time_ns[part],
             self.shown[part],
             self.predicted[part],

@@ -31,7 +31,7 @@ from groundtrace_codecs.events import Disturbance, Quantity
 
 from ..later import Later
 from ..pipeline.gates import Level
-from .rotations import turned, wrapped
+from .rotations import turned, wrap_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -462,7 +462,7 @@ class FootCompass:
         if other or abs(dips[0] - dips[1]) > DIP_RAD:
             return None
         headings = [math.atan2(one[1], one[0]) for one in (now, self.field)]
-        return wrapped(headings[1] - headings[0])
+        return wrap_angle(headings[1] - headings[0])
 
 
 def sigma_of(length_s: float) -> float:

@@ -19,13 +19,13 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.stage import Context, Input, Stage
-from .body_motion import LevelMotion
-from .frames import PATIENCE_NS, QUANTITIES, Aligner, columns_of_axes
-from .pdr_filter import ReckoningFilter, ReckoningNoise, Sight, Stride, Track
-from .rotations import wrapped
+from .body_motion import LevelFrameTracker
+from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
+from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track
+from .rotations import wrap_angle
 from .steps import (
     Barometer,
-    Facing,
+    BodyHeadingOffset,
     ReckoningParameters,
     TangentPlane,
     satellite_columns,
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from ..kernels import navigation as navigation_kernels
     from ..pipeline.stage import Output
-    from .body_motion import Ahead, Motion
-    from .steps import KnownPlace
+    from .body_motion import Ahead, LevelFrameMotion
+    from .steps import PositionReference
 else:
     navigation_kernels = Later("groundtrace.kernels.navigation")
 
@@ -65,7 +65,7 @@ class _Measured(NamedTuple):
     begin_ns: int
 
 
-class DeadReckoner:
+class PedestrianDeadReckoning:
     """Steps times length along their azimuth, a filter's errors with them.
 
     The candidates are the steps. ``cadence`` and ``speed`` are what a step taken for one would
@@ -95,10 +95,10 @@ class DeadReckoner:
         self.stage = ""
         self.number = 0
         self.origin = (0.0, 0.0)
-        self._north = North(parameters)
-        self._facing = Facing(parameters.axis or "walk")
+        self._north = FieldDirection(parameters)
+        self._facing = BodyHeadingOffset(parameters.axis or "walk")
         self._track: Track | None = None
-        self._places: list[KnownPlace] = []
+        self._places: list[PositionReference] = []
         self._measured: _Measured | None = None
         self._last_ns: int | None = None
         self._rested_s = 0.0
@@ -108,13 +108,13 @@ class DeadReckoner:
         """Begin a track of its own at a place [m]; ``stage`` and ``number`` go into its points."""
         self.stage, self.number, self.origin = stage, number, origin
         self._track, self._measured, self._last_ns = None, None, None
-        self._rested_s, self._north = 0.0, North(self.parameters)
+        self._rested_s, self._north = 0.0, FieldDirection(self.parameters)
 
-    def know(self, places: Sequence[KnownPlace]) -> None:
+    def update(self, places: Sequence[PositionReference]) -> None:
         """Take known places, in order of time; they count with the step after them."""
         self._places += places
 
-    def measure(self, step: StepEvent, motion: Motion, height_m: float) -> Candidates:
+    def measure(self, step: StepEvent, motion: LevelFrameMotion, height_m: float) -> Candidates:
         """Return a step as a candidate, by what the sensor felt; the step is remembered."""
         p = self.parameters
         interval_s = self._interval_s(step.time_ns)
@@ -129,7 +129,7 @@ class DeadReckoner:
         # a walk may be under way when a recording begins
         self._measured = _Measured(stride, max(span[0], min(int(motion.time_ns[0]), step.time_ns)))
         turn = self._facing.turn_rad
-        azimuth = math.degrees(wrapped(self._azimuth(stride, turn)))
+        azimuth = math.degrees(wrap_angle(self._azimuth(stride, turn)))
         row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
         row += [off * 1e6, height_m, math.degrees(turn)]
         return Candidates(
@@ -155,7 +155,7 @@ class DeadReckoner:
         stride = Stride(stride.time_ns, stride.length_m, stride.heading_rad, stride.sight, rested_s)
         facing = self._facing
         said += track.step(stride, facing.turn_rad, settled=facing.settled)
-        azimuth = wrapped(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
+        azimuth = wrap_angle(track.filter.azimuth(stride.heading_rad + facing.turn_rad))
         sigma = track.filter.azimuth_sigma_rad
         said.append(Heading(stride.time_ns, azimuth, sigma, self.stage))
         if facing.news:
@@ -224,7 +224,7 @@ TURNING = "angular_velocity"
 
 
 @dataclass(slots=True)
-class WornSensor:
+class BodyWornSensor:
     """Follows the motion of one sensor.
 
     Attributes
@@ -235,9 +235,9 @@ class WornSensor:
         Of the gyroscope.
     """
 
-    motion: LevelMotion | None = None
+    motion: LevelFrameTracker | None = None
     topic: str = ""
-    _aligner: Aligner = field(default_factory=Aligner)
+    _aligner: SensorAligner = field(default_factory=SensorAligner)
     _early: list[SignalBlock] = field(default_factory=list)
 
     @property
@@ -255,18 +255,18 @@ class WornSensor:
         """What was assumed of the field's unit; empty where it is known."""
         return self._aligner.remark
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block of one of the sensor's streams."""
         if self.motion is None and not columns_of_axes(block.stream, TURNING):
             self._early.append(block)
             return
         if self.motion is None:
             self.topic = block.topic
-            self.motion = LevelMotion(block.stream.rate_hz)
+            self.motion = LevelFrameTracker(block.stream.rate_hz)
             for early in self._early:
-                self._aligner.hear(early)
+                self._aligner.update(early)
             self._early = []
-        self._aligner.hear(block)
+        self._aligner.update(block)
         self.motion.add(self._aligner.take())
 
     def forget(self) -> None:
@@ -313,8 +313,8 @@ class DeadReckoning(Stage):
         Input(Label, required=False),
     )
     gives = (TrackPoint, Heading)
-    columns = DeadReckoner.columns
-    gates = DeadReckoner.gates
+    columns = PedestrianDeadReckoning.columns
+    gates = PedestrianDeadReckoning.gates
     ends_at = "clock step"
     rounds = ("latitude", TURNING)
     feedback = True
@@ -322,9 +322,9 @@ class DeadReckoning(Stage):
     def __init__(self, parameters: ReckoningParameters) -> None:
         self.parameters = parameters
         self._steps: list[StepEvent] = []
-        self._sensors = [WornSensor()]
+        self._sensors = [BodyWornSensor()]
         self._barometer = Barometer()
-        self._fixes: list[KnownPlace] = []  # in order of time
+        self._fixes: list[PositionReference] = []  # in order of time
         self._received_ns = -(2**62)  # how far the topic of the steps was heard of
         self._known_ns = -(2**62)  # until when the reckoner knows fixes
 
@@ -336,9 +336,9 @@ class DeadReckoning(Stage):
         axis: Ahead = p.axis or worn or "walk"  # a left foot is a foot
         origin = context.geometry.start or (0.0, 0.0)
         self._plane = TangentPlane(origin)
-        self._reckoner = DeadReckoner(replace(p, axis=axis))
+        self._reckoner = PedestrianDeadReckoning(replace(p, axis=axis))
         self._reckoner.start(context.stage, context.tracks.next(), origin)
-        self._reckoner.know(waypoints_of(context.labels, p.waypoint_m))
+        self._reckoner.update(waypoints_of(context.labels, p.waypoint_m))
         return ("walker",)
 
     def process(self, item: StepEvent | SignalBlock | Gap) -> Iterator[Output]:
@@ -378,14 +378,14 @@ class DeadReckoning(Stage):
     def _know(self, until_ns: int) -> None:
         """Give the reckoner the fixes up to a time."""
         known_ns, self._known_ns = self._known_ns, max(until_ns, self._known_ns)
-        self._reckoner.know([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
+        self._reckoner.update([fix for fix in self._fixes if known_ns < fix.time_ns <= until_ns])
 
     def _interrupted(self, gap: Gap) -> None:
         """Begin with a new sensor after a gap."""
         sensor = self._sensors[-1]
         if not gap.bridged and gap.topic in (self._context.topic, sensor.topic):
             sensor.finish()
-            self._sensors.append(WornSensor())
+            self._sensors.append(BodyWornSensor())
 
     def _take_motion(self, block: SignalBlock) -> None:
         """Take what a stream of the sensor measures."""
@@ -394,9 +394,9 @@ class DeadReckoning(Stage):
         if block.stream.placement != self._placement:
             return
         if _has_pressure(block.stream):
-            self._barometer.hear(block)
+            self._barometer.update(block)
         if any(columns_of_axes(block.stream, quantity) for quantity in QUANTITIES):
-            self._sensors[-1].hear(block)
+            self._sensors[-1].update(block)
 
     def _reckon(self, *, final: bool = False) -> Iterator[Output]:
         """Take the steps around which everything is known."""
@@ -454,7 +454,7 @@ LEAST_T = 5e-6
 
 
 @dataclass(slots=True)
-class North:
+class FieldDirection:
     """Compares the field of each step with the usual one.
 
     Attributes
@@ -472,8 +472,8 @@ class North:
     steps: int = 0
 
     def sight(
-        self, motion: Motion, start_ns: int, stop_ns: int, length_m: float
-    ) -> tuple[Sight | None, float]:
+        self, motion: LevelFrameMotion, start_ns: int, stop_ns: int, length_m: float
+    ) -> tuple[MagneticBearing | None, float]:
         """Return the azimuth that a step's field tells, and how far that field is off [T].
 
         Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
@@ -492,7 +492,7 @@ class North:
         # the level frame's magnetic north, against the map's
         offset = math.pi / 2 - math.radians(p.declination_deg) - math.atan2(north, east)
         repeats = 2 * p.compass_memory_m / max(length_m, 0.1)
-        return Sight(offset, sigma, repeats), off
+        return MagneticBearing(offset, sigma, repeats), off
 
     def _learn(self, flat: float, up: float, before: tuple[float, float]) -> None:
         self.steps += 1

@@ -21,7 +21,7 @@ from groundtrace_codecs.events import SMOOTHED, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..later import Later
-from .rotations import wrapped
+from .rotations import wrap_angle
 
 if TYPE_CHECKING:
     from ..kernels import navigation as navigation_kernels
@@ -69,7 +69,7 @@ class Track:
         # what may have to be gone again: strides, and after how many of them fixes came
         self._strides = Strides()
         self._fixes: list[tuple[int, Fix]] = []
-        self._knots = Knots()
+        self._knots = TrackHistory()
         self._knots.begin(time_ns, filter_.state, filter_.covariance)
 
     @property
@@ -121,7 +121,7 @@ class Track:
         self._knots.keep_last()
         return points
 
-    def _again(self, turn_rad: float) -> Moment:
+    def _again(self, turn_rad: float) -> TrackNode:
         """Go the track again from its beginning, as the sensor is known to be turned by now.
 
         Return where the walker was before the last step.
@@ -146,7 +146,7 @@ class Track:
             state = (one.state, one.covariance, one.origin)
             navigation_kernels.turn(*state, angle_rad, knots.columns, knots.count)
 
-    def _go(self, start: int, stop: int) -> Moment:
+    def _go(self, start: int, stop: int) -> TrackNode:
         """Go some of the strides, at least one; return where the walker was before the last.
 
         A track that is lost is turned as the compass says first.
@@ -198,7 +198,7 @@ class Track:
         ]
 
     def _point(
-        self, now: Moment, before: Moment | None, stage: str, nis: float = NO_NIS
+        self, now: TrackNode, before: TrackNode | None, stage: str, nis: float = NO_NIS
     ) -> TrackPoint:
         time_ns, x, y, spread = now
         vx = vy = math.nan
@@ -347,7 +347,7 @@ class ReckoningFilter:
         gone, seen = self.state[PLACE] - self.origin, place - self.origin
         if min(float(np.linalg.norm(gone)), float(np.linalg.norm(seen))) < sigma_m:
             return None
-        return wrapped(math.atan2(seen[1], seen[0]) - math.atan2(gone[1], gone[0]))
+        return wrap_angle(math.atan2(seen[1], seen[0]) - math.atan2(gone[1], gone[0]))
 
 
 def _room() -> Array:
@@ -360,7 +360,7 @@ _MATRIX = (SIZE, SIZE)
 _LEAST = 64
 
 
-class Moment(NamedTuple):
+class TrackNode(NamedTuple):
     """Where a walker was: time [ns], place [m], and its covariance (xx, xy, yy) [m2]."""
 
     time_ns: int
@@ -370,7 +370,7 @@ class Moment(NamedTuple):
 
 
 @dataclass(slots=True)
-class Knots:
+class TrackHistory:
     """Knots of a track in columns that have room for more.
 
     Attributes
@@ -434,14 +434,14 @@ class Knots:
         self.predicted[at], self.predicted_spread[at] = state, covariance
         self.pose[at], self.spread[at] = state, covariance
 
-    def moment(self, index: int) -> Moment:
+    def moment(self, index: int) -> TrackNode:
         """Return where the walker was at one, counted from behind where negative."""
         at = index if index >= 0 else self.count + index
         place, spread = self.pose.item, self.spread.item
         covariance = spread(at, 0, 0), spread(at, 0, 1), spread(at, 1, 1)
-        return Moment(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
+        return TrackNode(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
 
-    def smoothed(self) -> list[Moment]:
+    def smoothed(self) -> list[TrackNode]:
         """Return the shown ones as all knots tell them; the last is the filter's."""
         shown = self.shown[: self.count]
         poses, spreads = navigation_kernels.smooth_track(
@@ -450,7 +450,7 @@ class Knots:
         places, times = poses[shown, PLACE].tolist(), self.time_ns[: self.count][shown].tolist()
         found = spreads[shown][:, (0, 0, 1), (0, 1, 1)].tolist()
         return [
-            Moment(time_ns, x, y, (xx, xy, yy))
+            TrackNode(time_ns, x, y, (xx, xy, yy))
             for time_ns, (x, y), (xx, xy, yy) in zip(times, places, found, strict=True)
         ]
 
@@ -459,7 +459,7 @@ if TYPE_CHECKING:
     Columns = tuple[NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]
 
 
-class Sight(NamedTuple):
+class MagneticBearing(NamedTuple):
     """A magnetic azimuth, as the offset of the gyroscope's frame that it asks for.
 
     Attributes
@@ -495,7 +495,7 @@ class Stride(NamedTuple):
     time_ns: int
     length_m: float
     heading_rad: float
-    sight: Sight | None
+    sight: MagneticBearing | None
     rested_s: float
 
     @property
@@ -505,7 +505,7 @@ class Stride(NamedTuple):
 
 
 #: Of a step of which the compass says nothing.
-UNSEEN = Sight(math.nan, math.nan, math.nan)
+UNSEEN = MagneticBearing(math.nan, math.nan, math.nan)
 
 
 @dataclass(slots=True)

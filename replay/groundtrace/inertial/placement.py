@@ -38,8 +38,8 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..dsp.filters import planar
 from ..dsp.periodicity import repetition
-from ..dsp.resample import GRID_HZ, EvenGrid, Kept
-from ..pipeline.source import Holder, Source
+from ..dsp.resample import GRID_HZ, ColumnBuffer, UniformResampler
+from ..pipeline.source import NonFiniteHold, Source
 from .frames import columns_of_axes
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ class PlacementWatch:
     def __init__(self, stream: Stream) -> None:
         self._columns = columns_of_axes(stream, "acceleration")
         self._columns += columns_of_axes(stream, "angular_velocity")
-        self._holder = Holder()
+        self._holder = NonFiniteHold()
         self._windows = 0
         self._found: list[Array] = []
         self.topic = stream.topic
@@ -264,16 +264,16 @@ class PlacementWatch:
 
     def gap(self) -> None:
         """Forget the window that was begun."""
-        self._grid: EvenGrid | None = None
-        self._kept = Kept(len(self._columns))
+        self._grid: UniformResampler | None = None
+        self._kept = ColumnBuffer(len(self._columns))
         self._start_ns = 0
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block."""
         if self.done or not len(block):
             return
         if self._grid is None:
-            self._grid = EvenGrid(block.stream.rate_hz, CUTOFF_HZ)
+            self._grid = UniformResampler(block.stream.rate_hz, CUTOFF_HZ)
             self._start_ns = block.start_ns
         values = planar(self._holder.held(block))[self._columns]
         self._kept.add(self._grid(block.sample_times(), values).values)
@@ -281,7 +281,7 @@ class PlacementWatch:
         while self._kept.end - self._kept.first >= points and not self.done:
             first = self._kept.first
             self._look(self._kept.between(first, first + points), first + points)
-            self._kept.forget_before(first + points // 2)
+            self._kept.discard_before(first + points // 2)
 
     def _look(self, window: Array, end: int) -> None:
         self._windows += 1
@@ -326,7 +326,7 @@ def guessed_placements(
     watches = {t: PlacementWatch(s) for t, s in streams.items() if PlacementWatch.fits(s)}
     for item in Source(recording, topics=set(watches)) if watches else ():
         if isinstance(item, SignalBlock):
-            watches[item.topic].hear(item)
+            watches[item.topic].update(item)
         elif not item.bridged and item.topic in watches:
             watches[item.topic].gap()
         if all(watch.done for watch in watches.values()):
@@ -359,7 +359,7 @@ def noted(
         if watch is None:
             continue
         if isinstance(item, SignalBlock):
-            watch.hear(item)
+            watch.update(item)
         elif not item.bridged:
             watch.gap()
         if watch.done:

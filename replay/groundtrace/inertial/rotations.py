@@ -84,6 +84,6 @@ def headings_of(q: Array, axis: Array) -> Array:
     return np.arctan2(pointing[..., 1], pointing[..., 0])
 
 
-def wrapped(angle_rad: float) -> float:
+def wrap_angle(angle_rad: float) -> float:
     """Return an angle within [-pi, pi)."""
     return (angle_rad + math.pi) % (2 * math.pi) - math.pi

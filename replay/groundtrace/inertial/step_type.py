@@ -54,7 +54,7 @@ from ..dsp.filters import StreamingFilter, corner, phase_delay_s, planar
 from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.source import Holder
+from ..pipeline.source import NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 
 # Ahead is read at run time, where the parameters are described
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..kernels import steps as steps_kernels
-    from ..pipeline.gates import Carry
+    from ..pipeline.gates import GateState
     from .body_motion import Axis, Swing
 
     Array = NDArray[np.float64]
@@ -178,7 +178,7 @@ _WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINT
 
 
 @dataclass(frozen=True, slots=True)
-class Frontal:
+class FrontalShape:
     """The frontal pattern of a step.
 
     Attributes
@@ -200,7 +200,7 @@ class Frontal:
 
 
 @dataclass(frozen=True, slots=True)
-class Lateral:
+class LateralShape:
     """The lateral pattern of a step.
 
     Attributes
@@ -238,7 +238,7 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
     return out
 
 
-def frontal(strip: Array, swing: Swing | None) -> Frontal:
+def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
     """Measure the frontal pattern of a strip.
 
     Parameters
@@ -254,14 +254,14 @@ def frontal(strip: Array, swing: Swing | None) -> Frontal:
     )
     if np.isnan(lead):
         lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
-    return Frontal(window, lead, density, slopes)
+    return FrontalShape(window, lead, density, slopes)
 
 
-def lateral(strip: Array) -> Lateral:
+def lateral(strip: Array) -> LateralShape:
     """Measure the lateral pattern of a strip."""
     # over two steps the mean is what a turn adds to the lateral acceleration
     found = steps_kernels.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
-    return Lateral(*found)
+    return LateralShape(*found)
 
 
 #: Steps further apart than this many step times are of two walks.
@@ -288,8 +288,8 @@ class Shape(NamedTuple):
 
     time_ns: int
     step_s: float
-    frontal: Frontal
-    lateral: Lateral
+    frontal: FrontalShape
+    lateral: LateralShape
     mounting_rad: float
 
 
@@ -306,7 +306,9 @@ def linked(step: Shape, others: Sequence[Shape]) -> list[Shape]:
     return found
 
 
-def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Lateral]) -> float:
+def common_share(
+    before: Sequence[LateralShape], own: LateralShape, after: Sequence[LateralShape]
+) -> float:
     """Return the median lateral share of three neighbouring steps, the own one in the middle.
 
     At the ends of a walk it is the first or last of them; with fewer than three steps the share
@@ -325,7 +327,9 @@ def common_share(before: Sequence[Lateral], own: Lateral, after: Sequence[Latera
     return median(x.share for x in three) if len(three) == 3 else own.share
 
 
-def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Frontal]) -> float:
+def corrected_lead(
+    before: Sequence[FrontalShape], own: FrontalShape, after: Sequence[FrontalShape]
+) -> float:
     """Return by how much a step's frontal maximum leads, put right by its neighbours [steps].
 
     Parameters
@@ -342,7 +346,7 @@ def corrected_lead(before: Sequence[Frontal], own: Frontal, after: Sequence[Fron
     return median(x.lead for pair in against for x in pair)
 
 
-def _agree_against(pair: Sequence[Frontal], lead: float) -> bool:
+def _agree_against(pair: Sequence[FrontalShape], lead: float) -> bool:
     """Return whether two neighbours agree on an order that is not that of ``lead``."""
     signs = {_sign(x.lead) for x in pair}
     return len(pair) == 2 and len(signs) == 1 and _sign(lead) not in signs
@@ -381,7 +385,7 @@ class _Signal:
     axes: BodyAxes
     filter: StreamingFilter
     delay_ns: int
-    holder: Holder = field(default_factory=Holder)
+    holder: NonFiniteHold = field(default_factory=NonFiniteHold)
     time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     values: NDArray[np.float64] = field(default_factory=lambda: np.empty((3, 0)))
 
@@ -396,13 +400,13 @@ class _Signal:
         self.time_ns = np.concatenate([self.time_ns, part.time_ns - self.delay_ns])
         self.values = np.concatenate([self.values, self.filter(part.values)], axis=1)
 
-    def forget_before(self, time_ns: int) -> None:
+    def discard_before(self, time_ns: int) -> None:
         """Drop the samples before a time."""
         first = int(np.searchsorted(self.time_ns, time_ns))
         self.time_ns, self.values = self.time_ns[first:], self.values[:, first:]
 
 
-class Follower:
+class StepWindowCollector:
     """Takes signal and steps of one stream in any order; gives each step's candidates in time.
 
     A step's candidates need the two steps after it, measured, or to be sure that none follow.
@@ -421,7 +425,7 @@ class Follower:
         self._waiting: list[StepEvent] = []  # measured, not told
         self._shapes: list[Shape] = []  # of up to two that were told, and of those that wait
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block of the run."""
         if self._signal is None:
             self._signal = self._begin(block.stream)
@@ -509,7 +513,7 @@ class Follower:
         oldest_ns = run.end_ns - self._late_ns
         if self._steps:
             oldest_ns = min(oldest_ns, self._steps[0].time_ns)
-        run.forget_before(oldest_ns - round((BEFORE + 0.5) * LONGEST_STEP_S * NS_PER_S))
+        run.discard_before(oldest_ns - round((BEFORE + 0.5) * LONGEST_STEP_S * NS_PER_S))
 
 
 TYPES = ("forward", "backward", "left", "right")
@@ -554,7 +558,7 @@ class Applies:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the measured column; infinitely good where the level does not apply."""
         seen = self.level.values(candidates, columns, alive, threshold, carry)
@@ -577,7 +581,7 @@ class Duplicate:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
     ) -> NDArray[np.float64]:
         """Return the lateral share of frontal candidates whose step passed the lateral tests."""
         share = candidates.value[:, [c.name for c in columns].index("share")]
@@ -662,7 +666,7 @@ class StepTypes(Stage):
     def __init__(self, parameters: StepTypeParameters) -> None:
         self.parameters = parameters
         self.axis = WalkingAxis(parameters.forward != "walk")
-        self._follower: Follower | None = None
+        self._follower: StepWindowCollector | None = None
         self._decided: list[StepEvent] = []  # those whose candidates were yielded last
 
     def start(self, context: Context) -> tuple[str, ...]:
@@ -672,14 +676,14 @@ class StepTypes(Stage):
             raise CannotStart(text)
         self._stage = context.stage
         if self._follower is None:
-            self._follower = Follower(self)
+            self._follower = StepWindowCollector(self)
         return TYPES
 
     def process(self, item: SignalBlock | StepEvent) -> Iterator[Candidates]:
         """Take signal and steps; yield the candidates of steps whose types are known."""
         assert self._follower is not None  # it was started
         if isinstance(item, SignalBlock):
-            self._follower.hear(item)
+            self._follower.update(item)
             yield from self._complete(self._follower)
         else:
             self._follower.step(item)
@@ -700,7 +704,9 @@ class StepTypes(Stage):
                 yield self._typed(self._decided[index], kind, float(block.value[row, 0]))
             last = index
 
-    def _complete(self, follower: Follower, *, final: bool = False) -> Iterator[Candidates]:
+    def _complete(
+        self, follower: StepWindowCollector, *, final: bool = False
+    ) -> Iterator[Candidates]:
         """Yield the candidates of the steps around which all is known."""
         told = list(follower.told(final=final))
         self._decided = [step for step, _ in told]

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
 
     from ..kernels import navigation as navigation_kernels
     from ..kernels.attitude import Vector
-    from .body_motion import Ahead, Axis, Motion
+    from .body_motion import Ahead, Axis, LevelFrameMotion
 else:
     navigation_kernels = Later("groundtrace.kernels.navigation")
 
 
 @dataclass(frozen=True, slots=True)
 class ReckoningParameters:
-    """Parameters of :class:`.pdr.DeadReckoner`."""
+    """Parameters of :class:`.pdr.PedestrianDeadReckoning`."""
 
     axis: Annotated[
         Literal["", "walk", "x", "y", "z", "-x", "-y", "-z"],
@@ -136,7 +136,7 @@ class StepShape(NamedTuple):
     rise_m: float
 
 
-def shape_of(motion: Motion, start_ns: int, stop_ns: int) -> StepShape:
+def shape_of(motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> StepShape:
     """Return the shape of a step in ``[start_ns, stop_ns)``.
 
     The body's height is taken to be after it as before it.
@@ -188,7 +188,7 @@ SIGN = {"backward": -1.0, "left": 0.0, "right": 0.0}
 
 
 @dataclass(slots=True)
-class Facing:
+class BodyHeadingOffset:
     """Tells the direction a wearer looks in from the orientation of the sensor.
 
     Attributes
@@ -225,7 +225,7 @@ class Facing:
         turned = f"{abs(angle):.0f} degrees to the {side} of the sensor's {self.reference}"
         return f"the walk tells that ahead is {turned}; steps before were gone again with that"
 
-    def watch(self, step: StepEvent, interval_s: float, motion: Motion) -> None:
+    def watch(self, step: StepEvent, interval_s: float, motion: LevelFrameMotion) -> None:
         """Take the next step; the motion must be known until a second after it."""
         if self.ahead != "walk":
             self.reference = self.ahead
@@ -241,7 +241,7 @@ class Facing:
                 self._walking.add((sign * ahead, sign * right))
         self.turn_rad = -self._walking.angle_rad
 
-    def heading(self, motion: Motion, start_ns: int, stop_ns: int) -> float:
+    def heading(self, motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> float:
         """Return the mean direction of the reference in the level axes in a time [rad]."""
         assert self.reference is not None  # a step was watched
         axis = axis_of(self.reference)
@@ -258,7 +258,7 @@ class Facing:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownPlace:
+class PositionReference:
     """Where the walker was at a time: ``x_m`` to the east, ``y_m`` to the north [m]."""
 
     time_ns: int
@@ -267,10 +267,10 @@ class KnownPlace:
     sigma_m: float
 
 
-def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[KnownPlace]:
+def waypoints_of(labels: Sequence[Label], sigma_m: float) -> list[PositionReference]:
     """Return the waypoints that a reckoning is given as known places."""
     return [
-        KnownPlace(x.time_ns, x.x_m, x.y_m, sigma_m)
+        PositionReference(x.time_ns, x.x_m, x.y_m, sigma_m)
         for x in labels
         if x.x_m is not None and x.y_m is not None
     ]
@@ -321,7 +321,9 @@ def satellite_columns(stream: Stream) -> tuple[int, int] | None:
     return (found[0][0], found[1][0]) if all(found) else None
 
 
-def satellite_fixes(block: SignalBlock, plane: TangentPlane, sigma_m: float) -> list[KnownPlace]:
+def satellite_fixes(
+    block: SignalBlock, plane: TangentPlane, sigma_m: float
+) -> list[PositionReference]:
     """Return the finite fixes of a block of degrees."""
     columns = satellite_columns(block.stream)
     if columns is None:
@@ -329,7 +331,7 @@ def satellite_fixes(block: SignalBlock, plane: TangentPlane, sigma_m: float) -> 
     degrees = np.radians(block.values[:, list(columns)])
     times = block.sample_times().tolist()
     return [
-        KnownPlace(time_ns, *plane.place(float(lat), float(lon)), sigma_m)
+        PositionReference(time_ns, *plane.place(float(lat), float(lon)), sigma_m)
         for time_ns, (lat, lon) in zip(times, degrees, strict=True)
         if math.isfinite(lat + lon)
     ]
@@ -355,7 +357,7 @@ class Barometer:
     _time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     _pressure: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block that has a pressure [Pa]."""
         values = block.values[:, block.stream.columns_of({"pressure"})[0]]
         sound = np.isfinite(values) & (values > 0)

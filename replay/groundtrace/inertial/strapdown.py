@@ -93,7 +93,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class StrapdownIncrement:
     """One segment integrated.
 
     Attributes
@@ -112,7 +112,7 @@ class Step:
     pushed_mps: float
 
 
-def integrate(pose: Pose, segment: Segment) -> Step:
+def integrate(pose: Pose, segment: Segment) -> StrapdownIncrement:
     """Go from the end of the segment before to the end of this one.
 
     Rates and forces are taken as straight between samples.
@@ -130,7 +130,7 @@ def integrate(pose: Pose, segment: Segment) -> Step:
     orientation, velocity, place, _ = np.split(moved, [4, 7, navigation_kernels.GAINED])
     after = Pose(normalised(orientation), velocity, place, pose.gyro_bias, pose.force_bias)
     turned_rad, pushed_mps = moved[navigation_kernels.TURNED :].tolist()
-    return Step(after, transition, turned_rad, pushed_mps)
+    return StrapdownIncrement(after, transition, turned_rad, pushed_mps)
 
 
 #: Rows of the state that a measurement leaves alone: none.

@@ -35,10 +35,10 @@ from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..detectors.clipping import Limits, Repeats
-from ..detectors.held_values import WORN, Held
+from ..detectors.held_values import WORN, StuckValues
 from ..detectors.signal_faults import Finding, Windows
 from ..pipeline.source import BRIDGE_S, run_tracker
-from .frames import PATIENCE_NS, Aligner, columns_of_axes
+from .frames import PATIENCE_NS, SensorAligner, columns_of_axes
 from .placement import PlacementWatch
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import Stream
 
-    from ..detectors.signal_faults import Watcher, Window
+    from ..detectors.signal_faults import FaultDetector, Window
 
     Mask = NDArray[np.bool_]
     Array = NDArray[np.float64]
@@ -116,13 +116,13 @@ class WornImu:
         self._begin()
 
     def _begin(self) -> None:
-        self._aligner = Aligner()
+        self._aligner = SensorAligner()
         self._rows = np.empty((0, 9))
         self._force_ns: int | None = None
         self._by_force.gap()
         self._by_field.gap()
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next of one of the streams."""
         if not isinstance(item, SignalBlock):
             if not item.bridged:
@@ -133,16 +133,16 @@ class WornImu:
         if item.topic == self.force.topic:
             self._force_ns = item.last_ns
             if self._walk is not None:
-                self._walk.hear(item)
+                self._walk.update(item)
         elif (
             item.topic == self.turning.topic and (self._force_ns or 0) < item.start_ns - PATIENCE_NS
         ):
-            self._aligner = Aligner()  # nothing to judge it by: it does not wait for ever
+            self._aligner = SensorAligner()  # nothing to judge it by: it does not wait for ever
         for quantity in (TURNING, FORCE, FIELD):
             if quantity not in self._anything and item.topic == self._topic(quantity):
                 columns = columns_of_axes(item.stream, quantity)
                 self._anything |= {quantity} if item.samples[:, columns].any() else set()
-        self._aligner.hear(item)
+        self._aligner.update(item)
         samples = self._aligner.take()
         self._judge(samples.time_ns, np.hstack([samples.rate, samples.force, samples.field]))
 
@@ -170,10 +170,10 @@ class WornImu:
         self._rows = rows[whole:]
         even = rows[:whole].reshape(-1, self._many, 9).mean(axis=1)
         rate_hz = self.turning.rate_hz / self._many
-        self._by_force.hear(even[:, :6], rate_hz, self._heard_ns)
+        self._by_force.update(even[:, :6], rate_hz, self._heard_ns)
         if self.field is not None:
             field = even[:, [0, 1, 2, 6, 7, 8]] * ([1, 1, 1] + [_FIELD_SCALE] * 3)
-            self._by_field.hear(field, rate_hz, self._heard_ns)
+            self._by_field.update(field, rate_hz, self._heard_ns)
 
     def judges(self) -> list[Judge]:
         """Return what can judge the gyroscope's axes."""
@@ -309,17 +309,17 @@ class ImuWatch:
         ]
         self._limits = {s.topic: _AtLimits(s) for s in streams if limits and Limits.fits(s)}
 
-    def hear(self, item: SignalBlock | Gap) -> None:
+    def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
         for sensor in self.sensors:
             if item.topic in sensor.streams:
-                sensor.hear(item)
+                sensor.update(item)
         if isinstance(item, SignalBlock):
             for zero in self._zeros:
                 if item.topic == zero.stream.topic:
-                    zero.hear(item)
+                    zero.update(item)
             if len(item) and item.topic in self._limits:
-                self._limits[item.topic].hear(item)
+                self._limits[item.topic].update(item)
         elif not item.bridged and item.topic in self._limits:
             self._limits[item.topic].gap()
 
@@ -361,18 +361,18 @@ def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream
 
 
 class _AtLimits:
-    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.HealthWatch`` finds it."""
+    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.FaultScan`` finds it."""
 
     def __init__(self, stream: Stream) -> None:
         worn = stream.columns_of(WORN)
         self._windows = Windows(stream.rate_hz)
-        self._watchers: tuple[Watcher, ...] = (
-            Held(stream, worn, worn),
+        self._watchers: tuple[FaultDetector, ...] = (
+            StuckValues(stream, worn, worn),
             Limits(stream),
             Repeats(stream),
         )
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         self._tell(self._windows.add(block))
 
     def gap(self) -> None:
@@ -383,7 +383,7 @@ class _AtLimits:
     def _tell(self, windows: Iterable[Window]) -> None:
         for window in windows:
             for watcher in self._watchers:
-                watcher.hear(window)
+                watcher.update(window)
 
     def findings(self) -> Iterator[Finding]:
         told = set()
@@ -404,7 +404,7 @@ class _Zero:
         self._span_ns = (0, 0)
         self._anything = False
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         if self._anything or not len(block):
             return
         self._span_ns = (self._span_ns[0] or block.start_ns, block.end_ns)
@@ -435,11 +435,11 @@ class ImportedImu:
         self._units: dict[str, UnitWatch] = {}
         self._runs = {s.topic: run_tracker(s, BRIDGE_S) for s in streams}
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take a block as it is written."""
-        self._units.setdefault(block.topic, UnitWatch(block.stream)).hear(block)
+        self._units.setdefault(block.topic, UnitWatch(block.stream)).update(block)
         for item in self._runs[block.topic].add(block):
-            self._watch.hear(item)
+            self._watch.update(item)
 
     def remarks(self) -> tuple[str, ...]:
         """Return one line for each thing that was found; nothing is heard after that."""
@@ -472,10 +472,10 @@ def judged(
         yield item
         if isinstance(item, Note):
             continue
-        imu.hear(item)
+        imu.update(item)
         if isinstance(item, SignalBlock):
             end_ns = max(end_ns, item.last_ns)
-            by_topic[item.topic].hear(item)
+            by_topic[item.topic].update(item)
     imu.finish()
     units = [line for watch in by_topic.values() for line in watch.remarks()]
     yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
@@ -853,7 +853,7 @@ class Spreads:
         """Begin a new run."""
         self._rows = np.empty((0, 6))
 
-    def hear(self, rows: Array, rate_hz: float, end_ns: int) -> None:
+    def update(self, rows: Array, rate_hz: float, end_ns: int) -> None:
         """Take samples: angular velocity and vector, shape (n, 6), and the last one's time [ns]."""
         self._rows = np.concatenate([self._rows, rows])
         count = round(self.window_s * rate_hz)

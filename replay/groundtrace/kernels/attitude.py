@@ -830,7 +830,7 @@ def frames(
             given = (turned, earth, said, delay_s, dt, p, limits, row, room)
             take_field(state, covariance, compass, *given)
         for k in (VALUES + 8, VALUES + 9):
-            row[k] = math.degrees(wrapped(heading[f * length] + row[k]))
+            row[k] = math.degrees(wrap_angle(heading[f * length] + row[k]))
         for k in range(3):
             row[TOLD_BIAS + k] = state[BIAS + k]
         if sees and due(watched, row[PASSED] > 0.0, tries):
@@ -846,7 +846,7 @@ _TWO_PI = 2.0 * math.pi
 
 
 @in_place
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """Return an angle within [-pi, pi)."""
     return (angle + math.pi) % _TWO_PI - math.pi
 
@@ -856,7 +856,7 @@ def turn_about_vertical(before: Quaternion, after: Quaternion) -> float:
     """Return by how much an orientation was turned about the vertical [rad]."""
     w = after[0] * before[0] + after[1] * before[1] + after[2] * before[2] + after[3] * before[3]
     z = -after[0] * before[3] - after[1] * before[2] + after[2] * before[1] + after[3] * before[0]
-    return wrapped(2.0 * math.atan2(z, w))
+    return wrap_angle(2.0 * math.atan2(z, w))
 
 
 @in_place
@@ -914,7 +914,7 @@ def tests(
     keep(recent, counts, 0, norm)
     keep(recent, counts, 1, turned)
     count = counts[1, 0]
-    changed = math.degrees(wrapped(recent[1, count - 1] - recent[1, 0]))
+    changed = math.degrees(wrap_angle(recent[1, count - 1] - recent[1, 0]))
     out[0] = math.sqrt(x * x + y * y + z * z) / TESLA
     out[1] = abs(norm - math.hypot(north, up)) / TESLA
     out[2] = deviation(recent.T, counts[0, 0], 0) / TESLA

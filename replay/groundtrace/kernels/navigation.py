@@ -1,6 +1,6 @@
 """Navigation of a foot and dead reckoning, compiled: many segments or steps in one call.
 
-They compute the same as :class:`.inertial.ins.Walk` and
+They compute the same as :class:`.inertial.ins.InsTrajectory` and
 :class:`.inertial.strapdown.ErrorStateFilter` segment by segment, where nothing has to be decided:
 the foot is under way, or goes on standing.
 
@@ -32,7 +32,7 @@ from .attitude import (
     rotated,
     times,
     turn_by,
-    wrapped,
+    wrap_angle,
 )
 from .lanes import LANES, every, put_row, row
 
@@ -733,7 +733,7 @@ def sight(
     room: Array,
 ) -> None:
     """Take a magnetic azimuth in, in place, as the offset it asks for."""
-    off, known = wrapped(offset_rad - state[OFFSET]), covariance[OFFSET, OFFSET]
+    off, known = wrap_angle(offset_rad - state[OFFSET]), covariance[OFFSET, OFFSET]
     variance = sigma_rad**2 * max(repeats, 1.0)
     variance *= max(1.0, abs(off) / CLEAR / math.sqrt(sigma_rad**2 + known)) ** 2
     row, gain = room[0, 0], room[0, 1]
@@ -818,8 +818,8 @@ def strides(
     noise
         Drift, wander, and the errors of length and way.
     knots, count
-        Columns, as :class:`.inertial.pdr_filter.Knots` has them, which take two knots of each step,
-        and how many there are.
+        Columns, as :class:`.inertial.pdr_filter.TrackHistory` has them, which take two knots of
+        each step, and how many there are.
     ns_per_s
         Of all times.
     """

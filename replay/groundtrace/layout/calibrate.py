@@ -31,7 +31,7 @@ from ..localizers.joint_calibration import (
     LEAST_SIGMA_S,
     LOSS_WEIGHTS,
     LOSSES,
-    Free,
+    FreeParameters,
     Impacts,
     bounds_of,
     fit,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.geometry import Geometry, Sensor
 
-    from ..localizers.joint_calibration import JointFit, Loss
+    from ..localizers.joint_calibration import JointCalibration, Loss
 
     Array = NDArray[np.float64]
 
@@ -270,7 +270,7 @@ def calibrate(
     )
 
 
-def _unknown_scale(best: JointFit) -> str:
+def _unknown_scale(best: JointCalibration) -> str:
     """Say that and why the scale is not told."""
     return (
         f"scale: not identifiable from these impacts and sensors (deviation "
@@ -279,7 +279,7 @@ def _unknown_scale(best: JointFit) -> str:
 
 
 def _clock_offsets(
-    channels: Sequence[str], best: JointFit, deviations: Array
+    channels: Sequence[str], best: JointCalibration, deviations: Array
 ) -> tuple[ClockOffset, ...]:
     """Return each channel's clock offset with its deviation."""
     found = zip(channels, best.floor.offsets_s, deviations, strict=True)
@@ -315,7 +315,9 @@ def _wanted(held: HeldOut | None) -> str:
     )
 
 
-def _begun(impacts: Impacts, room: Array | None, exponent: float, *, clocks: bool) -> JointFit:
+def _begun(
+    impacts: Impacts, room: Array | None, exponent: float, *, clocks: bool
+) -> JointCalibration:
     """Return a first fit with the exponent kept, with offsets where clocks may differ."""
     if impacts.known is not None:
         return known_start(impacts, offsets=clocks, exponent=exponent)
@@ -397,9 +399,9 @@ def _log_likelihood(expected_s: Array, times_s: Array, sigma: float) -> Array:
     return likely
 
 
-def _exponent(impacts: Impacts, base: JointFit) -> tuple[JointFit, list[str]]:
+def _exponent(impacts: Impacts, base: JointCalibration) -> tuple[JointCalibration, list[str]]:
     """Return the fit with the exponent free where the arrivals tell it, else with it kept."""
-    free = Free(exponent=True, offsets=base.free.offsets)
+    free = FreeParameters(exponent=True, offsets=base.free.offsets)
     found = fit(impacts, base.floor, base.places, free=free)
     deviation = found.deviations[1]
     if deviation <= EXPONENT_LIMIT and 0.5 < found.floor.exponent < 2:
@@ -410,7 +412,7 @@ def _exponent(impacts: Impacts, base: JointFit) -> tuple[JointFit, list[str]]:
     ]
 
 
-def _bootstrap(impacts: Impacts, best: JointFit) -> Array:
+def _bootstrap(impacts: Impacts, best: JointCalibration) -> Array:
     """Return scale, exponent and offsets of impacts drawn again, shape (SAMPLES, 2 + n)."""
     rng = np.random.default_rng(SEED)
     out = []
@@ -423,7 +425,7 @@ def _bootstrap(impacts: Impacts, best: JointFit) -> Array:
     return np.array(out)
 
 
-def _deviations(best: JointFit) -> Array:
+def _deviations(best: JointCalibration) -> Array:
     """Return the deviations of scale, exponent and offsets by the covariance, shape (2 + n,)."""
     out = best.deviations
     # k = pace / reference^p
@@ -434,7 +436,7 @@ def _deviations(best: JointFit) -> Array:
     return out
 
 
-def _velocity(impacts: Impacts, best: JointFit) -> float | None:
+def _velocity(impacts: Impacts, best: JointCalibration) -> float | None:
     """Return the velocity for hyperbolas, by the places found and the arrivals that fit them."""
     kept = np.abs(np.nan_to_num(best.residuals_s)) <= 3 * best.sigma_s
     times = np.where(kept, impacts.times_s - best.floor.offsets_s, np.nan)
@@ -445,7 +447,7 @@ def _velocity(impacts: Impacts, best: JointFit) -> float | None:
         return None
 
 
-def _by_loss(impacts: Impacts, best: JointFit, loss: Loss) -> LossFigures:
+def _by_loss(impacts: Impacts, best: JointCalibration, loss: Loss) -> LossFigures:
     found = fit(impacts, best.floor, best.places, loss=loss, free=best.free)
     return LossFigures(loss, found.floor.scale, found.floor.exponent, found.sigma_s)
 
@@ -711,7 +713,9 @@ class PlaceErrors:
     rmse_after: float
 
 
-def place_errors(gathered: Gathered, found: JointFit, room: Array | None) -> PlaceErrors | None:
+def place_errors(
+    gathered: Gathered, found: JointCalibration, room: Array | None
+) -> PlaceErrors | None:
     """Locate the impacts without and with a calibration; None where no true place is known."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
     rows = np.flatnonzero(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import shapely
 
-from ..pipeline.results import appearing
+from ..pipeline.results import atomic_write
 from .analysis import MIRRORED, SMALL_M, region_at
 
 if TYPE_CHECKING:
@@ -323,7 +323,7 @@ def save(found: RoomAnalysis, path: Path) -> None:
         The PNG to write.
     """
     # without pyplot there is no window and no state that figures share
-    with appearing(path) as fresh:
+    with atomic_write(path) as fresh:
         room_figure(found).savefig(fresh)
 
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
-from ..pipeline.stage import LEAST_PICKS, Location, nowhere
+from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .base import outline_of
 from .wave_physics import arrivals
 
@@ -42,7 +42,7 @@ NEAR = 0.25
 CELLS = 2_000_000
 
 
-def locate(positions: Array, times_s: Array, outline: Array | None = None) -> Location:
+def locate(positions: Array, times_s: Array, outline: Array | None = None) -> LocationEstimate:
     """Return the mean centre of the regions whose signs differ least from the measured ones.
 
     Parameters
@@ -75,11 +75,11 @@ def _regions(positions: bytes, outline: bytes | None) -> Regions:
     return find_regions(sensors, outline_of(sensors, corners))
 
 
-def among(regions: Regions, times_s: Array) -> Location:
+def among(regions: Regions, times_s: Array) -> LocationEstimate:
     """Return the mean centre of the regions that fit the arrivals best, as :func:`locate`."""
     picks = int(np.isfinite(times_s).sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     signs, compared = measured_signs(regions, times_s)
     wrong = distances(regions, signs, compared)
     best = wrong == wrong.min()
@@ -87,7 +87,7 @@ def among(regions: Regions, times_s: Array) -> Location:
     weight = regions.areas * NEAR ** ((wrong - wrong.min()) / (1 + wrong.min() / 2))
     covariance = spread(regions, weight, np.array([x, y]))
     residual = float(wrong.min()) / max(int(compared.sum()), 1)
-    return Location(float(x), float(y), covariance, residual, picks, int(best.sum()))
+    return LocationEstimate(float(x), float(y), covariance, residual, picks, int(best.sum()))
 
 
 def places(regions: Regions, times_s: Array) -> Array:
@@ -394,7 +394,7 @@ def chance_wrong(
     return chance
 
 
-def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) -> Location:
+def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) -> LocationEstimate:
     """Return the mean of all regions, weighted by area and likelihood of the signs.
 
     Parameters
@@ -414,7 +414,7 @@ def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) 
     """
     picks = int(np.isfinite(times_s).sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     signs, compared = measured_signs(regions, times_s)
     right = _chance_right(regions, theta_s, sigma_s)
     agree = regions.signs * signs
@@ -425,7 +425,7 @@ def likeliest(regions: Regions, times_s: Array, theta_s: float, sigma_s: float) 
     wrong = distances(regions, signs, compared)[int(np.argmax(level))]
     residual = float(wrong) / max(int(compared.sum()), 1)
     about = np.array([x, y])
-    return Location(float(x), float(y), spread(regions, weight, about), residual, picks)
+    return LocationEstimate(float(x), float(y), spread(regions, weight, about), residual, picks)
 
 
 def _chance_right(regions: Regions, theta_s: float, sigma_s: float) -> Array:

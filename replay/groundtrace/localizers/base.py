@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Medium
 
     from ..pipeline.gates import Gate
-    from ..pipeline.stage import Location, Output
+    from ..pipeline.stage import LocationEstimate, Output
 
     Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class RunningSigma:
         """The estimate by now [s]."""
         return median([*self.told, *[self.prior_s] * PRIOR_COUNT])
 
-    def learn(self, found: Location) -> None:
+    def learn(self, found: LocationEstimate) -> None:
         """Take in the residual of a place, the root of its mean loss [s]."""
         spare = found.picks - self.unknowns
         if not found.found or spare < 1:
@@ -108,7 +108,7 @@ EXPONENT = 4 / 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Floor:
+class ArrivalModel:
     """Arrivals t = t0 + pace (d / reference)^exponent + offset.
 
     The pace is the scale k of t = t0 + k d^p where d is the reference: unlike k it hardly depends
@@ -141,7 +141,7 @@ class Floor:
         taken: Array = self.pace_s * (distance_m / self.reference_m) ** self.exponent
         return taken
 
-    def near(self, other: Floor) -> bool:
+    def near(self, other: ArrivalModel) -> bool:
         """Whether another floor is the same to 1e-5 of the pace."""
         least = 1e-5 * self.pace_s
         return (
@@ -152,7 +152,7 @@ class Floor:
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
+class ArrivalPrior:
     """What is known of a floor beforehand; infinite deviations know nothing.
 
     Attributes
@@ -179,7 +179,7 @@ KEEP_NS = 10 * NS_PER_S
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Site:
+class PlacedSensors:
     """Where a localizer works.
 
     Attributes
@@ -234,11 +234,11 @@ class ArrivalLocalizer(Stage):
         self._picks: deque[Pick] = deque()
         self._told = False
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""
         raise NotImplementedError
 
-    def locate(self, times_s: Array) -> Location:
+    def locate(self, times_s: Array) -> LocationEstimate:
         """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
         raise NotImplementedError
 
@@ -253,7 +253,9 @@ class ArrivalLocalizer(Stage):
         if len(np.unique(positions, axis=0)) >= LEAST_PICKS:
             outline = np.array(geometry.outline, np.float64)
             room = outline if len(outline) else None
-            lacking = self.prepare(Site(positions, room, geometry.medium, geometry.length_unit))
+            lacking = self.prepare(
+                PlacedSensors(positions, room, geometry.medium, geometry.length_unit)
+            )
         if lacking:
             raise CannotStart(f"no places: expected a geometry with {lacking}, found none")
         self._offsets_s = geometry.clock_offsets(self._channels)
@@ -327,7 +329,7 @@ def first_arrivals(
     return times if offsets_s is None else times - offsets_s
 
 
-def place_candidate(time_ns: int, location: Location) -> Candidates:
+def place_candidate(time_ns: int, location: LocationEstimate) -> Candidates:
     """Return a place as the candidate that a localizer's gates decide on."""
     sigma = float(np.sqrt(np.trace(location.covariance) / 2))
     value = [location.picks, location.residual, location.x, location.y, sigma]

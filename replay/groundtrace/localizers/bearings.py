@@ -29,7 +29,7 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Input, Location, Stage, nowhere
+from ..pipeline.stage import Context, Input, LocationEstimate, Stage, no_location
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 from .base import place_candidate
 
@@ -261,7 +261,9 @@ MAX_CONDITION = 1e4
 LEAST_M = 1e-3
 
 
-def intersect(positions: Array, azimuths_rad: Array, sigmas_rad: Array, norm: Norm) -> Location:
+def intersect(
+    positions: Array, azimuths_rad: Array, sigmas_rad: Array, norm: Norm
+) -> LocationEstimate:
     """Return the place nearest to all bearings.
 
     Parameters
@@ -284,13 +286,13 @@ def intersect(positions: Array, azimuths_rad: Array, sigmas_rad: Array, norm: No
     known = np.isfinite(azimuths_rad)
     count = int(known.sum())
     if count < 2:
-        return nowhere(count)
+        return no_location(count)
     stations, azimuths = positions[known], azimuths_rad[known]
     sigmas = np.maximum(sigmas_rad[known], 1e-3)
     normals = np.stack([-np.sin(azimuths), np.cos(azimuths)], axis=1)
     offsets = np.sum(normals * stations, axis=1)
     if np.linalg.cond(normals.T @ normals) > MAX_CONDITION:
-        return nowhere(count)
+        return no_location(count)
     place = np.linalg.lstsq(normals, offsets, rcond=None)[0]
     for _ in range(PASSES):
         errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
@@ -305,14 +307,14 @@ def intersect(positions: Array, azimuths_rad: Array, sigmas_rad: Array, norm: No
     return _located(place, stations, normals, sigmas)
 
 
-def _located(place: Array, stations: Array, normals: Array, sigmas: Array) -> Location:
+def _located(place: Array, stations: Array, normals: Array, sigmas: Array) -> LocationEstimate:
     away = place - stations
     errors = sigmas * np.maximum(np.hypot(*away.T), LEAST_M)
     covariance = np.linalg.inv(normals.T @ (normals / errors[:, None] ** 2))
     along = np.abs(away[:, 0] * normals[:, 1] - away[:, 1] * normals[:, 0])
     off = np.arctan2(np.abs(np.sum(normals * away, axis=1)), along)
     residual = float(np.sqrt(np.mean(off**2)))
-    return Location(float(place[0]), float(place[1]), covariance, residual, len(stations))
+    return LocationEstimate(float(place[0]), float(place[1]), covariance, residual, len(stations))
 
 
 @dataclass(frozen=True, slots=True)
@@ -379,6 +381,6 @@ class Crossing(Stage):
             time_ns, location = self._found
             yield location.fix(time_ns, self._context.plugin, self._context.stage)
 
-    def locate(self, stations: Array, azimuths_rad: Array, sigmas_rad: Array) -> Location:
+    def locate(self, stations: Array, azimuths_rad: Array, sigmas_rad: Array) -> LocationEstimate:
         """Return the place for bearings, shapes (n, 2), (n,) and (n,)."""
         return intersect(stations, azimuths_rad, sigmas_rad, self.parameters.norm)

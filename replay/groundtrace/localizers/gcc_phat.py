@@ -32,7 +32,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..dsp.filters import corner
 from ..pipeline.buffers import whole_samples
-from ..pipeline.gates import Candidates, Carry, Level
+from ..pipeline.gates import Candidates, GateState, Level
 from ..pipeline.parameters import gate, measured
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 
@@ -105,7 +105,7 @@ class GccPhatParameters(ArrayParameters):
 
 
 @dataclass(frozen=True, slots=True)
-class Unless:
+class CorrelationOnlyLevel:
     """A threshold on a column, for arrivals by correlation only: onsets stand for themselves."""
 
     name: str
@@ -119,7 +119,7 @@ class Unless:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> Array:
         """Return the column; infinitely good where the candidate is an onset."""
         level = Level(self.name, self.unit, self.parameter, self.at_least)
@@ -129,7 +129,7 @@ class Unless:
 
 
 @dataclass(frozen=True, slots=True)
-class Apart:
+class OnsetSeparation:
     """A minimum time between an onset and any arrival by correlation of its channel that stands."""
 
     parameter: str = "apart_s"
@@ -143,7 +143,7 @@ class Apart:
         columns: Sequence[Quantity],  # noqa: ARG002
         alive: NDArray[np.bool_],
         threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
     ) -> Array:
         """Return the time to the nearest [s]; inf where there is none, and for those themselves."""
         onset = candidates.value[:, ONSET] > 0
@@ -180,10 +180,10 @@ class GccPhat(ArrayMethod):
     gives = (Pick,)
     columns = COLUMNS
     gates = (
-        Unless("height", "1", "min_height"),
-        Unless("closure", "s", "max_closure_s", at_least=False),
-        Unless("loudness", "1", "min_loudness"),
-        Apart(),
+        CorrelationOnlyLevel("height", "1", "min_height"),
+        CorrelationOnlyLevel("closure", "s", "max_closure_s", at_least=False),
+        CorrelationOnlyLevel("loudness", "1", "min_loudness"),
+        OnsetSeparation(),
     )
 
     def __init__(self, parameters: GccPhatParameters) -> None:

@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..pipeline.stage import LEAST_PICKS, Location, nowhere
+from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
-from .base import EXPONENT, Floor, Prior, reference_distance
-from .tdoa import Model, distances, heard_by, lattice, losses, search
+from .base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
+from .tdoa import Model, distances, for_sensors, lattice, losses, search
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -74,17 +74,17 @@ class RunningFloor:
 
     positions: Array
     outline: Array | None
-    prior: Prior
-    first: Floor | None
+    prior: ArrivalPrior
+    first: ArrivalModel | None
     least: int
     memory: int
-    found: JointFit | None = None
+    found: JointCalibration | None = None
     rows: deque[Array] = field(default_factory=deque)
     places: deque[Array] = field(default_factory=deque)
     fresh: int = 0
 
     @property
-    def floor(self) -> Floor | None:
+    def floor(self) -> ArrivalModel | None:
         """The best estimate by now; None before there is one."""
         return self.first if self.found is None else self.found.floor
 
@@ -114,14 +114,14 @@ class RunningFloor:
         if floor is None:
             begun = start(impacts, self.outline, exponent=self.prior.exponent)
             floor, places = begun.floor, begun.places
-        free = Free(exponent=self.prior.exponent_deviation > 0)
+        free = FreeParameters(exponent=self.prior.exponent_deviation > 0)
         self.found = fit(
             impacts, floor, places, loss="cauchy", free=free, prior=self.prior, rounds=ROUNDS_EACH
         )
         self.places = deque(self.found.places)
 
 
-def running_floor(
+def running_arrival_model(
     positions: Array,
     outline: Array | None,
     medium: Medium,
@@ -133,18 +133,18 @@ def running_floor(
     """Return a floor to learn; the geometry's arrival scale and exponent are its prior."""
     exponent = medium.arrival_exponent or exponent
     reference = reference_distance(positions)
-    prior = Prior(exponent=exponent, exponent_deviation=exponent_deviation)
+    prior = ArrivalPrior(exponent=exponent, exponent_deviation=exponent_deviation)
     first = None
     if medium.arrival_scale is not None:
         pace = medium.arrival_scale * reference**exponent
-        first = Floor(reference, pace, exponent, np.zeros(len(positions)))
+        first = ArrivalModel(reference, pace, exponent, np.zeros(len(positions)))
         prior = replace(prior, pace_s=pace, pace_deviation=KNOWN_DEVIATION)
     return RunningFloor(positions, outline, prior, first, least, memory)
 
 
 def locate(
     running: RunningFloor, times_s: Array, sigma_s: float = 5e-4, huber: float = tdoa.HUBER
-) -> Location:
+) -> LocationEstimate:
     """Return the place of an impact on the floor that is known by now, and learn from it.
 
     Parameters
@@ -165,7 +165,7 @@ def locate(
     """
     picks = int(np.isfinite(times_s).sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
+        return no_location(picks)
     floor = running.floor
     if floor is None:
         exponent = running.prior.exponent
@@ -179,13 +179,13 @@ def locate(
 
 
 def _on_floor(
-    running: RunningFloor, floor: Floor, times_s: Array, sigma_s: float, huber: float
-) -> Location:
+    running: RunningFloor, floor: ArrivalModel, times_s: Array, sigma_s: float, huber: float
+) -> LocationEstimate:
     """Return the place on a floor whose pace is as uncertain as the fit says."""
     heard = np.isfinite(times_s)
     here, times, picks = running.positions[heard], times_s[None, heard], int(heard.sum())
     sigma = sigma_s if running.found is None else running.found.sigma_s
-    area = heard_by(lattice(running.positions, running.outline, floor.exponent), heard)
+    area = for_sensors(lattice(running.positions, running.outline, floor.exponent), heard)
     model = Model(floor.exponent, floor.scale, huber * sigma)
     best = search(area, here, times, model)
     excess = best.losses * picks
@@ -197,7 +197,7 @@ def _on_floor(
         excess = np.concatenate([best.losses, slower, faster]) * picks
     mean, covariance = mixed_moments(area, excess, sigma)
     x, y = best.places[0] if picks > tdoa.POWER_LAW_UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def mixed_moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:
@@ -271,7 +271,7 @@ class Impacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Free:
+class FreeParameters:
     """Which of the shared unknowns are estimated; the pace always is."""
 
     exponent: bool = True
@@ -279,7 +279,7 @@ class Free:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointFit:
+class JointCalibration:
     """A fit of all impacts.
 
     Attributes
@@ -301,13 +301,13 @@ class JointFit:
         Which were estimated.
     """
 
-    floor: Floor
+    floor: ArrivalModel
     places: Array
     residuals_s: Array
     weights: Array
     sigma_s: float
     covariance: Array
-    free: Free
+    free: FreeParameters
 
     @property
     def deviations(self) -> Array:
@@ -317,14 +317,14 @@ class JointFit:
 
 def fit(
     impacts: Impacts,
-    start: Floor,
+    start: ArrivalModel,
     places: Array,
     *,
     loss: Loss = "huber",
-    free: Free | None = None,
-    prior: Prior | None = None,
+    free: FreeParameters | None = None,
+    prior: ArrivalPrior | None = None,
     rounds: int = ROUNDS,
-) -> JointFit:
+) -> JointCalibration:
     """Fit the floor and all places together.
 
     Parameters
@@ -344,7 +344,7 @@ def fit(
     rounds
         Reweightings at most.
     """
-    free, prior = free or Free(), prior or Prior()
+    free, prior = free or FreeParameters(), prior or ArrivalPrior()
     heard = np.isfinite(impacts.times_s)
     given = places if impacts.known is None else impacts.known
     point = point_at(impacts, heard, start, np.array(given, np.float64), heard.astype(np.float64))
@@ -359,10 +359,10 @@ def fit(
             break
     covariance = _covariance(impacts, point, weight, sigma, free, prior)
     residuals = np.where(heard, point.residuals, np.nan)
-    return JointFit(point.floor, point.places, residuals, weight, sigma, covariance, free)
+    return JointCalibration(point.floor, point.places, residuals, weight, sigma, covariance, free)
 
 
-def _sigma(impacts: Impacts, point: Point, heard: NDArray[np.bool_], free: Free) -> float:
+def _sigma(impacts: Impacts, point: Point, heard: NDArray[np.bool_], free: FreeParameters) -> float:
     """Return the standard deviation of an arrival by the median size of the residuals [s]."""
     count = int(heard.sum())
     shared = 1 + free.exponent + free.offsets * (heard.shape[1] - 1)
@@ -374,7 +374,12 @@ def _sigma(impacts: Impacts, point: Point, heard: NDArray[np.bool_], free: Free)
 
 
 def _steps(
-    impacts: Impacts, point: Point, weight: Array, sigma: float, free: Free, prior: Prior
+    impacts: Impacts,
+    point: Point,
+    weight: Array,
+    sigma: float,
+    free: FreeParameters,
+    prior: ArrivalPrior,
 ) -> Point:
     """Take steps of Levenberg and Marquardt at fixed weights."""
     damping, cost = 1e-3, cost_of(point, weight, sigma, prior)
@@ -396,7 +401,12 @@ def _steps(
 
 
 def _covariance(
-    impacts: Impacts, point: Point, weight: Array, sigma: float, free: Free, prior: Prior
+    impacts: Impacts,
+    point: Point,
+    weight: Array,
+    sigma: float,
+    free: FreeParameters,
+    prior: ArrivalPrior,
 ) -> Array:
     """Return the covariance of what is shared, shape (2 + n, 2 + n); inf where undetermined."""
     matrix, *_ = normal_equations(impacts, point, weight, sigma, free, prior).reduced(0.0)
@@ -428,7 +438,7 @@ def bounds_of(positions: Array, outline: Array | None) -> Array:
 
 
 def places_on(
-    impacts: Impacts, floor: Floor, outline: Array | None, threshold_s: float = float("inf")
+    impacts: Impacts, floor: ArrivalModel, outline: Array | None, threshold_s: float = float("inf")
 ) -> Array:
     """Return the places that fit a floor best, shape (m, 2) [m]; the middle where too few arrive.
 
@@ -452,7 +462,7 @@ def places_on(
     for index, pattern in enumerate(patterns):
         rows = np.flatnonzero(which.reshape(-1) == index)
         if pattern.sum() >= LEAST_PICKS:
-            here = heard_by(area, pattern), impacts.positions[pattern]
+            here = for_sensors(area, pattern), impacts.positions[pattern]
             # a row at a time: a threshold holds an array for each
             for row in rows:
                 found[row] = search(*here, times[None, row, pattern], model).places[0]
@@ -497,7 +507,7 @@ def start(
     *,
     offsets: bool = False,
     exponent: float = EXPONENT,
-) -> JointFit:
+) -> JointCalibration:
     """Return a first fit of impacts of which nothing is known.
 
     Parameters
@@ -516,10 +526,12 @@ def start(
     some = impacts.rows(enough[:: max(1, -(-len(enough) // STARTED))])
     floor = _first_floor(some, outline, exponent, offsets=offsets)
     places = places_on(impacts, floor, outline)
-    return fit(impacts, floor, places, free=Free(exponent=False, offsets=offsets))
+    return fit(impacts, floor, places, free=FreeParameters(exponent=False, offsets=offsets))
 
 
-def known_start(impacts: Impacts, *, offsets: bool = False, exponent: float = EXPONENT) -> JointFit:
+def known_start(
+    impacts: Impacts, *, offsets: bool = False, exponent: float = EXPONENT
+) -> JointCalibration:
     """Return a first fit of impacts whose places are known: at a given exponent it is linear."""
     assert impacts.known is not None
     reference = reference_distance(impacts.positions)
@@ -530,15 +542,15 @@ def known_start(impacts: Impacts, *, offsets: bool = False, exponent: float = EX
     square = float(np.nansum(farther**2))
     # arrivals that do not grow with distance leave a pace too small to matter
     pace = max(float(np.nansum(farther * late)) / max(square, 1e-12), 1e-6)
-    floor = Floor(reference, pace, exponent, np.zeros(len(impacts.positions)))
-    free = Free(exponent=False, offsets=offsets)
+    floor = ArrivalModel(reference, pace, exponent, np.zeros(len(impacts.positions)))
+    free = FreeParameters(exponent=False, offsets=offsets)
     return fit(impacts, floor, impacts.known, free=free)
 
 
 def _first_floor(
     impacts: Impacts, outline: Array | None, exponent: float, *, offsets: bool
-) -> Floor:
-    still = Free(exponent=False, offsets=offsets)
+) -> ArrivalModel:
+    still = FreeParameters(exponent=False, offsets=offsets)
     kind = _unclocked if offsets else _clocked
     tried = kind(impacts, outline, exponent)
     found = []
@@ -551,13 +563,13 @@ def _first_floor(
     return min(found, key=lambda one: one.sigma_s).floor
 
 
-def _clocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[Floor]:
+def _clocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[ArrivalModel]:
     pace = first_pace(impacts, outline, exponent)
     reference = reference_distance(impacts.positions)
-    return [Floor(reference, pace, exponent, np.zeros(len(impacts.positions)))]
+    return [ArrivalModel(reference, pace, exponent, np.zeros(len(impacts.positions)))]
 
 
-def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[Floor]:
+def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list[ArrivalModel]:
     """Return floors whose paces lie about that of the scatter, each with its offsets."""
     reference = reference_distance(impacts.positions)
     u = (lattice(impacts.positions, outline).u.T / reference) ** exponent
@@ -567,7 +579,7 @@ def _unclocked(impacts: Impacts, outline: Array | None, exponent: float) -> list
     for factor in FACTORS:
         pace = factor * scatter / apart
         ahead = late - pace * farther
-        floors.append(Floor(reference, pace, exponent, ahead - ahead.mean()))
+        floors.append(ArrivalModel(reference, pace, exponent, ahead - ahead.mean()))
     return floors
 
 
@@ -588,13 +600,13 @@ NEAREST = 1e-3
 class Point:
     """Where a fit stands: the floor, places (m, 2) [m], residuals (m, n) [s] with 0 for none."""
 
-    floor: Floor
+    floor: ArrivalModel
     places: Array
     residuals: Array
 
 
 def point_at(
-    impacts: Impacts, heard: NDArray[np.bool_], floor: Floor, places: Array, weight: Array
+    impacts: Impacts, heard: NDArray[np.bool_], floor: ArrivalModel, places: Array, weight: Array
 ) -> Point:
     """Return where a floor and places leave the arrivals, about the best moments under weights."""
     travel = floor.travel_s(_distances(impacts, floor, places)) + floor.offsets_s
@@ -603,18 +615,18 @@ def point_at(
     return Point(floor, places, np.where(heard, left - moment[:, None], 0.0))
 
 
-def _distances(impacts: Impacts, floor: Floor, places: Array) -> Array:
+def _distances(impacts: Impacts, floor: ArrivalModel, places: Array) -> Array:
     apart = places[:, None, :] - impacts.positions
     return np.maximum(np.hypot(apart[..., 0], apart[..., 1]), NEAREST * floor.reference_m)
 
 
-def cost_of(point: Point, weight: Array, sigma: float, prior: Prior) -> float:
+def cost_of(point: Point, weight: Array, sigma: float, prior: ArrivalPrior) -> float:
     """Return the weighted squares of residuals and prior, in units of sigma."""
     pull = _pull(point.floor, prior)
     return float((weight * point.residuals**2).sum()) / sigma**2 + float(pull @ pull)
 
 
-def _pull(floor: Floor, prior: Prior) -> Array:
+def _pull(floor: ArrivalModel, prior: ArrivalPrior) -> Array:
     """Return how far pace and exponent are from the prior, in its deviations, shape (2,).
 
     An exponent of deviation 0 is kept, and so is nowhere else.
@@ -652,7 +664,9 @@ class System:
         right = self.shared_side - np.einsum("mas,ma->s", self.across, side)
         return matrix, right, side, coupling
 
-    def step(self, point: Point, free: Free, damping: float) -> tuple[Floor, Array]:
+    def step(
+        self, point: Point, free: FreeParameters, damping: float
+    ) -> tuple[ArrivalModel, Array]:
         """Return the floor and the places one damped step on."""
         matrix, right, side, coupling = self.reduced(damping)
         floor, free_ones = point.floor, used(free, len(point.floor.offsets_s))
@@ -663,7 +677,7 @@ class System:
         own = side - coupling @ moved
         places = point.places if own.shape[1] == 1 else point.places + _held(own[:, 1:], floor)
         offsets = floor.offsets_s + moved[2:]
-        stepped = Floor(
+        stepped = ArrivalModel(
             floor.reference_m,
             float(floor.pace_s * np.exp(np.clip(moved[0], -1, 1))),
             float(np.clip(floor.exponent + np.clip(moved[1], -0.5, 0.5), *EXPONENTS)),
@@ -672,7 +686,7 @@ class System:
         return stepped, places
 
 
-def _held(moves: Array, floor: Floor) -> Array:
+def _held(moves: Array, floor: ArrivalModel) -> Array:
     """Return moves of places, none farther than half the reference."""
     length = np.hypot(moves[:, 0], moves[:, 1])
     allowed = np.minimum(1.0, 0.5 * floor.reference_m / np.maximum(length, 1e-12))
@@ -680,14 +694,19 @@ def _held(moves: Array, floor: Floor) -> Array:
     return held
 
 
-def used(free: Free, sensors: int) -> NDArray[np.intp]:
+def used(free: FreeParameters, sensors: int) -> NDArray[np.intp]:
     """Return the indices of the shared unknowns that are estimated."""
     mask = np.concatenate([[True, free.exponent], np.full(sensors, free.offsets)])
     return np.flatnonzero(mask)
 
 
 def normal_equations(
-    impacts: Impacts, point: Point, weight: Array, sigma: float, free: Free, prior: Prior
+    impacts: Impacts,
+    point: Point,
+    weight: Array,
+    sigma: float,
+    free: FreeParameters,
+    prior: ArrivalPrior,
 ) -> System:
     """Return the normal equations of the linearised arrivals, in units of sigma."""
     own, shared = _slopes(impacts, point)

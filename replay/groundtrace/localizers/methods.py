@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..pipeline.stage import Location
-    from .base import Site
+    from ..pipeline.stage import LocationEstimate
+    from .base import PlacedSensors
 
     Times = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class SoTdoa(ArrivalLocalizer):
     columns = columns("1")
     gates = gates("1", "max_residual")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Find the regions."""
         self.regions = arrival_order.known_regions(site.positions, site.outline)
         self.theta_s = site.medium.theta_s or THETA_S
@@ -50,7 +50,7 @@ class SoTdoa(ArrivalLocalizer):
             return "a known unit of length (or sign_sigma_s = 0)"
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the mean of the regions that fit best, or of all by their likelihood."""
         sigma = self.parameters.sign_sigma_s
         if sigma > 0:
@@ -80,7 +80,7 @@ class Hyperbolic(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Settle the velocity."""
         self.site = site
         self.velocity_mps = self.parameters.velocity_mps or site.medium.velocity_mps or 0.0
@@ -89,7 +89,7 @@ class Hyperbolic(ArrivalLocalizer):
         unit = " in units/s" if site.length_unit != "m" else ""
         return "" if self.velocity_mps > 0 else f"a velocity{unit} (of the medium, or velocity_mps)"
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
         found = tdoa.locate_hyperbolic(
@@ -124,14 +124,14 @@ class PowerLaw(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Remember the site."""
         self.site = site
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
         self.sigma = RunningSigma(first_s, tdoa.POWER_LAW_UNKNOWNS)
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         p, site, sigma = self.parameters, self.site, self.sigma.value_s
         # the threshold is of the parameters: a place must not depend on those before it
@@ -175,10 +175,10 @@ class SelfCalibrating(ArrivalLocalizer):
     columns = columns("s")
     gates = gates("s", "max_residual_s")
 
-    def prepare(self, site: Site) -> str:
+    def prepare(self, site: PlacedSensors) -> str:
         """Begin with what the geometry knows of the floor."""
         p = self.parameters
-        self.running = joint_calibration.running_floor(
+        self.running = joint_calibration.running_arrival_model(
             site.positions,
             site.outline,
             site.medium,
@@ -189,7 +189,7 @@ class SelfCalibrating(ArrivalLocalizer):
         )
         return ""
 
-    def locate(self, times_s: Times) -> Location:
+    def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best, and learn from it."""
         p = self.parameters
         return joint_calibration.locate(self.running, times_s, p.sigma_s, p.huber)

@@ -24,7 +24,7 @@ import shapely
 
 from ..errors import PipelineError
 from ..later import Later
-from ..pipeline.stage import LEAST_PICKS, Location, nowhere
+from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .base import outline_of
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def locate_hyperbolic(
     velocity_mps: float,
     outline: Array | None = None,
     sigma_s: float = 5e-4,
-) -> Location:
+) -> LocationEstimate:
     """Return the place whose distances fit the arrivals best at a velocity.
 
     Parameters
@@ -69,13 +69,13 @@ def locate_hyperbolic(
     heard = np.isfinite(times_s)
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
-    area = heard_by(lattice(positions, outline), heard)
+        return no_location(picks)
+    area = for_sensors(lattice(positions, outline), heard)
     best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
     noise = float(noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)[0])
     _, covariance = moments(area, best.losses[0] * picks, noise)
     x, y = best.places[0]
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def hyperbolic_places(
@@ -136,7 +136,7 @@ def locate_power_law(
     exponent: float = EXPONENT,
     sigma_s: float = 5e-4,
     huber: float = HUBER,
-) -> Location:
+) -> LocationEstimate:
     """Return the place from which arrivals grow most nearly with a power of distance.
 
     Parameters
@@ -162,14 +162,14 @@ def locate_power_law(
     heard = np.isfinite(times_s)
     picks = int(heard.sum())
     if picks < LEAST_PICKS:
-        return nowhere(picks)
-    area = heard_by(lattice(positions, outline, exponent), heard)
+        return no_location(picks)
+    area = for_sensors(lattice(positions, outline, exponent), heard)
     model = Model(exponent, None, huber * sigma_s)
     best = search(area, positions[heard], times_s[None, heard], model)
     noise = float(noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)[0])
     mean, covariance = moments(area, best.losses[0] * picks, noise)
     x, y = best.places[0] if picks > POWER_LAW_UNKNOWNS else mean
-    return Location(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
+    return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
 
 def power_law_places(
@@ -198,7 +198,7 @@ def power_law_places(
             found.append(best.places)
         else:
             noise = noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)
-            found.append(shares(best.losses * picks, noise) @ area.nodes)
+            found.append(node_posterior(best.losses * picks, noise) @ area.nodes)
     return np.concatenate(found)
 
 
@@ -252,7 +252,7 @@ class Lattice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Best:
+class GridOptimum:
     """The best places found of m impacts.
 
     Attributes
@@ -345,12 +345,12 @@ def _squares(u: Array, times_s: Array, slope: float | None) -> Array:
     return np.maximum(loss, 0.0, out=loss)
 
 
-def heard_by(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
+def for_sensors(area: Lattice, heard: NDArray[np.bool_]) -> Lattice:
     """Return a lattice for the sensors that have an arrival, shape (n,)."""
     return area if heard.all() else replace(area, u=area.u[heard])
 
 
-def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
+def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridOptimum:
     """Return the places of least loss: the best node, then the best of ever finer ones about it.
 
     Parameters
@@ -380,7 +380,7 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> Best:
         place = np.where(better[:, None], nodes[row, best], place)
         loss = np.where(better, finer[row, best], loss)
         step *= 2 / (FINER - 1)
-    return Best(place, loss, every)
+    return GridOptimum(place, loss, every)
 
 
 def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
@@ -389,7 +389,7 @@ def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
     return [times_s[i : i + rows] for i in range(0, len(times_s), rows)]
 
 
-def noise_s(best: Best, picks: int, unknowns: int, least_s: float) -> Array:
+def noise_s(best: GridOptimum, picks: int, unknowns: int, least_s: float) -> Array:
     """Return the standard deviation of an arrival that the residuals tell of, shape (m,) [s].
 
     Parameters
@@ -417,7 +417,7 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     sigma_s
         Standard deviation of an arrival [s].
     """
-    share = shares(excess, np.asarray(sigma_s))
+    share = node_posterior(excess, np.asarray(sigma_s))
     mean = share @ area.nodes
     offset = area.nodes - mean
     # nodes stand for squares
@@ -425,7 +425,7 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     return mean, covariance
 
 
-def shares(excess: Array, sigma_s: Array) -> Array:
+def node_posterior(excess: Array, sigma_s: Array) -> Array:
     """Return how likely each node is, shape (..., q), for :func:`moments`' excess and sigma."""
     least = excess.min(axis=-1, keepdims=True)
     weight = np.exp(-(excess - least) / (2 * sigma_s[..., None] ** 2))

@@ -36,7 +36,7 @@ STEPPED = "clock step"
 
 
 @dataclass(slots=True)
-class Rounds:
+class StreamSynchronizer:
     """Holds back a round: what every stream hands over of one window.
 
     A round is over when a stream goes on where it ended, speaks again, from later than the middle
@@ -89,7 +89,7 @@ def _last_ns(item: Item) -> int:
 
 
 def in_order(items: Sequence[Item], order: Sequence[str]) -> list[Item]:
-    """Return the items of a round, each stream's in its order, as :class:`Rounds` gives them."""
+    """Return the items of a round in the order in which :class:`StreamSynchronizer` gives them."""
     gaps = [item for item in items if isinstance(item, Gap) and not item.bridged]
     cuts = sorted({gap.end_ns for gap in gaps if gap.reason != STEPPED})
     stepped: dict[str, int] = {}  # how often each stream's clock has
@@ -131,7 +131,7 @@ KEEP_NS = 3 * NS_PER_S
 
 
 @dataclass(slots=True)
-class Recall:
+class SignalBuffer:
     """The recent signal of one stream, and the picks of the step under way.
 
     Attributes
@@ -163,7 +163,7 @@ class Recall:
     _kept: Cut | None = None
     first_ns: int | None = None
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Take the next block; forget what no step can ask for any more."""
         self.first_ns = block.start_ns if self.first_ns is None else self.first_ns
         self._blocks.append(block)

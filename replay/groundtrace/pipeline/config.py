@@ -200,7 +200,7 @@ class Pipeline:
     def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         """Feed an item, and what the first stage made of it, to the others; return all events."""
         found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
-        self._check.hear(found)
+        self._check.update(found)
         return found
 
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
@@ -208,20 +208,20 @@ class Pipeline:
             for stage in self.stages:
                 if isinstance(stage, StageRunner) and stage.buffers:
                     stage.buffer(item)
-        born = [Made(event) for event in begun]
-        whole = Made(item, list(born))
-        pass_on([*born, whole], self.stages[1:])
+        born = [StageOutput(event) for event in begun]
+        whole = StageOutput(item, list(born))
+        propagate([*born, whole], self.stages[1:])
         return whole.events()
 
     def flush(self) -> list[Event]:
         """End of the recording: return what the stages held back."""
         found: list[Event] = []
         for index, stage in enumerate(self.stages):
-            held = [Made(event) for event in stage.flush()]
-            pass_on(held, self.stages[index + 1 :])
+            held = [StageOutput(event) for event in stage.flush()]
+            propagate(held, self.stages[index + 1 :])
             for made in held:
                 found += [made.item, *made.events()]
-        self._check.hear(found)
+        self._check.update(found)
         return [*found, *self._check.finish()]
 
 
@@ -430,11 +430,11 @@ class Taking(Protocol):
 
 
 @dataclass(slots=True)
-class Made:
+class StageOutput:
     """An item, what stages made of it, one after the other, and what the last one did of it."""
 
     item: Any
-    born: list[Made] = field(default_factory=list)
+    born: list[StageOutput] = field(default_factory=list)
     last: Sequence[Event] = ()
 
     def events(self) -> list[Event]:
@@ -448,7 +448,7 @@ class Made:
         return found
 
 
-def pass_on(line: list[Made], stages: Sequence[Taking]) -> None:
+def propagate(line: list[StageOutput], stages: Sequence[Taking]) -> None:
     """Let every stage take what comes along the line; what it makes of an item goes before it.
 
     So later stages see items in the order in which they would if each went through all stages
@@ -456,10 +456,10 @@ def pass_on(line: list[Made], stages: Sequence[Taking]) -> None:
     """
     for stage in stages[:-1]:
         items = [made.item for made in line]
-        longer: list[Made] = []
+        longer: list[StageOutput] = []
         for made, events in zip(line, _made_by(stage, items), strict=True):
             if events:
-                born = [Made(event) for event in events]
+                born = [StageOutput(event) for event in events]
                 made.born += born
                 longer += born
             longer.append(made)

@@ -42,7 +42,7 @@ TOGETHER = 100_000
 
 
 @dataclass(slots=True)
-class Tally:
+class ReplayCounts:
     """What a replay produced.
 
     Attributes
@@ -67,7 +67,7 @@ class Tally:
     last_ns: int | None = None
     warnings: WarningCounter = field(default_factory=WarningCounter)
 
-    def hear(self, block: SignalBlock) -> None:
+    def update(self, block: SignalBlock) -> None:
         """Count a block."""
         start_ns, end_ns = block.start_ns, block.end_ns
         self.first_ns = start_ns if self.first_ns is None else min(self.first_ns, start_ns)
@@ -116,7 +116,7 @@ class ReplayLoop:
         clock: Clock | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        self.tally = Tally()
+        self.tally = ReplayCounts()
         self._pipeline = pipeline
         self._sinks = sinks
         self._clock = clock
@@ -126,7 +126,7 @@ class ReplayLoop:
         self._gathered_samples = 0
         self._begun: deque[tuple[list[Item], Future[list[Begun]]]] = deque()
 
-    def through(self, source: Iterable[Item]) -> Tally:
+    def through(self, source: Iterable[Item]) -> ReplayCounts:
         """Take everything that a source gives, until its end."""
         began = time.perf_counter()
         items = iter(source)
@@ -180,7 +180,7 @@ class ReplayLoop:
     def _finish(self, item: Item, begun: Begun) -> None:
         if isinstance(item, SignalBlock):
             self._wait(item.end_ns)
-            self.tally.hear(item)
+            self.tally.update(item)
         else:
             self.tally.add([item])
         for sink in self._sinks:
@@ -226,7 +226,7 @@ def replay(
     *,
     clock: Clock | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Tally:
+) -> ReplayCounts:
     """Stream a source through a pipeline into open sinks, in one go: see :class:`ReplayLoop`."""
     return ReplayLoop(pipeline, sinks, clock=clock, progress=progress).through(source)
 
@@ -265,7 +265,7 @@ class Clock:
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class ReplaySession:
     """What a replay is about, told to every sink before the first item.
 
     Attributes
@@ -305,7 +305,7 @@ class Session:
 class Sink(Protocol):
     """Takes what a replay produces, in time order."""
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin a replay."""
 
     def write(self, item: SignalBlock | Event) -> None:

@@ -122,14 +122,14 @@ def never_passed(
 
 
 @dataclass(slots=True)
-class Carry:
+class GateState:
     """What a decision leaves behind for the candidates after it: last accepted time by channel."""
 
     last_ns: dict[str, dict[int, int]] = field(default_factory=dict)
 
-    def copy(self) -> Carry:
+    def copy(self) -> GateState:
         """Return an independent copy."""
-        return Carry({gate: dict(times) for gate, times in self.last_ns.items()})
+        return GateState({gate: dict(times) for gate, times in self.last_ns.items()})
 
 
 class Gate(Protocol):
@@ -157,7 +157,7 @@ class Gate(Protocol):
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the value of every candidate, shape (n,); may write to ``carry``."""
 
@@ -177,7 +177,7 @@ class Level:
         columns: Sequence[Quantity],
         alive: NDArray[np.bool_],  # noqa: ARG002
         threshold: float,  # noqa: ARG002
-        carry: Carry,  # noqa: ARG002
+        carry: GateState,  # noqa: ARG002
     ) -> NDArray[np.float64]:
         """Return the measured column."""
         column = [c.name for c in columns].index(self.name)
@@ -199,7 +199,7 @@ class Refractory:
         columns: Sequence[Quantity],  # noqa: ARG002
         alive: NDArray[np.bool_],
         threshold: float,
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the time since the last one that passed [s]; inf where there was none."""
         last = carry.last_ns.setdefault(self.name, {})
@@ -243,8 +243,8 @@ def decide(
     columns: Sequence[Quantity],
     gates: Sequence[Gate],
     parameters: object,
-    carry: Carry | None = None,
-) -> tuple[Decisions, Carry]:
+    carry: GateState | None = None,
+) -> tuple[Decisions, GateState]:
     """Apply all gates in order.
 
     Parameters
@@ -264,7 +264,7 @@ def decide(
     -------
     Decisions and what to carry on. Deciding in parts equals deciding at once.
     """
-    carry = Carry() if carry is None else carry.copy()
+    carry = GateState() if carry is None else carry.copy()
     n = len(candidates)
     alive = np.empty(n, np.bool_)
     alive.fill(True)
@@ -284,8 +284,8 @@ def decided_block(
     candidates: Candidates,
     kind: Any,
     parameters: object,
-    carry: Carry | None = None,
-) -> tuple[CandidateBlock, Carry]:
+    carry: GateState | None = None,
+) -> tuple[CandidateBlock, GateState]:
     """Decide the candidates of one stage and topic, and put the verdicts beside them.
 
     Parameters

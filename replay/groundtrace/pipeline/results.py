@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.writer import RecordingWriter
 
     from .config import PipelineConfig
-    from .engine import Session
+    from .engine import ReplaySession
     from .warned import Warned
 
 RUN = "groundtrace.run"
@@ -127,7 +127,7 @@ class ResultsSink:
         self.force = force
         self._writer: RecordingWriter | None = None
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin the file."""
         from groundtrace_codecs.writer import RecordingWriter
 
@@ -309,7 +309,7 @@ def room_for(path: Path, *written: Path) -> Iterator[None]:
 
 
 @contextmanager
-def appearing(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """Give a place beside ``path``; the file or folder written there then takes its name.
 
     What had the name before is there until then, and stays where an exception ends the block.
@@ -347,7 +347,7 @@ def _beginning(*places: Path) -> list[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Write a text in UTF-8 so that it appears whole or not at all."""
-    with appearing(path) as fresh:
+    with atomic_write(path) as fresh:
         fresh.write_text(text, encoding="utf-8")
 
 

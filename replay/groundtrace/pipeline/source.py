@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
     from groundtrace_codecs.signals import Stream
 
 #: Samples of the fastest stream that unpaced blocks are joined to: what a block costs, whatever its
@@ -60,7 +60,7 @@ class Readable(Protocol):
         start_ns: int | None = None,
         stop_ns: int | None = None,
         joined_ns: int = 0,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[LoggedBlock]:
         """Yield recorded blocks in the order of the file."""
 
 
@@ -356,7 +356,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Holder:
+class NonFiniteHold:
     """Replaces NaN and infinities by each channel's last finite value (0 before the first).
 
     Attributes

@@ -36,10 +36,10 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.geometry import UNKNOWN_UNIT, Geometry
 from groundtrace_codecs.signals import NS_PER_S, QUANTITIES, UNKNOWN_UNITS, SignalBlock, Stream
 
-from .buffers import Recall, Rounds
-from .gates import Candidates, Carry, Gate, decided_block, gate_specs, never_passed
+from .buffers import SignalBuffer, StreamSynchronizer
+from .gates import Candidates, Gate, GateState, decided_block, gate_specs, never_passed
 from .parameters import describe, given_waypoints
-from .source import Holder
+from .source import NonFiniteHold
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -144,7 +144,7 @@ class Context:
     sources: Mapping[str, StageSpec | None] = field(default_factory=dict)
     geometry: Geometry = field(default_factory=Geometry)
     labels: tuple[Label, ...] = ()
-    signal: Recall | None = None
+    signal: SignalBuffer | None = None
     tracks: Numbers = field(default_factory=Numbers)
 
     @property
@@ -316,8 +316,8 @@ class _Instance:
     stage: Stage
     spec: StageSpec
     context: Context
-    carry: Carry = field(default_factory=Carry)
-    holder: Holder = field(default_factory=Holder)
+    carry: GateState = field(default_factory=GateState)
+    holder: NonFiniteHold = field(default_factory=NonFiniteHold)
     open: bool = True
     start_ns: int | None = None
 
@@ -353,9 +353,9 @@ class _State:
     heard: dict[str, list[int]] = field(default_factory=dict)
     stated: dict[tuple[str, str], StageSpec] = field(default_factory=dict)
     early: dict[str, list[Any]] = field(default_factory=dict)
-    buffers: dict[str, tuple[list[int], Recall] | None] = field(default_factory=dict)
+    buffers: dict[str, tuple[list[int], SignalBuffer] | None] = field(default_factory=dict)
     fresh: set[str] = field(default_factory=set)
-    rounds: Rounds | None = None
+    rounds: StreamSynchronizer | None = None
     tracks: Numbers = field(default_factory=Numbers)
 
 
@@ -461,7 +461,7 @@ class StageRunner:
         kept = buffers[topic]
         if kept is not None:
             columns, recall = kept
-            recall.hear(block.select(columns))
+            recall.update(block.select(columns))
 
     def process(self, item: Item) -> list[Event]:
         """Take an item; return what it brings about."""
@@ -542,7 +542,7 @@ class StageRunner:
 
     def _fresh_state(self) -> _State:
         rounds = self.kind.rounds
-        return _State(rounds=Rounds(rounds) if rounds else None)
+        return _State(rounds=StreamSynchronizer(rounds) if rounds else None)
 
     def _columns(self, stream: Stream) -> list[int]:
         """Return the columns of a stream that are wanted; none where the stage may not run."""
@@ -551,7 +551,7 @@ class StageRunner:
         wanted = self._quantities
         return list(range(len(stream.channels))) if self._all else stream.columns_of(wanted)
 
-    def _recall(self, stream: Stream, columns: Sequence[int]) -> Recall:
+    def _recall(self, stream: Stream, columns: Sequence[int]) -> SignalBuffer:
         """Return what keeps the signal of a stream that a buffered input is of."""
         p = self.parameters
         before, after, together = (
@@ -559,7 +559,7 @@ class StageRunner:
         )
         stream = stream.select(columns)
         ahead_s = self.geometry.clock_offsets(c.name for c in stream.channels)
-        return Recall(stream, before, after, together, ahead_s)
+        return SignalBuffer(stream, before, after, together, ahead_s)
 
     # What comes: signal, gaps, what stages state, and their events.
 
@@ -639,7 +639,7 @@ class StageRunner:
                 continue
             self._end(instance, out)
             if stepped:
-                instance.carry = Carry()
+                instance.carry = GateState()
             if self.kind.scope == "placement":  # its streams are to be found again
                 del self._state.instances[key]
 
@@ -878,7 +878,7 @@ class StageRunner:
         if (replaced := instance.holder.count) > 0:
             text = f"{instance.spec.topic}: {replaced} samples not finite, last value held"
             out.append(Note(instance.holder.last_ns, text, "WARN", self.name))
-        instance.holder = Holder()
+        instance.holder = NonFiniteHold()
         if instance.context.signal is not None:
             instance.context.signal.forget()
 
@@ -1036,7 +1036,7 @@ class _Open:
 
 
 @dataclass(slots=True)
-class Spans:
+class PresenceIntervals:
     """The spans of one stage on one topic, while they grow.
 
     Attributes
@@ -1154,7 +1154,7 @@ LEAST_PICKS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Location:
+class LocationEstimate:
     """A place found.
 
     Attributes
@@ -1197,7 +1197,7 @@ class Location:
         return Fix(time_ns, self.x, self.y, spread, self.residual, method, self.picks, stage)
 
 
-def nowhere(picks: int) -> Location:
+def no_location(picks: int) -> LocationEstimate:
     """Return the answer to fewer arrivals than :data:`LEAST_PICKS`."""
     nan = float("nan")
-    return Location(nan, nan, np.full((2, 2), nan), nan, picks, 0)
+    return LocationEstimate(nan, nan, np.full((2, 2), nan), nan, picks, 0)

@@ -88,7 +88,7 @@ class TrackCheck:
         self._fastest = FASTEST_MPS.get(application) if metric else None
         self._state = _State()
 
-    def hear(self, events: Iterable[Event]) -> None:
+    def update(self, events: Iterable[Event]) -> None:
         """Take the events that came of an item, in their order."""
         if not self._tracking:
             return

@@ -46,7 +46,7 @@ TURN_DUE = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observed:
+class FixObservation:
     """A fix as a tracker takes it.
 
     Attributes
@@ -84,14 +84,16 @@ class Fit:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class AssociationGate:
     """How far apart, in distance and in time, a fix and the last step of a track may be."""
 
     max_distance: float
     least_pace_s: float
 
 
-def fit(track: Track, seen: Observed, model: WalkModel, limits: Limits) -> Fit | None:
+def fit(
+    track: Track, seen: FixObservation, model: WalkModel, limits: AssociationGate
+) -> Fit | None:
     """Return the likeliest motion of a track to a fix, or None where it is too soon for a step.
 
     A motion out of the gate is never the likeliest while another is inside.
@@ -124,7 +126,7 @@ def _motions(track: Track, elapsed_s: float, model: WalkModel) -> list[tuple[Mot
 
 
 def paired(
-    fits: Sequence[Sequence[Fit | None]], tracks: Sequence[Track], limits: Limits
+    fits: Sequence[Sequence[Fit | None]], tracks: Sequence[Track], limits: AssociationGate
 ) -> dict[int, int]:
     """Pair fixes and tracks one to one inside the gate: the likeliest of as many as can be.
 
@@ -147,32 +149,35 @@ def paired(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Foot:
+class FootPosition:
     """Where and when a foot was last set down; ``spread`` is the covariance of the place."""
 
     time_ns: int
     place: Array
     spread: Array
 
-    def distance(self, seen: Observed) -> float:
+    def distance(self, seen: FixObservation) -> float:
         """Return the Mahalanobis distance of a fix from this very place."""
         innovation = seen.place - self.place
         solved = np.linalg.solve(self.spread + seen.noise, innovation)
         return float(np.sqrt(innovation @ solved))
 
-    def since_s(self, seen: Observed) -> float:
+    def since_s(self, seen: FixObservation) -> float:
         """Return the time between this and a fix [s]."""
         return abs(seen.time_ns - self.time_ns) / NS_PER_S
 
 
-def foot_of(track: Track) -> Foot:
+def foot_of(track: Track) -> FootPosition:
     """Return the last step of a track."""
     last = track.steps[-1]
-    return Foot(last.time_ns, last.state[2:], last.spread[2:, 2:])
+    return FootPosition(last.time_ns, last.state[2:], last.spread[2:, 2:])
 
 
 def nearest(
-    seen: Observed, feet: Mapping[int, Foot], fits: Sequence[Fit | None], limits: Limits
+    seen: FixObservation,
+    feet: Mapping[int, FootPosition],
+    fits: Sequence[Fit | None],
+    limits: AssociationGate,
 ) -> tuple[float, float]:
     """Return distance and time [s] of a fix from the track that is nearest to it.
 
@@ -334,7 +339,7 @@ START_FIXES, START_CHANCES = 2, 3
 
 @dataclass(frozen=True, slots=True)
 class WalkersParameters(TrackerParameters):
-    """Parameters of :class:`Walkers`.
+    """Parameters of :class:`WalkerTracker`.
 
     The two gates say whose step a fix is, and with it where the track goes on: to change one is
     to track again, it cannot be tried on stored candidates.
@@ -360,7 +365,7 @@ class WalkersParameters(TrackerParameters):
     smooth: Annotated[bool, measured("", "Also give each track smoothed, when it ends.")] = True
 
 
-class Walkers(Stage):
+class WalkerTracker(Stage):
     """Kalman filters with a clock of steps, one a walker; each track is smoothed when it ends.
 
     Fixes that come together are of different walkers, so they are decided at once: when the first
@@ -442,7 +447,7 @@ class Walkers(Stage):
         else from the nearest track; that may have another step within the least pace, from the
         place of which the distance is then. Where there are no tracks they are 0 and infinite.
         """
-        limits = Limits(self.parameters.max_distance, self.parameters.least_pace_s)
+        limits = AssociationGate(self.parameters.max_distance, self.parameters.least_pace_s)
         seen = [self._observed(fix) for fix in fixes]
         fits = [[fit(track, one, self.model, limits) for track in self._tracks] for one in seen]
         owner = paired(fits, self._tracks, limits)
@@ -454,14 +459,14 @@ class Walkers(Stage):
             if found is not None:
                 self._steps[row] = (self._tracks[column], found.motion)
                 rows[row] = found.distance, feet[column].since_s(one)
-                feet[column] = Foot(one.time_ns, one.place, one.noise)
+                feet[column] = FootPosition(one.time_ns, one.place, one.noise)
         for row, one in enumerate(seen):
             if row not in owner:
                 rows[row] = nearest(one, feet, fits[row], limits)
                 if rows[row, 0] <= limits.max_distance and rows[row, 1] < limits.least_pace_s:
                     self._again.add(row)
                 else:
-                    feet[len(feet)] = Foot(one.time_ns, one.place, one.noise)
+                    feet[len(feet)] = FootPosition(one.time_ns, one.place, one.noise)
         places = np.array([(fix.x_m, fix.y_m) for fix in fixes])
         return np.column_stack([rows, places]).astype(np.float32)
 
@@ -484,14 +489,14 @@ class Walkers(Stage):
         over, self._tracks = self._tracks, []
         return self._ended(over)
 
-    def _observed(self, fix: Fix) -> Observed:
+    def _observed(self, fix: Fix) -> FixObservation:
         """Return a fix with the covariance that it is taken to have."""
         place, noise = np.array([fix.x_m, fix.y_m]), self.model.r
         xx, xy, yy = fix.covariance
         known = np.isfinite(xx + xy + yy) and xx > 0 and xx * yy > xy**2
         if self.parameters.own_covariance and known:
             noise = np.array([[xx, xy], [xy, yy]])
-        return Observed(fix.time_ns, place, noise)
+        return FixObservation(fix.time_ns, place, noise)
 
     def _step(self, track: Track, motion: Motion, fix: Fix) -> list[TrackPoint]:
         seen = self._observed(fix)

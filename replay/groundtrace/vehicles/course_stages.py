@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from ..pipeline.gates import Candidates
     from .courses import CourseFit, Observed
     from .lines import Loss
-    from .stations import Cycle
+    from .stations import StationPowers
 
     Array = NDArray[np.float64]
 
@@ -151,7 +151,7 @@ class RunWorker(CycleStage):
         super().__init__(parameters)
         self._tracks = 0
         self._origin_ns = 0
-        self._found: tuple[Ride, ...] = ()
+        self._found: tuple[VehicleTrajectory, ...] = ()
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin without a run."""
@@ -161,7 +161,7 @@ class RunWorker(CycleStage):
         self._runs = RunCollector(RunLimits(p.lead_s, p.quiet_s, p.most_s))
         return ("all",)
 
-    def take(self, cycle: Cycle) -> Candidates:
+    def take(self, cycle: StationPowers) -> Candidates:
         """Return the candidate of the run that the cycle ends."""
         return self._candidate(self._runs.take(cycle))
 
@@ -174,12 +174,12 @@ class RunWorker(CycleStage):
         for ride, good in zip(self._found, accepted, strict=False):
             if good:
                 self._tracks += 1
-                way = Way(self._tracks, self._stage, self._origin_ns)
+                way = TrackOrigin(self._tracks, self._stage, self._origin_ns)
                 yield from ride.points(way)
                 yield from ride.crossings(self._lines, way)
                 yield from self._doubts(ride)
 
-    def _doubts(self, ride: Ride) -> Iterator[Note]:
+    def _doubts(self, ride: VehicleTrajectory) -> Iterator[Note]:
         time_ns = self._origin_ns + round(float(ride.times_s[0]) * NS_PER_S)
         if ride.mirror_lost < _TOLD:
             text = (
@@ -196,10 +196,10 @@ class RunWorker(CycleStage):
             yield Note(time_ns, text, "WARN", self._stage)
 
     @abstractmethod
-    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+    def rides(self, observed: Observed) -> tuple[VehicleTrajectory, ...]:
         """Return what the run was, nothing where the powers do not tell."""
 
-    def _candidate(self, run: list[Cycle]) -> Candidates:
+    def _candidate(self, run: list[StationPowers]) -> Candidates:
         self._found = ()
         if not run:
             return candidates_of([], len(self.columns))
@@ -237,10 +237,10 @@ class CourseFinder(RunWorker):
         Level("scatter", "1", "scatter", at_least=False),
     )
 
-    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+    def rides(self, observed: Observed) -> tuple[VehicleTrajectory, ...]:
         """Return the course fitted to the powers, or the courses of two vehicles."""
         p = self.parameters
-        search = about(observed.sensors, (p.slowest_mps, p.fastest_mps))
+        search = search_bounds(observed.sensors, (p.slowest_mps, p.fastest_mps))
         return direct_rides(observed, search, self.site.velocity_mps, p.strength)
 
 
@@ -251,7 +251,7 @@ class CycleCourseFinder(RunWorker):
     columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
     gates = (Level("cycles", "1", "cycles"), *_MOTION)
 
-    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+    def rides(self, observed: Observed) -> tuple[VehicleTrajectory, ...]:
         """Return the course through the places."""
         ride = cycle_ride(observed, self.parameters.loss)
         return () if ride is None else (ride,)
@@ -264,7 +264,7 @@ class CurveFinder(RunWorker):
     columns = (Quantity("cycles", "1"), _SPEED, _PLACE)
     gates = (Level("cycles", "1", "cycles"), *_MOTION)
 
-    def rides(self, observed: Observed) -> tuple[Ride, ...]:
+    def rides(self, observed: Observed) -> tuple[VehicleTrajectory, ...]:
         """Return the smoothed path."""
         ride = curved_ride(observed, self.parameters.acceleration)
         return () if ride is None else (ride,)
@@ -283,7 +283,7 @@ _CLEAR, _UNSURE_M = 1.5, 15.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ride:
+class VehicleTrajectory:
     """Where a vehicle is at every cycle in which it is heard.
 
     Attributes
@@ -308,7 +308,7 @@ class Ride:
     scatter: float
     mirror_lost: float
 
-    def points(self, way: Way) -> Iterator[TrackPoint]:
+    def points(self, way: TrackOrigin) -> Iterator[TrackPoint]:
         """Yield the track."""
         for time, course in zip(self.times_s, self.courses, strict=True):
             (x, y), spread = course.at(time).tolist(), course.spread_at(time)
@@ -324,7 +324,7 @@ class Ride:
                 way.stage,
             )
 
-    def crossings(self, lines: Sequence[Line], way: Way) -> Iterator[LineCrossing]:
+    def crossings(self, lines: Sequence[Line], way: TrackOrigin) -> Iterator[LineCrossing]:
         """Yield the lines that are crossed, by the course of the cycle that is nearest in time."""
         edges = np.concatenate(
             [self.times_s[:1], (self.times_s[1:] + self.times_s[:-1]) / 2, self.times_s[-1:]]
@@ -338,7 +338,7 @@ class Ride:
 
 def direct_rides(
     observed: Observed, search: Search, velocity_mps: float, strength: Strength = "auto"
-) -> tuple[Ride, ...]:
+) -> tuple[VehicleTrajectory, ...]:
     """Return the straight course fitted to the powers of all cycles at once, or two.
 
     Parameters
@@ -380,15 +380,15 @@ def _own_span(observed: Observed, fit: CourseFit) -> slice:
 
 def _direct_ride(
     observed: Observed, fit: CourseFit, span: slice, velocity_mps: float, scatter: float
-) -> Ride:
+) -> VehicleTrajectory:
     course = _undelayed(fit, observed, velocity_mps)
     times = observed.times_s[span]
     values = (fit.evidence, *_motion(course, times), fit.relative_sigma, float(len(fit.rivals)))
     lost = mirror_lost(part_of(observed, span), course.at(times), values[2])
-    return Ride(times, (course,) * len(times), values, scatter, lost)
+    return VehicleTrajectory(times, (course,) * len(times), values, scatter, lost)
 
 
-def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
+def cycle_ride(observed: Observed, loss: Loss) -> VehicleTrajectory | None:
     """Return the course through the places of single cycles, (7) and then (9) or a robust loss."""
     heard = part_of(observed, near_span(observed))
     places, _ = _places(heard)
@@ -399,10 +399,10 @@ def cycle_ride(observed: Observed, loss: Loss) -> Ride | None:
     values = (float(known.sum()), *_motion(course, heard.times_s))
     along = course.at(heard.times_s)
     scatter, lost = scatter_along(heard, along), mirror_lost(heard, along, values[2])
-    return Ride(heard.times_s, (course,) * len(heard.times_s), values, scatter, lost)
+    return VehicleTrajectory(heard.times_s, (course,) * len(heard.times_s), values, scatter, lost)
 
 
-def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
+def curved_ride(observed: Observed, acceleration: float) -> VehicleTrajectory | None:
     """Return the path by the iterated smoother on powers, from the places of single cycles.
 
     Once with the paper's scatter of powers, then with the one found about that path.
@@ -420,16 +420,16 @@ def curved_ride(observed: Observed, acceleration: float) -> Ride | None:
     middle = courses[len(courses) // 2]
     values = (float(known.sum()), *_motion(middle, path.times_s[len(courses) // 2 :][:1]))
     scatter, lost = scatter_along(heard, path.places), mirror_lost(heard, path.places, values[2])
-    return Ride(path.times_s, courses, values, scatter, lost)
+    return VehicleTrajectory(path.times_s, courses, values, scatter, lost)
 
 
-def about(sensors: Array, speeds_mps: tuple[float, float]) -> Search:
+def search_bounds(sensors: Array, speeds_mps: tuple[float, float]) -> Search:
     """Return where and how fast vehicles may be."""
     return replace(Search.about(sensors, _MARGIN), speeds_mps=speeds_mps)
 
 
 def mirror_lost(observed: Observed, places: Array, sigma_m: float) -> float:
-    """Return by how much less likely a path's mirror image is, see :class:`Ride`.
+    """Return by how much less likely a path's mirror image is, see :class:`VehicleTrajectory`.
 
     Parameters
     ----------
@@ -526,7 +526,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class TrackOrigin:
     """What a vehicle's course is known by.
 
     Attributes
@@ -580,7 +580,7 @@ def _told(text: str) -> Line:
 
 
 def crossing_of(
-    line: Line, course: Course, span_s: tuple[float, float], way: Way
+    line: Line, course: Course, span_s: tuple[float, float], way: TrackOrigin
 ) -> Iterator[LineCrossing]:
     """Yield where a course crosses a line between its ends, within a span of time [s]."""
     along = (line.end - line.start) / np.hypot(*(line.end - line.start))

@@ -24,11 +24,11 @@ from .medium import (
     EXPONENT,
     Fitted,
     PowerLaw,
+    autocorrelation,
+    cube_root_normalised,
     deviance,
     fit_powers,
-    lasting_of,
     ranges,
-    rooted,
     usable,
 )
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.geometry import Stations
 
-    from .stations import Cycle
+    from .stations import StationPowers
 
     Array = NDArray[np.float64]
 
@@ -287,8 +287,8 @@ class _Model:
         """Return of how many cycles one tells as much as an independent one: a fade may last."""
         mean, _ = self(fit.values)
         off = np.full(self.used.shape, np.nan)
-        off[self.used] = rooted(self.powers / mean[: self.samples])
-        lasting = lasting_of(off)
+        off[self.used] = cube_root_normalised(self.powers / mean[: self.samples])
+        lasting = autocorrelation(off)
         return (1 + lasting) / (1 - lasting)
 
     def result(self, fit: Fitted) -> CourseFit:
@@ -463,11 +463,11 @@ class RunCollector:
 
     def __init__(self, limits: RunLimits) -> None:
         self.limits = limits
-        self._lead: deque[Cycle] = deque()
-        self._cycles: list[Cycle] = []
+        self._lead: deque[StationPowers] = deque()
+        self._cycles: list[StationPowers] = []
         self._last_ns = 0
 
-    def take(self, cycle: Cycle) -> list[Cycle]:
+    def take(self, cycle: StationPowers) -> list[StationPowers]:
         """Take the next cycle; return the run that has ended with it, else nothing."""
         if cycle.present.any():
             if not self._cycles:
@@ -486,14 +486,14 @@ class RunCollector:
             return self.finish()
         return []
 
-    def finish(self) -> list[Cycle]:
+    def finish(self) -> list[StationPowers]:
         """Return the run that has not ended yet, as one that has."""
         run, self._cycles = self._cycles, []
         self._lead.clear()
         return run
 
 
-def observed_of(run: list[Cycle], site: Stations, exponent: float) -> Observed:
+def observed_of(run: list[StationPowers], site: Stations, exponent: float) -> Observed:
     """Return the powers of a run; times count from its first cycle [s].
 
     A cycle is as long as the shortest step between two.
@@ -566,7 +566,7 @@ def scatter_along(observed: Observed, places: Array) -> float:
     floors = np.where(used, observed.floors, powers)
     spread = observed.law.power(ranges(places, observed.sensors))
     mean = np.exp(strengths(powers, floors, spread, (0, 1))) * spread + observed.floors
-    return float(np.sqrt(np.mean(rooted(powers / mean)[used] ** 2)))
+    return float(np.sqrt(np.mean(cube_root_normalised(powers / mean)[used] ** 2)))
 
 
 def fit_two(

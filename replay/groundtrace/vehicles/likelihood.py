@@ -26,7 +26,7 @@ from groundtrace_codecs.events import Fix, Note, Quantity, quantised
 
 from ..pipeline.gates import Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Location
+from ..pipeline.stage import LocationEstimate
 from .medium import EXPONENT, PowerLaw, ranges
 from .presence import RELATIVE_SIGMA
 from .stations import CycleStage, candidates_of, row_doubt
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Stations
 
     from ..pipeline.gates import Candidates
-    from .stations import Cycle
+    from .stations import StationPowers
 
     Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ class CyclePlace:
         nodes = np.stack(np.meshgrid(x, y), axis=-1)
         return Surface(x, y, self.log_likelihood(nodes))
 
-    def locate(self, surface: Surface) -> Location:
+    def locate(self, surface: Surface) -> LocationEstimate:
         """Return the likeliest place, refined below the lattice of its surface.
 
         Its covariance is the inverse Hessian there, inf where the surface is not curved, as at the
@@ -128,7 +128,7 @@ class CyclePlace:
             place = near.reshape(-1, 2)[int(self.log_likelihood(near).argmax())]
         heard = int(self._heard().sum())
         x, y = place.tolist()
-        return Location(x, y, self._covariance(place), self._residual(place), heard)
+        return LocationEstimate(x, y, self._covariance(place), self._residual(place), heard)
 
     def _covariance(self, place: Array) -> Array:
         h = 0.05  # [m]: far below what one cycle tells apart, far above rounding
@@ -156,7 +156,7 @@ class CyclePlace:
         return np.broadcast_to(self.relative_sigma, self.powers.shape)[heard]
 
 
-def less_noise(
+def noise_subtracted(
     powers: Array, floors: Array, floor_sigmas: Array | None, relative_sigma: float
 ) -> tuple[Array, Array]:
     """Return powers less the noise, and the standard deviation of each over itself.
@@ -240,7 +240,7 @@ class LikelihoodPlaces(CycleStage):
 
     def __init__(self, parameters: PlaceParameters) -> None:
         super().__init__(parameters)
-        self._found: tuple[int, Location, Surface] | None = None
+        self._found: tuple[int, LocationEstimate, Surface] | None = None
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin with a lattice about the stations."""
@@ -253,7 +253,7 @@ class LikelihoodPlaces(CycleStage):
         )
         return ("all",)
 
-    def take(self, cycle: Cycle) -> Candidates:
+    def take(self, cycle: StationPowers) -> Candidates:
         """Locate in a cycle in which any station hears a vehicle."""
         p = self.parameters
         self._found = None
@@ -264,7 +264,7 @@ class LikelihoodPlaces(CycleStage):
         if heard < self.least_stations:
             return candidates_of([(cycle.time_ns, 0, [heard, *[np.nan] * 4])], len(self.columns))
         law = PowerLaw(p.mu or 1.0, p.exponent)
-        signal, sigmas = less_noise(
+        signal, sigmas = noise_subtracted(
             cycle.powers, cycle.floors, cycle.floor_sigmas, p.relative_sigma
         )
         powers = np.where(counted, signal, np.nan)
@@ -377,7 +377,7 @@ def locate(
     log_theta: Array,
     sensor_sigma: float | Array,
     exponent: float = EXPONENT,
-) -> Location:
+) -> LocationEstimate:
     """Return the place whose logarithms of distance fit best, refined below the table.
 
     Parameters
@@ -407,7 +407,7 @@ def locate(
         covariance = np.linalg.inv(information) * variance
     ties = int((misfit - misfit.min() <= variance).sum())
     x, y = place.tolist()
-    return Location(x, y, covariance, residual, n, ties)
+    return LocationEstimate(x, y, covariance, residual, n, ties)
 
 
 def _refined(

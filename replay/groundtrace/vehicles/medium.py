@@ -300,7 +300,7 @@ class Scatter:
         return np.asarray(alike)
 
 
-def rooted(ratio: Array) -> Array:
+def cube_root_normalised(ratio: Array) -> Array:
     """Return 3 (ratio^(1/3) - 1), any shape: a gamma deviate becomes nearly Gaussian.
 
     E. B. Wilson, M. M. Hilferty: The distribution of chi-square, PNAS 17, 1931.
@@ -323,17 +323,17 @@ def scatter_of(powers: Array, noise: Array, known: NDArray[np.bool_], mean: Arra
         Shape (c, n) [unit^2].
     """
     clear = known & (mean > _CLEAR * noise)
-    off = np.where(clear, rooted(np.where(clear, powers, 1.0) / mean), np.nan)
+    off = np.where(clear, cube_root_normalised(np.where(clear, powers, 1.0) / mean), np.nan)
     if clear.sum() < _FEWEST:
         return Scatter()
     spread = _spread(off[clear])
     one, other = np.triu_indices(off.shape[1], 1)
     shared = _alike(off[:, one].ravel(), off[:, other].ravel())
     variance = max(spread**2, _LEAST_VARIANCE)
-    return Scatter(variance, float(np.clip(shared, 0, _MOST_SHARED)), lasting_of(off))
+    return Scatter(variance, float(np.clip(shared, 0, _MOST_SHARED)), autocorrelation(off))
 
 
-def lasting_of(off: Array) -> float:
+def autocorrelation(off: Array) -> float:
     """Return how alike what is off the mean is from a cycle to the next, shape (c, n); 0 to 0.8."""
     return float(np.clip(_alike(off[1:].ravel(), off[:-1].ravel()), 0, _MOST_LASTING))
 

@@ -27,7 +27,7 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 from ..dsp.filters import StreamingFilter, bandpass, corner, planar
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Frames, Input, Measured, Spans, Stage
+from ..pipeline.stage import Context, Frames, Input, Measured, PresenceIntervals, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import CandidateBlock
 
-    from ..pipeline.gates import Carry
+    from ..pipeline.gates import GateState
     from ..pipeline.stage import Output
 
     Array = NDArray[np.float64]
@@ -485,7 +485,7 @@ class PresenceFeatures:
 
 
 @dataclass(frozen=True, slots=True)
-class Lasting:
+class Persistence:
     """A minimum time for which candidates of a channel have passed all gates before this one.
 
     Parameters
@@ -506,7 +506,7 @@ class Lasting:
         columns: Sequence[Quantity],  # noqa: ARG002
         alive: NDArray[np.bool_],
         threshold: float,  # noqa: ARG002
-        carry: Carry,
+        carry: GateState,
     ) -> NDArray[np.float64]:
         """Return the time since the run began [s]; 0 for candidates that failed before."""
         first = carry.last_ns.setdefault(f"{self.name} since", {})
@@ -590,12 +590,12 @@ class VehiclePresence(Stage):
         Level("cadence", "1", "cadence", at_least=False),
         Level("flatness", "1", "flatness", at_least=False),
         Level("centroid", "Hz", "centroid"),
-        Lasting(),
+        Persistence(),
     )
 
     def __init__(self, parameters: PresenceParameters) -> None:
         self.parameters = parameters
-        self.spans = Spans()
+        self.spans = PresenceIntervals()
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is heard on its own."""

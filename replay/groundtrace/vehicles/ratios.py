@@ -30,7 +30,15 @@ from ..dsp.filters import planar
 from ..localizers.base import place_candidate
 from ..pipeline.gates import Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import CannotStart, Context, Frames, Input, Location, Stage, nowhere
+from ..pipeline.stage import (
+    CannotStart,
+    Context,
+    Frames,
+    Input,
+    LocationEstimate,
+    Stage,
+    no_location,
+)
 from .likelihood import correlation, lattice, locate, solve, squares
 from .presence import AnalyticBand, power
 from .stations import row_doubt
@@ -322,7 +330,7 @@ class HeardCycles:
     names: tuple[str, ...]
     cycles: deque[tuple[int, NDArray[np.float64]]] = field(default_factory=deque)
 
-    def remember(self, block: CandidateBlock) -> None:
+    def buffer(self, block: CandidateBlock) -> None:
         """Keep the cycles in which any channel hears a vehicle."""
         named = [c.name for c in block.spec.columns]
         columns = [named.index(name) for name in ("power", "floor", "floor_sigma")]
@@ -400,7 +408,7 @@ class RatioPlaces(Stage):
     def process(self, item: SignalBlock | CandidateBlock) -> Iterator[Output]:
         """Take samples, and the cycles in which there is a vehicle: places and ratios are there."""
         if isinstance(item, CandidateBlock):
-            self._heard.remember(item)
+            self._heard.buffer(item)
             return
         samples = planar(item.select(self._columns))
         for ratios in self.add(item.sample_times(), samples):
@@ -455,7 +463,7 @@ class RatioPlaces(Stage):
         done = int(edges[-1]) if len(edges) else 0
         self._times, self._powers = self._times[done:], self._powers[:, done:]
 
-    def locate(self, ratios: CycleRatios, noise: Noise) -> Location:
+    def locate(self, ratios: CycleRatios, noise: Noise) -> LocationEstimate:
         """Return the place that suits the ratios of a cycle, of all that is heard."""
         p = self.parameters
         found = ratios.estimates[p.estimator]
@@ -464,9 +472,11 @@ class RatioPlaces(Stage):
         if p.method != "squares":
             place = self._otherwise(log_theta, sigmas, place)
         inside = (self._low < (place.x, place.y)) & ((place.x, place.y) < self._high)
-        return place if inside.all() else nowhere(len(self._sensors))
+        return place if inside.all() else no_location(len(self._sensors))
 
-    def _otherwise(self, log_theta: Array, sigmas: Array, place: Location) -> Location:
+    def _otherwise(
+        self, log_theta: Array, sigmas: Array, place: LocationEstimate
+    ) -> LocationEstimate:
         """Return the place by (17) or (16), as sure as that of least squares."""
         p = self.parameters
         if p.method == "correlation":
@@ -475,11 +485,11 @@ class RatioPlaces(Stage):
         else:
             spots = solve(self._sensors[:3], log_theta[:2], p.exponent)
         if not len(spots):
-            return nowhere(len(self._sensors))
+            return no_location(len(self._sensors))
         misfit = squares(spots, self._sensors, log_theta, p.exponent, sigmas)
         best = int(misfit.argmin())  # of two mirrored places the one that suits the others
         (x, y), residual = spots[best].tolist(), float(np.sqrt(misfit[best]))
-        return Location(x, y, place.covariance, residual, len(self._sensors))
+        return LocationEstimate(x, y, place.covariance, residual, len(self._sensors))
 
     def _estimates(self, powers: Array) -> dict[Method, RatioEstimate]:
         return {method: estimate(powers[1:], powers[:1], method) for method in DEVIATIONS}

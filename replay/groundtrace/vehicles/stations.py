@@ -50,7 +50,7 @@ def row_doubt(names: Sequence[str], places: Array) -> str:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cycle:
+class StationPowers:
     """One working cycle at all stations.
 
     Attributes
@@ -86,7 +86,7 @@ def candidates_of(rows: list[tuple[int, int, list[float]]], columns: int) -> Can
 _PATIENCE_NS = 30 * NS_PER_S
 
 
-class CycleJoin:
+class StationJoin:
     """Puts the cycles of several recorders together, in the order of time.
 
     A cycle is complete when every channel of the site has told it or a later one, or when the
@@ -104,7 +104,7 @@ class CycleJoin:
         self._waiting: dict[int, tuple[NDArray[np.float64], NDArray[np.bool_]]] = {}
         self._past: int | None = None
 
-    def add(self, block: CandidateBlock) -> Iterator[Cycle]:
+    def add(self, block: CandidateBlock) -> Iterator[StationPowers]:
         """Take the cycles of one topic; yield those that are complete."""
         names = [c.name for c in block.spec.columns]
         columns = [names.index(name) for name in ("power", "floor", "floor_sigma")]
@@ -123,7 +123,7 @@ class CycleJoin:
         newest = max(self._latest.values())
         yield from self._until(max(min(self._latest.values()), newest - _PATIENCE_NS))
 
-    def flush(self) -> Iterator[Cycle]:
+    def flush(self) -> Iterator[StationPowers]:
         """Yield all that waited; times may then begin anew."""
         yield from self._until(2**63)
         self._past = None
@@ -139,12 +139,12 @@ class CycleJoin:
         sums[:, station] = np.where(np.isnan(sums[:, station]), 0, sums[:, station]) + values
         heard[station] |= present
 
-    def _until(self, last_ns: int) -> Iterator[Cycle]:
+    def _until(self, last_ns: int) -> Iterator[StationPowers]:
         for time_ns in sorted(self._waiting):
             if time_ns <= last_ns:
                 sums, present = self._waiting.pop(time_ns)
                 self._past = time_ns
-                yield Cycle(time_ns, sums[0], sums[1], np.sqrt(sums[2]), present)
+                yield StationPowers(time_ns, sums[0], sums[1], np.sqrt(sums[2]), present)
 
 
 class CycleStage(Stage):
@@ -167,14 +167,14 @@ class CycleStage(Stage):
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
-        self._join: CycleJoin | None = None
+        self._join: StationJoin | None = None
         self._channels: tuple[str, ...] = ()
 
     def begin(self, site: Stations, stage: str) -> tuple[str, ...]:
         """Begin; return the names of the candidates' channels."""
         raise NotImplementedError
 
-    def take(self, cycle: Cycle) -> Candidates:
+    def take(self, cycle: StationPowers) -> Candidates:
         """Take the next cycle; return what is to be decided."""
         raise NotImplementedError
 
@@ -195,7 +195,7 @@ class CycleStage(Stage):
                     f"no {EVENTS[self.gives[0]].name}: expected a geometry with places of "
                     f"{self.least_stations} or more stations, found {len(site.names) or 'none'}"
                 )
-            self._join = CycleJoin(site)
+            self._join = StationJoin(site)
             self._channels = self.begin(site, context.stage)
         return self._channels
 

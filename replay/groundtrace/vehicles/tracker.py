@@ -16,9 +16,9 @@ from scipy.special import digamma, polygamma
 
 from ..trackers.kalman import Motion as Step
 from ..trackers.kalman import smoothed
-from .likelihood import CyclePlace, less_noise
+from .likelihood import CyclePlace, noise_subtracted
 from .lines import Course
-from .medium import lasting_of, ranges, rooted, usable
+from .medium import autocorrelation, cube_root_normalised, ranges, usable
 from .presence import RELATIVE_SIGMA
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def cycle_places(
     """
     places = np.full((len(observed.times_s), 2), np.nan)
     covariances = np.full((len(places), 2, 2), np.inf)
-    rows = less_noise(observed.powers, observed.floors, observed.floor_sigmas, relative_sigma)
+    rows = noise_subtracted(observed.powers, observed.floors, observed.floor_sigmas, relative_sigma)
     for cycle, (signal, sigma) in enumerate(zip(*rows, strict=True)):
         place = CyclePlace(signal, observed.sensors, observed.law, False, sigma)
         if np.sum(place.powers > 0) < _LEAST_HEARD:
@@ -219,8 +219,10 @@ def scatter_about(observed: Observed, path: Path) -> float:
     """
     mean, _ = _linearised(observed, path.states)
     used = usable(observed.powers)
-    off = np.where(used, rooted(np.where(used, observed.powers, 1.0) / np.exp(mean)), np.nan)
-    lasting = lasting_of(off)
+    off = np.where(
+        used, cube_root_normalised(np.where(used, observed.powers, 1.0) / np.exp(mean)), np.nan
+    )
+    lasting = autocorrelation(off)
     found = float(np.nanvar(off)) * (1 + lasting) / (1 - lasting)
     return float(np.clip(np.sqrt(found), RELATIVE_SIGMA, _MOST_SIGMA))
 

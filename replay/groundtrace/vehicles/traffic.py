@@ -29,7 +29,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..pipeline.gates import Level
 from ..pipeline.parameters import gate, measured
-from .medium import Scatter, rooted, scatter_of
+from .medium import Scatter, cube_root_normalised, scatter_of
 from .passes import PassFinder, Road, StationPass, associate, smoothed
 from .stations import CycleStage, candidates_of
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Stations
 
     from ..pipeline.gates import Candidates
-    from .stations import Cycle
+    from .stations import StationPowers
 
     Array = NDArray[np.float64]
 
@@ -115,14 +115,14 @@ class StationPasses(CycleStage):
         self._along, self._offsets = site.along_road()
         reach_m = float(np.ptp(self._along))
         self._quiet_ns = round((reach_m / p.slowest_mps + 2 * p.smooth_s) * NS_PER_S)
-        self._cycles: list[Cycle] = []
+        self._cycles: list[StationPowers] = []
         self._last_ns: int | None = None
         self._vehicles = 0
-        self._found: list[tuple[int, StationPass, Driven | None]] = []
+        self._found: list[tuple[int, StationPass, RoadVehicle | None]] = []
         self._origin_ns = 0
         return site.names
 
-    def take(self, cycle: Cycle) -> Candidates:
+    def take(self, cycle: StationPowers) -> Candidates:
         """Return the passes of the piece that the cycle ends."""
         self._cycles.append(cycle)
         if cycle.present.any():
@@ -160,7 +160,7 @@ class StationPasses(CycleStage):
 
     def _passes(
         self, times: Array, powers: Array, floors: Array
-    ) -> list[tuple[int, StationPass, Driven | None]]:
+    ) -> list[tuple[int, StationPass, RoadVehicle | None]]:
         """Return passes with their stations and vehicles; powers and floors of shape (n, c)."""
         p = self.parameters
         alone = [self._finder.find(times, *both) for both in zip(powers, floors, strict=True)]
@@ -189,7 +189,7 @@ class StationPasses(CycleStage):
                 numbers[id(vehicle)] = self._vehicles
             yield self._pass(station, one, (numbers[id(vehicle)], vehicle))
 
-    def _pass(self, station: int, one: StationPass, whose: tuple[int, Driven] | None) -> Pass:
+    def _pass(self, station: int, one: StationPass, whose: tuple[int, RoadVehicle] | None) -> Pass:
         number, direction, speed = 0, "", (float("nan"), float("nan"))
         if whose is not None:
             number, vehicle = whose
@@ -228,7 +228,7 @@ def _values(one: StationPass, times_s: Array, present: NDArray[np.bool_]) -> lis
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
+class RoadVehicle:
     """A vehicle on a road, and its passes.
 
     Attributes
@@ -249,7 +249,7 @@ class Driven:
 
 def driven(
     observed: RoadPowers, passes: Sequence[Sequence[StationPass]], road: Road
-) -> tuple[Driven, ...]:
+) -> tuple[RoadVehicle, ...]:
     """Return the vehicles that all stations tell jointly, in order of time.
 
     Parameters
@@ -283,7 +283,7 @@ def _started(
         yield Vehicle(values, 1)
 
 
-def _driven(observed: RoadPowers, told: Told) -> Driven:
+def _driven(observed: RoadPowers, told: FittedVehicle) -> RoadVehicle:
     vehicle, speed = told.vehicle, told.vehicle.speed_mps
     first, last = observed.times_s[0], observed.times_s[-1]
     passes = tuple(
@@ -292,10 +292,10 @@ def _driven(observed: RoadPowers, told: Told) -> Driven:
         if first <= one.time_s <= last
     )
     sigma = speed * float(np.sqrt(told.covariance[SLOWNESS, SLOWNESS]))
-    return Driven(speed, sigma, vehicle.direction, passes)
+    return RoadVehicle(speed, sigma, vehicle.direction, passes)
 
 
-def _passes(observed: RoadPowers, told: Told) -> Iterator[StationPass]:
+def _passes(observed: RoadPowers, told: FittedVehicle) -> Iterator[StationPass]:
     """Give a vehicle's pass at each station, errors by the delta method."""
     vehicle, spread = told.vehicle, told.covariance
     moments, widths, peaks = (
@@ -399,7 +399,7 @@ class Stretch:
         mean, parts, slopes = self._model(values, signs)
         variance, tempered = self.scatter.variance, self.scatter.effective
         ratio = np.where(known, observed.powers[self.rows], mean) / mean
-        off = np.where(known, rooted(ratio) + variance / 3, 0.0)
+        off = np.where(known, cube_root_normalised(ratio) + variance / 3, 0.0)
         lower = np.linalg.cholesky(self.scatter.correlation(parts, known))
         white = np.linalg.solve(lower, np.concatenate([slopes, off[:, :, None]], axis=2))
         design = white[..., :-1].reshape(mean.size, slopes.shape[2])
@@ -620,7 +620,7 @@ _LEAST_SLOWNESS = 1 / 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Told:
+class FittedVehicle:
     """A vehicle that was found.
 
     Attributes
@@ -638,7 +638,7 @@ class Told:
     together: int
 
 
-def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[Told, ...]:
+def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[FittedVehicle, ...]:
     """Find the vehicles on a road, in order of time.
 
     Vehicles that are near in time are a group. In each group directions are turned, and vehicles
@@ -674,14 +674,14 @@ def vehicles_on(observed: RoadPowers, start: Sequence[Vehicle]) -> tuple[Told, .
     return tuple(sorted(told, key=lambda one: float(one.vehicle.values[MOMENT])))
 
 
-def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[Told]:
+def _told(observed: RoadPowers, fit: TrafficFit) -> Iterator[FittedVehicle]:
     size = len(observed.usual)
     if not fit.vehicles:
         return
     covariance = np.asarray(np.linalg.inv(fit.information), np.float64)
     for number, vehicle in enumerate(fit.vehicles):
         own = slice(number * size, (number + 1) * size)
-        yield Told(vehicle, covariance[own, own], len(fit.vehicles))
+        yield FittedVehicle(vehicle, covariance[own, own], len(fit.vehicles))
 
 
 def _groups(observed: RoadPowers, vehicles: Sequence[Vehicle]) -> list[tuple[Vehicle, ...]]:

@@ -10,7 +10,7 @@ import pytest
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.importers.guess import guess_map
 from groundtrace_codecs.importers.run import import_recording
-from groundtrace_codecs.importers.time import count, leap_seconds, moments, parse_start, timed
+from groundtrace_codecs.importers.time import count, leap_seconds, parse_start, timed, timestamps
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -172,11 +172,11 @@ def test_every_digit_of_a_time_counts() -> None:
 
 def test_the_hour_that_comes_twice_goes_on_where_the_samples_do() -> None:
     clock = ["01:59:50", "02:30:00", "02:59:50", "02:00:10", "02:30:00", "03:00:10"]
-    times, remarks = moments([f"2024-10-27 {t}" for t in clock], "t", PARIS)
+    times, remarks = timestamps([f"2024-10-27 {t}" for t in clock], "t", PARIS)
     minutes = ((times - times[0]) // NS_PER_S / 60).round(1).tolist()
     assert minutes == [0.0, 30.2, 60.0, 60.3, 90.2, 120.3]
     assert remarks == []
-    late, remarks = moments(["2024-10-27 02:59:59.9", "2024-10-27 03:00:00.0"], "t", PARIS)
+    late, remarks = timestamps(["2024-10-27 02:59:59.9", "2024-10-27 03:00:00.0"], "t", PARIS)
     assert (
         np.diff(late).tolist() == [3600 * NS_PER_S + NS_PER_S // 10] or np.diff(late)[0] < NS_PER_S
     )
@@ -185,7 +185,7 @@ def test_the_hour_that_comes_twice_goes_on_where_the_samples_do() -> None:
 
 def test_an_hour_that_comes_twice_and_nothing_tells_is_one_clear_line() -> None:
     texts = [f"2024-10-27 02:10:{k:02}" for k in range(5)]
-    times, remarks = moments(texts, "t.csv: when", PARIS)
+    times, remarks = timestamps(texts, "t.csv: when", PARIS)
     assert times[0] == parse_start("2024-10-27T00:10:00Z", "t")
     assert remarks == [
         "t.csv: when: 2024-10-27 02:10:00 comes twice that day: taken as the first, in summer "
@@ -212,7 +212,7 @@ def test_times_that_there_are_not_are_refused(text: str, zone: str, expected: st
 
 def test_a_leap_second_is_a_second_and_no_time_comes_twice() -> None:
     clock = ["2016-12-31T23:59:59.5Z", "2016-12-31T23:59:60.0Z", "2016-12-31T23:59:60.5Z"]
-    times, remarks = moments([*clock, "2017-01-01T00:00:00.0Z", "2017-01-01T00:00:00.5Z"], "t")
+    times, remarks = timestamps([*clock, "2017-01-01T00:00:00.0Z", "2017-01-01T00:00:00.5Z"], "t")
     assert (np.diff(times) == NS_PER_S // 2).all()
     assert remarks == [
         "t: a leap second: what follows is a second ahead of unix time, without a break"

@@ -26,7 +26,7 @@ def remarks(quantity: str, unit: str, length: float, *, axes: str = "xyz") -> tu
     for i in range(20):
         values = random.normal(0, 0.02 * length, (100, len(axes)))
         values[:, -1] += length
-        watch.hear(SignalBlock(stream, 0, 100 * i, values))
+        watch.update(SignalBlock(stream, 0, 100 * i, values))
     return watch.remarks()
 
 
@@ -75,7 +75,7 @@ def test_zeros_missing_axes_and_a_few_samples_say_nothing() -> None:
     assert remarks("acceleration", "m/s2", 1.0, axes="xy") == ()
     stream = Stream("/s", tuple(Channel(a, "acceleration", "m/s2", a) for a in "xyz"), RATE_HZ)
     watch = UnitWatch(stream)
-    watch.hear(SignalBlock(stream, 0, 0, np.ones((10, 3))))
+    watch.update(SignalBlock(stream, 0, 0, np.ones((10, 3))))
     assert watch.remarks() == ()
 
 
@@ -83,7 +83,7 @@ def test_a_long_recording_keeps_few_lengths() -> None:
     stream = Stream("/s", tuple(Channel(a, "acceleration", "m/s2", a) for a in "xyz"), RATE_HZ)
     watch = UnitWatch(stream)
     for i in range(300):
-        watch.hear(SignalBlock(stream, 0, 1000 * i, np.full((1000, 3), 0.577)))
+        watch.update(SignalBlock(stream, 0, 1000 * i, np.full((1000, 3), 0.577)))
     assert sum(len(part) for part in watch._lengths["acceleration"]) <= 41_000
     assert len(watch.remarks()) == 1
 

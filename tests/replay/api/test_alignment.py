@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace.api.align import Moments, align
+from groundtrace.api.align import AlignmentEvents, align
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def recorded(
     drift_ppm: float = 0.0,
     scatter_s: float = 0.01,
     missed: float = 0.0,
-) -> Moments:
+) -> AlignmentEvents:
     """Return what a device with a wrong clock makes of contacts: some missed, as many invented."""
     end_s = float(contact_s[-1]) + 5.0
     kept = contact_s[rng.random(len(contact_s)) >= missed]
@@ -51,7 +51,7 @@ def recorded(
         shown = time_s * (1 + drift_ppm * 1e-6) + ahead_s
         return START_NS + np.rint(shown * NS_PER_S).astype(np.int64)
 
-    return Moments(at(seen), int(at(np.zeros(1))[0]), int(at(np.array([end_s]))[0]))
+    return AlignmentEvents(at(seen), int(at(np.zeros(1))[0]), int(at(np.array([end_s]))[0]))
 
 
 def test_offset_and_drift_of_ten_minutes_are_found() -> None:
@@ -140,5 +140,5 @@ def test_few_irregular_impacts_are_enough() -> None:
 
 
 def test_too_few_moments_give_nothing() -> None:
-    moments = Moments(np.array([START_NS + 5], np.int64), START_NS, START_NS + NS_PER_S)
+    moments = AlignmentEvents(np.array([START_NS + 5], np.int64), START_NS, START_NS + NS_PER_S)
     assert align(moments, moments) is None

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from groundtrace.detectors.dempster_shafer import (
     RULES,
-    Frame,
+    HypothesisSet,
     belief,
     decision,
     discount,
@@ -99,11 +99,11 @@ def test_total_conflict_has_no_pignistic_probability() -> None:
 
 
 def test_a_frame_names_its_subsets() -> None:
-    frame = Frame(("a", "b", "c"))
+    frame = HypothesisSet(("a", "b", "c"))
     assert (frame.size, frame.whole) == (8, 7)
     assert frame.subset(["a", "c"]) == 5
     assert frame.complement(5) == 2
     with pytest.raises(BeliefError, match="expected a hypothesis of a, b, c, found 'd'"):
         frame.subset(["d"])
     with pytest.raises(BeliefError, match="expected different names"):
-        Frame(("a", "a"))
+        HypothesisSet(("a", "a"))

@@ -12,10 +12,10 @@ from walking_blocks import START_NS, Walk, waist
 
 from groundtrace.detectors.dempster_shafer import (
     RULES,
-    BeliefDetector,
     BeliefParameters,
-    Evidence,
-    Heights,
+    DempsterShaferDetector,
+    SensorMass,
+    TrapezoidMembership,
     over_ignorance,
     vertex,
 )
@@ -33,13 +33,15 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import SignalBlock
 
-NAMES = [column.name for column in BeliefDetector.columns]
+NAMES = [column.name for column in DempsterShaferDetector.columns]
 MASSES = ("{0}_{1}", "{0}_non{1}", "{0}_{1}_ignorance")
 
 
 def detected(walk: Walk, parameters: BeliefParameters | None = None) -> Outcome:
     parameters = parameters or BeliefParameters()
-    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), [walk.block])
+    return run(
+        StageRunner(StageConfig("dstp", "steps"), DempsterShaferDetector, parameters), [walk.block]
+    )
 
 
 @cache
@@ -50,7 +52,9 @@ def recorded() -> tuple[SignalBlock | Gap, ...]:
 
 def bundled(parameters: BeliefParameters) -> Outcome:
     """What is found in the walk that ships with us, whose steps are of many heights."""
-    return run(StageRunner(StageConfig("dstp", "steps"), BeliefDetector, parameters), recorded())
+    return run(
+        StageRunner(StageConfig("dstp", "steps"), DempsterShaferDetector, parameters), recorded()
+    )
 
 
 def seconds(outcome: Outcome) -> NDArray[np.float64]:
@@ -81,7 +85,7 @@ def test_all_steps_are_found_and_no_others(rate_hz, cadence_hz, gyroscope) -> No
 
 @pytest.mark.parametrize("walk", [waist(6.0, 1.0), waist(gyroscope=False)], ids=["6 Hz", "no gyro"])
 def test_it_conforms_at_low_rates_and_without_a_gyroscope(walk: Walk) -> None:
-    assert check_stage(BeliefDetector, [walk.block]).accepted.any()
+    assert check_stage(DempsterShaferDetector, [walk.block]).accepted.any()
 
 
 @pytest.mark.parametrize("rule", sorted(RULES))
@@ -127,8 +131,8 @@ def test_on_two_hypotheses_every_criterion_accepts_the_same(criterion: str) -> N
 
 
 def test_total_conflict_is_not_a_number_and_no_step() -> None:
-    sure = Heights(0.0, 0.5)
-    evidence = Evidence(sure, Heights(1.0, 1.0), (1.0, 1.0), "dempster", "belief")
+    sure = TrapezoidMembership(0.0, 0.5)
+    evidence = SensorMass(sure, TrapezoidMembership(1.0, 1.0), (1.0, 1.0), "dempster", "belief")
     rows = evidence.of(np.array([[2.0, 0.6], [2.0, 2.0]]))
     assert np.isnan(rows[0, :5]).all()
     assert rows[0, 5] == 1  # the conflict
@@ -140,7 +144,7 @@ def test_total_conflict_is_not_a_number_and_no_step() -> None:
         np.concatenate([[2.0, 2.0, 0.2], rows[0], rows[1]]).astype(np.float32)[None],
     )
     decisions, _ = decide(
-        candidates, BeliefDetector.columns, BeliefDetector.gates, BeliefParameters()
+        candidates, DempsterShaferDetector.columns, DempsterShaferDetector.gates, BeliefParameters()
     )
     assert not decisions.accepted[0]
 
@@ -162,8 +166,8 @@ def test_deciding_again_equals_a_fresh_run_with_those_gates(change: dict[str, fl
     base, fresh = bundled(BeliefParameters()), bundled(BeliefParameters(**change))
     decisions, _ = decide(
         Candidates(base.times, base.channels, base.values),
-        BeliefDetector.columns,
-        BeliefDetector.gates,
+        DempsterShaferDetector.columns,
+        DempsterShaferDetector.gates,
         BeliefParameters(**change),
     )
     assert np.array_equal(decisions.accepted, fresh.accepted)

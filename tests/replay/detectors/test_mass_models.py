@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from belief_cases import PEAK, assert_masses, exact
 
-from groundtrace.detectors.dempster_shafer import Frame, graded, specialised, trapezoid
+from groundtrace.detectors.dempster_shafer import HypothesisSet, graded, specialised, trapezoid
 from groundtrace.errors import BeliefError
 
-THREE = Frame(("a", "b", "c"))
+THREE = HypothesisSet(("a", "b", "c"))
 F = Fraction
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planted_rooms import RATE, Room
 
-from groundtrace.detectors.fault_scan import HealthWatch
+from groundtrace.detectors.fault_scan import FaultScan
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
@@ -28,11 +28,11 @@ def found(room: Room, cut: int = RATE // 2) -> list[Finding]:
 
 
 def watched(stream: Stream, samples: np.ndarray, start_ns: int = 0, cut: int = 1000):
-    watch = HealthWatch(stream)
+    watch = FaultScan(stream)
     for first in range(0, len(samples), cut):
         block = SignalBlock(stream, start_ns, first, samples[first : first + cut])
         watch.recorded(block)
-        watch.hear(block)
+        watch.update(block)
     return list(watch.findings())
 
 
@@ -174,7 +174,7 @@ def test_a_rate_that_the_times_contradict_is_told_with_the_one_they_say(
     ppm: float, told: bool
 ) -> None:
     stream = Stream("/seismic", (Channel("G1", "ground_velocity", "m/s"),), 1000.0)
-    watch = HealthWatch(stream)
+    watch = FaultScan(stream)
     for k in range(200):
         anchor = round(k * 100 * (1e6 - 1e6 * ppm / (1e6 + ppm)))  # what 100 samples take, less
         watch.recorded(SignalBlock(stream, anchor - k * 100_000_000, k * 100, np.zeros((100, 1))))
@@ -186,9 +186,9 @@ def test_a_rate_that_the_times_contradict_is_told_with_the_one_they_say(
 
 def test_runs_apart_are_judged_apart() -> None:
     stream = Stream("/imu", (Channel("ax", "acceleration", "m/s2", "x"),), 100.0)
-    watch = HealthWatch(stream)
+    watch = FaultScan(stream)
     samples = swinging()[:, None]
-    watch.hear(SignalBlock(stream, 0, 0, samples[:1000]))
-    watch.hear(Gap("/imu", 10 * NS_PER_S, 15 * NS_PER_S, "missing", 500))
-    watch.hear(SignalBlock(stream, 15 * NS_PER_S, 0, samples[1000:] + 30))
+    watch.update(SignalBlock(stream, 0, 0, samples[:1000]))
+    watch.update(Gap("/imu", 10 * NS_PER_S, 15 * NS_PER_S, "missing", 500))
+    watch.update(SignalBlock(stream, 15 * NS_PER_S, 0, samples[1000:] + 30))
     assert list(watch.findings()) == []

@@ -9,7 +9,7 @@ import pytest
 from replay_blocks import START_NS, stream_of
 from slow_arrivals import slow_toa_cv
 
-from groundtrace.detectors.variance_change import VarianceChangePicker
+from groundtrace.detectors.variance_change import VarianceChange
 from groundtrace.pipeline.conformance import outcome, rechunked
 from groundtrace.pipeline.gates import Candidates, decide
 from groundtrace.pipeline.stage import StageConfig, StageRunner
@@ -44,14 +44,14 @@ def footsteps(channels: int, rate_hz: float, kind: type, seed: int) -> SignalBlo
 @pytest.mark.parametrize("low_hz", [20.0, 0.0])
 def test_the_compiled_picker_says_what_the_plain_one_says(channels, rate_hz, kind, low_hz):
     block = footsteps(channels, rate_hz, kind, seed=channels)
-    parameters = VarianceChangePicker.Parameters(low_hz=low_hz)
+    parameters = VarianceChange.Parameters(low_hz=low_hz)
     slow = slow_toa_cv(block, parameters)
-    columns, gates = VarianceChangePicker.columns, VarianceChangePicker.gates
+    columns, gates = VarianceChange.columns, VarianceChange.gates
     candidates = Candidates(slow.time_ns, slow.channel.astype(np.int32), slow.value)
     decisions, _ = decide(candidates, columns, gates, parameters)
     assert decisions.accepted.sum() >= channels
     for size in (10**9, round(0.3 * rate_hz) + 1):
-        stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChangePicker, parameters)
+        stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChange, parameters)
         events = [e for item in rechunked([block], size) for e in stage.process(item)]
         found = outcome([*events, *stage.flush()])
         assert np.array_equal(found.times, slow.time_ns)
@@ -65,9 +65,9 @@ def test_a_sensor_whose_scale_is_negative_is_picked_as_the_plain_picker_does():
     block = footsteps(9, 4_000.0, np.int16, seed=1)
     turned = tuple(replace(c, scale=-2e-3) for c in block.stream.channels)
     block = replace(block, stream=replace(block.stream, channels=turned))
-    parameters = VarianceChangePicker.Parameters()
+    parameters = VarianceChange.Parameters()
     slow = slow_toa_cv(block, parameters)
-    stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChangePicker, parameters)
+    stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChange, parameters)
     found = outcome([*stage.process(block), *stage.flush()])
     assert np.array_equal(found.times, slow.time_ns)
     assert np.allclose(found.trace, slow.frames, rtol=1e-6, atol=1e-12)
@@ -78,8 +78,6 @@ def test_a_sensor_that_comes_alive_after_long_silence_is_no_arrival():
     x = rng.normal(0, 300, (10_000, 2))
     x[2_000:8_000] = 0.0
     block = SignalBlock(stream_of(2, 2_000.0), START_NS, 0, x)
-    stage = StageRunner(
-        StageConfig("toa-cv", "picks"), VarianceChangePicker, VarianceChangePicker.Parameters()
-    )
+    stage = StageRunner(StageConfig("toa-cv", "picks"), VarianceChange, VarianceChange.Parameters())
     found = outcome([*stage.process(block), *stage.flush()])
     assert not ((found.times - START_NS) // 1_000_000 == 4_000).any()

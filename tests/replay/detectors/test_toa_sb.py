@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pickers import emergent, figures, lateness
 
-from groundtrace.detectors.noise_statistics import STRETCHES, NoiseStatisticsPicker
+from groundtrace.detectors.noise_statistics import STRETCHES, NoiseStatistics
 from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
@@ -15,9 +15,9 @@ RATE_HZ = 20_000.0
 
 
 def picks(samples: np.ndarray, **given: float) -> list[Pick]:
-    parameters = NoiseStatisticsPicker.Parameters(low_hz=0.0, high_hz=0.0, **given)
+    parameters = NoiseStatistics.Parameters(low_hz=0.0, high_hz=0.0, **given)
     stream = Stream("/s", (Channel("G1", "seismic", "count"),), RATE_HZ)
-    runner = StageRunner(StageConfig("toa-sb", "picks"), NoiseStatisticsPicker, parameters)
+    runner = StageRunner(StageConfig("toa-sb", "picks"), NoiseStatistics, parameters)
     events = [*runner.process(SignalBlock(stream, 0, 0, samples[:, None])), *runner.flush()]
     return [e for e in events if isinstance(e, Pick)]
 

@@ -12,7 +12,13 @@ from replay_blocks import cuts_of
 
 from groundtrace.detectors.body_signals import Gravity, along
 from groundtrace.dsp.periodicity import HOP, Rhythm, Scale, repetition
-from groundtrace.dsp.resample import GRID_HZ, CentredFilter, EvenGrid, Kept, gaussian
+from groundtrace.dsp.resample import (
+    GRID_HZ,
+    CentredFilter,
+    ColumnBuffer,
+    UniformResampler,
+    gaussian,
+)
 from groundtrace_codecs.signals import NS_PER_S
 
 N = 600
@@ -23,7 +29,7 @@ def times(count, rate_hz):
 
 
 def gridded(x, rate_hz, cuts=()):
-    grid = EvenGrid(rate_hz, 3.5)
+    grid = UniformResampler(rate_hz, 3.5)
     at = times(x.shape[1], rate_hz)
     edges = [0, *sorted(cuts), x.shape[1]]
     parts = [grid(at[a:b], x[:, a:b]) for a, b in pairwise(edges)]
@@ -80,7 +86,7 @@ def test_a_centred_filter_delays_nothing_and_holds_the_ends():
 def test_what_never_came_has_no_end():
     assert CentredFilter(gaussian(0.1)).finish().shape == (1, 0)
     assert Gravity().finish()[0].shape == (1, 0)
-    grid = EvenGrid(50.0, 3.5)
+    grid = UniformResampler(50.0, 3.5)
     assert grid(np.empty(0, np.int64), np.empty((3, 0))).values.shape == (3, 0)
     assert grid.finish().values.shape == (3, 0)
 
@@ -139,9 +145,9 @@ def test_every_hop_gets_its_rhythm_once_however_far_it_looks(ahead_s):
 
 
 def test_what_is_kept_is_found_by_its_place():
-    kept = Kept(2)
+    kept = ColumnBuffer(2)
     kept.add(np.arange(10.0).reshape(2, 5))
-    kept.forget_before(3)
+    kept.discard_before(3)
     kept.add(np.array([[7.0], [8.0]]))
     assert (kept.first, kept.end) == (3, 6)
     np.testing.assert_array_equal(kept.between(4, 9), [[4.0, 7.0], [9.0, 8.0]])

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from replay_blocks import cuts_of, parts_of
 
-from groundtrace.dsp.filters import Lookaround, level
+from groundtrace.dsp.filters import CentredWindow, level
 
 SIGNALS = st.lists(st.integers(-3, 3), max_size=60)
 
@@ -18,7 +18,7 @@ def maxima_of(x: list[int]) -> list[int]:
 
 @given(x=SIGNALS, cuts=cuts_of(60), before=st.integers(1, 9), after=st.integers(1, 9))
 def test_every_maximum_is_seen_once_with_its_surroundings(x, cuts, before, after) -> None:
-    signal, values = Lookaround(1, before, after), np.array([x], float)
+    signal, values = CentredWindow(1, before, after), np.array([x], float)
     seen, surroundings = [], []
     parts = parts_of(values, [min(c, len(x)) for c in cuts])
     done = 0
@@ -38,7 +38,7 @@ def test_every_maximum_is_seen_once_with_its_surroundings(x, cuts, before, after
 
 
 def test_nothing_is_kept_that_no_sample_looks_back_to() -> None:
-    signal = Lookaround(1, 3, 5)
+    signal = CentredWindow(1, 3, 5)
     for start in range(0, 1000, 10):
         signal.add(np.arange(start, start + 10), np.zeros((1, 10)))
     assert signal.values.shape[1] <= 3 + 5 + 10

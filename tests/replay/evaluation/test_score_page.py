@@ -13,7 +13,7 @@ import pytest
 from groundtrace.cli.main import main
 from groundtrace.evaluation.html import score_page
 from groundtrace.evaluation.report import score_events
-from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.engine import ReplaySession
 from groundtrace.pipeline.results import Provenance, ResultsSink, read_results
 from groundtrace_codecs.events import (
     Disturbance,
@@ -77,7 +77,7 @@ def results(tmp_path: Path) -> Path:
         "/home/somebody/w<b>&.mcap", "ab" * 32, START_NS, END_NS, "[x]\ny = '<script>'", ()
     )
     sink = ResultsSink(path, origin)
-    sink.open(Session("walk.mcap", "room", START_NS, END_NS, (), geometry, labels(), ""))
+    sink.open(ReplaySession("walk.mcap", "room", START_NS, END_NS, (), geometry, labels(), ""))
     for event in events():
         sink.write(event)
     sink.close()

@@ -12,7 +12,7 @@ from command_runs import check_schema, done, run
 from groundtrace.errors import RecordingError
 from groundtrace.evaluation.report import answers_of, score_events
 from groundtrace.evaluation.truth import foot_of, scored_truth
-from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.engine import ReplaySession
 from groundtrace.pipeline.results import Provenance, Results, ResultsSink, given_to
 from groundtrace_codecs.events import (
     Disturbance,
@@ -166,7 +166,7 @@ def test_what_is_left_out_is_in_the_json_and_on_the_page(
     made = result([], "first-two", "right foot").provenance
     sink = ResultsSink(path, made)
     labels = (*WAYPOINTS, *feet())
-    sink.open(Session("w.mcap", "walker", 0, END_NS, (), None, labels, made.pipeline))
+    sink.open(ReplaySession("w.mcap", "walker", 0, END_NS, (), None, labels, made.pipeline))
     for event in (spec("steps", "step"), *steps, *TRACKED):
         sink.write(event)
     sink.close()

@@ -12,10 +12,10 @@ from replayed_results import Walk, waist_walk, walk_of
 
 from groundtrace.errors import PipelineError
 from groundtrace.explain.reasons import matched
-from groundtrace.explain.redecide import Counts, Redecider
-from groundtrace.explain.remedies import Healer, Remedy
+from groundtrace.explain.redecide import Counts, OfflineDecider
+from groundtrace.explain.remedies import Remedy, RemedySearch
 from groundtrace.explain.sweep import measure_evidence
-from groundtrace.explain.why import Account, Mended, account
+from groundtrace.explain.why import Mended, StepExplanation, explain_steps
 from groundtrace.pipeline.config import load_pipeline, with_settings
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
@@ -39,8 +39,8 @@ PARAMETERS = ("height", "swing", "activity", "refractory_s")
 
 
 @cache
-def explained(settings: tuple[str, ...]) -> Account:
-    return account(waist_walk().evidence(*settings))
+def explained(settings: tuple[str, ...]) -> StepExplanation:
+    return explain_steps(waist_walk().evidence(*settings))
 
 
 def seconds(times_ns: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ def test_no_value_of_a_gate_does_it_where_a_pair_is_printed_or_with_less_change(
 def one_by_one(settings):
     """Yield each gate's parameter, its old value, a new one, and what is found with that."""
     evidence = waist_walk().evidence(*settings)
-    redecider = Redecider(evidence)
+    redecider = OfflineDecider(evidence)
     gates = {gate.parameter: gate.threshold for gate in evidence.stages[0].spec.gates}
     for name in PARAMETERS:
         for value in np.concatenate([np.linspace(0.05, 1, 60), np.linspace(1, 6, 40)]).tolist():
@@ -141,7 +141,7 @@ def test_a_change_that_loses_more_than_it_mends_is_not_offered() -> None:
     labels = tuple(x for x in waist_walk().labels if x.kind != "step" or x.time_ns not in dropped)
     walk = replace(waist_walk(), labels=labels)
 
-    found = account(walk.evidence(*settings))
+    found = explain_steps(walk.evidence(*settings))
 
     (missed,) = found.missed
     lowered = walk.counts(*settings, f"steps.height={heights[softest] * 0.99:.4g}")
@@ -155,7 +155,7 @@ def test_a_change_that_loses_more_than_it_mends_is_not_offered() -> None:
 
 
 def test_a_fresh_replay_with_the_remedy_of_a_false_step_loses_it() -> None:
-    walk, found = standing(), account(standing().evidence(*ALL_OPEN))
+    walk, found = standing(), explain_steps(standing().evidence(*ALL_OPEN))
     remedies = [(f, f.remedy) for f in found.false if f.remedy is not None]
     assert found.mended_false == Mended(
         one=sum(len(r.changes) == 1 for _, r in remedies),
@@ -185,7 +185,7 @@ def test_a_step_found_late_is_mended_only_where_its_detection_is_false_no_more()
     steps = [x for x in walk.labels if x.kind == "step"]
     early = replace(steps[30], time_ns=steps[30].time_ns - 200_000_000)
     walk = replace(walk, labels=tuple(early if x is steps[30] else x for x in walk.labels))
-    healer = Healer(Redecider(walk.evidence()), 0.12)
+    healer = RemedySearch(OfflineDecider(walk.evidence()), 0.12)
     matching = healer.matching
     (missed,) = matching.truth_ns[matching.missed].tolist()
     (late,) = matching.found_ns[matching.false].tolist()
@@ -225,7 +225,7 @@ def test_fresh_replays_of_a_simulated_room_give_the_printed_figures(
         return Counts.of(matched(measure_evidence(room, config), 0.12))
 
     config = with_settings(load_pipeline("room-steps"), list(settings))
-    found = account(measure_evidence(room, config))
+    found = explain_steps(measure_evidence(room, config))
     remedies = {w.remedy for w in (*found.missed, *found.false) if w.remedy is not None}
     assert remedies
     assert found.counts == fresh()
@@ -243,7 +243,7 @@ def test_fresh_replays_of_a_simulated_walk_with_turned_truth_give_the_printed_fi
     more = tuple(Label(start + round(t * 1e9), "step") for t in np.arange(1.0, 40.0, 3.7))
     walk = replace(walk, labels=(*walk.labels, *more))
     settings = ("steps.height=1.6", "steps.swing=3.5", "steps.refractory_s=0.5")
-    found = account(walk.evidence(*settings))
+    found = explain_steps(walk.evidence(*settings))
     remedies = {w.remedy for w in (*found.missed, *found.false) if w.remedy is not None}
     assert any(len(remedy.changes) == 2 for remedy in remedies)
     for remedy in several(sorted(remedies, key=lambda r: (-len(r.changes), r.settings))):

@@ -11,7 +11,14 @@ import pytest
 
 from groundtrace.errors import PipelineError, RecordingError
 from groundtrace.evaluation.matching import match_steps
-from groundtrace.explain.redecide import Axis, Counts, Redecider, StepChain, make_grid, parse_axis
+from groundtrace.explain.redecide import (
+    Axis,
+    Counts,
+    OfflineDecider,
+    StepChain,
+    make_grid,
+    parse_axis,
+)
 from groundtrace.explain.sweep import (
     EventList,
     Subject,
@@ -124,7 +131,7 @@ def test_the_order_of_settings_changes_no_decision(waist: Walk) -> None:
 def test_counts_are_those_of_the_score(waist: Walk) -> None:
     grid = make_grid(axes_of(waist.config, WAIST_GATES), random=40, seed=1)
     counted = count([Subject(waist.evidence, ())], grid, 0.08)
-    redecider = Redecider(waist.evidence)
+    redecider = OfflineDecider(waist.evidence)
     for row, values in enumerate(grid.rows):
         keys = ((axis.stage, axis.parameter) for axis in grid.axes)
         matching = redecider.matching(dict(zip(keys, values, strict=True)), 0.08)

@@ -9,7 +9,7 @@ import pytest
 
 from groundtrace.errors import PipelineError
 from groundtrace.explain.reasons import times_of
-from groundtrace.explain.redecide import Redecider, Tries
+from groundtrace.explain.redecide import OfflineDecider, ParameterTrials
 from groundtrace.explain.sweep import measure_evidence
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.simulate.recording import write
@@ -29,14 +29,14 @@ CHANGES = (
 
 
 @pytest.fixture(scope="module")
-def redecider(tmp_path_factory: pytest.TempPathFactory) -> Redecider:
+def redecider(tmp_path_factory: pytest.TempPathFactory) -> OfflineDecider:
     path: Path = tmp_path_factory.mktemp("tries") / "room.mcap"
     write(simulate_room(RoomOptions(duration_s=8.0, rate_hz=5000.0, snr=12.0)), path)
-    return Redecider(measure_evidence(path, load_pipeline("room-steps")))
+    return OfflineDecider(measure_evidence(path, load_pipeline("room-steps")))
 
 
 def test_a_change_gives_the_steps_that_deciding_from_the_start_gives(redecider):
-    tries = Tries(redecider)
+    tries = ParameterTrials(redecider)
     assert tries.stages == ("picks", "steps")
     assert np.array_equal(times_of(tries.unchanged()), redecider.outcome().step_times())
     given = set()
@@ -51,7 +51,7 @@ def test_a_change_gives_the_steps_that_deciding_from_the_start_gives(redecider):
 def test_about_a_moment_only_its_candidates_count(redecider):
     start_ns = redecider.evidence.start_ns
     span = (start_ns + 2 * 10**9, start_ns + 5 * 10**9)
-    near = Tries(redecider).within(*span)
+    near = ParameterTrials(redecider).within(*span)
     for stage, parameter, value in CHANGES:
         found = times_of(near.passed({(stage, parameter): value}))
         expected = redecider.outcome({(stage, parameter): value}, span).step_times()
@@ -61,4 +61,4 @@ def test_about_a_moment_only_its_candidates_count(redecider):
 
 def test_what_needs_a_replay_is_refused(redecider):
     with pytest.raises(PipelineError, match="stored floor"):
-        Tries(redecider).passed({("picks", "ratio"): 0.5})
+        ParameterTrials(redecider).passed({("picks", "ratio"): 0.5})

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from command_runs import check_schema, done
 
-from groundtrace.explain.reasons import PassTruth, counted_kind
+from groundtrace.explain.reasons import PassTruth, scored_event
 from groundtrace.explain.redecide import parse_axis
 from groundtrace.pipeline.config import load_pipeline
 from groundtrace.pipeline.gates import Candidates
@@ -50,7 +50,7 @@ def test_a_stay_that_is_heard_answers_what_comes_by_in_it_and_is_false_far_from_
 
 def test_what_is_counted_follows_the_pipeline() -> None:
     passes, tracks = load_pipeline("vehicle-passes"), load_pipeline("vehicle-tracks")
-    assert (counted_kind(passes), counted_kind(tracks)) == ("pass", "presence")
+    assert (scored_event(passes), scored_event(tracks)) == ("pass", "presence")
     assert parse_axis("presence.over_floor=3:9:3", passes).remeasure
     assert not parse_axis("presence.over_floor=3:9:3", tracks).remeasure
     assert not parse_axis("passes.presence=0,1", passes).remeasure

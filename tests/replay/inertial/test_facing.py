@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from groundtrace.inertial.body_motion import Motion
-from groundtrace.inertial.steps import SETTLED, Facing
+from groundtrace.inertial.body_motion import LevelFrameMotion
+from groundtrace.inertial.steps import SETTLED, BodyHeadingOffset
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -27,16 +27,16 @@ class Walker:
         self.quaternion: NDArray[np.float64] = sensor.as_quat()[[3, 0, 1, 2]]
         self.lead = lead
 
-    def between(self, start_ns: int, stop_ns: int) -> Motion:
+    def between(self, start_ns: int, stop_ns: int) -> LevelFrameMotion:
         times = np.arange(start_ns, stop_ns, round(NS_PER_S / RATE_HZ))
         turn = 2 * np.pi * times / NS_PER_S / STEP_S
         zero = np.zeros(len(times))
         ahead = np.cos(turn + 2 * np.pi * self.lead)
         felt = np.stack([ahead, 0.5 * np.sin(turn / 2), 2 * np.cos(turn)], axis=1)
-        return Motion(times, np.tile(self.quaternion, (len(times), 1)), felt, felt, zero)
+        return LevelFrameMotion(times, np.tile(self.quaternion, (len(times), 1)), felt, felt, zero)
 
 
-def told(walker: Walker, facing: Facing, count: int = 20, kind: str = "") -> float:
+def told(walker: Walker, facing: BodyHeadingOffset, count: int = 20, kind: str = "") -> float:
     """Direction that a wearer is said to look in after some steps [degrees]."""
     for k in range(10, 10 + count):
         time_ns = round(k * STEP_S * NS_PER_S)
@@ -52,18 +52,18 @@ def test_the_walk_tells_the_way_however_the_sensor_is_turned(
     yaw_deg: float, roll_deg: float
 ) -> None:
     sensor = Rotation.from_euler("ZX", [yaw_deg, roll_deg], degrees=True)
-    assert told(Walker(sensor), Facing("walk")) == pytest.approx(0, abs=5)
+    assert told(Walker(sensor), BodyHeadingOffset("walk")) == pytest.approx(0, abs=5)
 
 
 def test_an_axis_that_stands_upright_is_no_reference() -> None:
     sensor = Rotation.from_euler("ZY", [40.0, -90.0], degrees=True)
-    facing = Facing("walk")
+    facing = BodyHeadingOffset("walk")
     assert told(Walker(sensor), facing) == pytest.approx(0, abs=5)
     assert facing.reference == "y"
 
 
 def test_a_sensor_put_on_another_way_is_told_anew() -> None:
-    facing = Facing("walk")
+    facing = BodyHeadingOffset("walk")
     told(Walker(Rotation.from_euler("Z", 40.0, degrees=True)), facing, SETTLED)
     assert facing.settled
     other = Walker(Rotation.from_euler("ZY", [40.0, -90.0], degrees=True))
@@ -73,12 +73,12 @@ def test_a_sensor_put_on_another_way_is_told_anew() -> None:
 
 def test_steps_known_to_go_back_do_not_turn_the_wearer_round() -> None:
     back = Walker(Rotation.identity(), lead=-0.2)
-    assert abs(told(back, Facing("walk"), 200)) == pytest.approx(180, abs=5)
-    assert told(back, Facing("walk"), 200, "backward") == pytest.approx(0, abs=5)
+    assert abs(told(back, BodyHeadingOffset("walk"), 200)) == pytest.approx(180, abs=5)
+    assert told(back, BodyHeadingOffset("walk"), 200, "backward") == pytest.approx(0, abs=5)
 
 
 def test_a_named_axis_is_settled_from_the_first_step() -> None:
-    facing = Facing("-y")
+    facing = BodyHeadingOffset("-y")
     sensor = Walker(Rotation.from_euler("Z", 90.0, degrees=True))
     assert told(sensor, facing, 1) == pytest.approx(0, abs=1e-9)
     assert facing.settled
@@ -86,7 +86,7 @@ def test_a_named_axis_is_settled_from_the_first_step() -> None:
 
 
 def test_what_was_told_is_news_once() -> None:
-    facing, walker = Facing("walk"), Walker(Rotation.from_euler("Z", 90.0, degrees=True))
+    facing, walker = BodyHeadingOffset("walk"), Walker(Rotation.from_euler("Z", 90.0, degrees=True))
     told(walker, facing, SETTLED)
     assert "90 degrees to the right of the sensor's x" in facing.news
     told(walker, facing, 1)

@@ -58,7 +58,7 @@ def blocks(samples: np.ndarray, placement: str = "", rate_hz: float = 100.0) -> 
 def watched(items: list[SignalBlock]) -> PlacementGuess | None:
     watch = PlacementWatch(items[0].stream)
     for block in items:
-        watch.hear(block)
+        watch.update(block)
     return watch.guess()
 
 
@@ -140,7 +140,7 @@ def test_rest_noise_a_short_walk_and_unknown_units_give_no_guess() -> None:
 def test_more_than_two_minutes_of_walking_change_nothing() -> None:
     watch = PlacementWatch(blocks(limb(1.0))[0].stream)
     for block in rechunked(blocks(limb(130.0, 50.0), rate_hz=50.0), 50):
-        watch.hear(block)
+        watch.update(block)
     assert watch.done
     found = watch.guess()
     assert found is not None
@@ -205,7 +205,7 @@ def test_real_recordings_are_guessed(
         stream = next(s for s in opened.streams if PlacementWatch.fits(s))
         watch = PlacementWatch(stream)
         for item in Source(opened, topics=[stream.topic]):
-            watch.hear(item) if isinstance(item, SignalBlock) else watch.gap()
+            watch.update(item) if isinstance(item, SignalBlock) else watch.gap()
     guess = watch.guess()
     assert guess is not None
     assert guess.site == site

@@ -11,9 +11,9 @@ from groundtrace.inertial.pdr_filter import (
     OFFSET,
     PLACE,
     SCALE,
+    MagneticBearing,
     ReckoningFilter,
     ReckoningNoise,
-    Sight,
     Stride,
     Track,
 )
@@ -38,7 +38,7 @@ def at(step: int) -> int:
     return step * NS_PER_S // 2
 
 
-def walk(along: Track, count: int, sight: Sight | None = None, first: int = 1) -> None:
+def walk(along: Track, count: int, sight: MagneticBearing | None = None, first: int = 1) -> None:
     for k in range(first, first + count):
         along.step(Stride(at(k), 0.7, 0.0, sight, 0.0), 0.0, settled=True)
 
@@ -144,7 +144,13 @@ def test_sights_find_the_drift_of_the_gyroscope() -> None:
     along = track(walker())
     for k in range(1, 400):
         along.step(
-            Stride(at(k), 0.7, 0.002 * at(k) / NS_PER_S, Sight(-0.002 * k / 2, 0.05, 2.0), 0.0),
+            Stride(
+                at(k),
+                0.7,
+                0.002 * at(k) / NS_PER_S,
+                MagneticBearing(-0.002 * k / 2, 0.05, 2.0),
+                0.0,
+            ),
             0.0,
             settled=True,
         )

@@ -9,8 +9,8 @@ from scipy import signal
 from groundtrace.inertial.step_type import (
     CONTACT,
     PHASE,
-    Frontal,
-    Lateral,
+    FrontalShape,
+    LateralShape,
     common_share,
     corrected_lead,
     frontal,
@@ -101,8 +101,8 @@ def test_the_low_pass_is_the_document_s() -> None:
     assert np.isfinite(smoothing(4.0, 6.0)).all()  # above what 6 Hz can hold
 
 
-def pattern(lead: float, slopes: float = 0.0) -> Frontal:
-    return Frontal(0.4, lead, 0.3, slopes)
+def pattern(lead: float, slopes: float = 0.0) -> FrontalShape:
+    return FrontalShape(0.4, lead, 0.3, slopes)
 
 
 FORWARD, BACKWARD = pattern(0.25), pattern(-0.2)
@@ -121,13 +121,16 @@ FORWARD, BACKWARD = pattern(0.25), pattern(-0.2)
     ],
 )
 def test_a_step_ordered_otherwise_than_two_neighbours_is_put_right(
-    before: tuple[Frontal, ...], own: Frontal, after: tuple[Frontal, ...], expected: float
+    before: tuple[FrontalShape, ...],
+    own: FrontalShape,
+    after: tuple[FrontalShape, ...],
+    expected: float,
 ) -> None:
     assert corrected_lead(before, own, after) == expected
 
 
-def aside(share: float) -> Lateral:
-    return Lateral(share, 0.1, 0.5, 0.2)
+def aside(share: float) -> LateralShape:
+    return LateralShape(share, 0.1, 0.5, 0.2)
 
 
 def test_one_step_among_others_does_not_go_aside_by_itself() -> None:

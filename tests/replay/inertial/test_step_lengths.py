@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from groundtrace.inertial.body_motion import Motion
+from groundtrace.inertial.body_motion import LevelFrameMotion
 from groundtrace.inertial.steps import (
     Barometer,
     ReckoningParameters,
@@ -50,7 +50,7 @@ def test_steps_back_and_aside_are_shorter() -> None:
     assert step_length(SHAPE, "left", P) == step_length(SHAPE, "right", P) < ahead
 
 
-def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> Motion:
+def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> LevelFrameMotion:
     n = round((step_s + 0.1) * rate_hz) + 1
     time_s = np.arange(n) / rate_hz - 0.05
     wave = 2 * math.pi / step_s
@@ -58,7 +58,7 @@ def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> Motion:
     times = np.rint(time_s * NS_PER_S).astype(np.int64)
     acceleration = np.stack([0 * up, 0 * up, up], axis=1)
     still = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    return Motion(times, still, acceleration, np.full((n, 3), np.nan), np.zeros(n))
+    return LevelFrameMotion(times, still, acceleration, np.full((n, 3), np.nan), np.zeros(n))
 
 
 def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:
@@ -110,6 +110,6 @@ def test_the_barometer_tells_the_height_over_the_first_step() -> None:
     pressure[50] = np.nan
     barometer = Barometer()
     assert math.isnan(barometer.height_m(0))
-    barometer.hear(SignalBlock(stream, 0, 0, pressure[:, None]))
+    barometer.update(SignalBlock(stream, 0, 0, pressure[:, None]))
     assert barometer.height_m(2 * NS_PER_S) == 0
     assert barometer.height_m(12 * NS_PER_S) == pytest.approx(10.05, abs=0.05)

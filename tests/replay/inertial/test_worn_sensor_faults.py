@@ -54,7 +54,7 @@ def found(samples: np.ndarray, *quantities: str, cut: int = 500) -> list[Finding
     of = stream(*(quantities or (GYRO, FORCE, FIELD)))
     watch = ImuWatch([of])
     for block in blocks(of, samples, cut):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     return list(watch.findings())
 
@@ -70,7 +70,7 @@ def test_a_sensor_in_order_gives_no_finding_and_says_that_its_axes_fit() -> None
     of = stream(GYRO, FORCE, FIELD)
     watch = ImuWatch([of])
     for block in blocks(of, turning_sensor()):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     assert list(watch.findings()) == []
     checks = list(watch.checks())
@@ -101,7 +101,7 @@ def test_the_third_vector_tells_that_it_is_not_the_gyroscope(
     of = stream(GYRO, FORCE, FIELD)
     watch = ImuWatch([of])
     for block in blocks(of, changed(turning_sensor(), place, matrix)):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     (fault,) = watch.findings()
     assert fault.remedy == f"in the map, {AxisMap(quantity, matrix.T).columns}"
@@ -155,7 +155,7 @@ def test_a_field_of_zeros_is_told_once() -> None:
     of = stream(GYRO, FORCE, FIELD)
     watch = ImuWatch([of])
     for block in blocks(of, changed(turning_sensor(), 2, 0 * EYE)):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     (fault,) = watch.findings()
     assert (fault.kind, fault.channel) == ("zero", FIELD)
@@ -213,7 +213,7 @@ def test_too_little_turning_is_said_to_be_too_little() -> None:
     samples = random.normal(0, [0.002] * 3 + [0.5] * 3, (6000, 6))
     samples[:, 5] += 9.8
     for block in blocks(of, samples):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     (check,) = watch.checks()
     assert check.text.startswith("too little turning to confirm the axes")
@@ -226,7 +226,7 @@ def test_iron_that_turns_with_the_sensor_judges_no_axes() -> None:
     of = stream(GYRO, FORCE, FIELD)
     watch = ImuWatch([of])
     for block in blocks(of, samples):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     assert list(watch.findings()) == []
     assert [c.text[:11] for c in watch.checks()] == ["the axes fi", "not checked"]
@@ -252,7 +252,7 @@ def test_acceleration_that_never_comes_is_not_waited_for_in_ever_more_memory() -
     watch = ImuWatch([gyro, force])
     samples = turning_sensor(60.0)
     for block in blocks(gyro, samples[:, :3]):
-        watch.hear(block)
+        watch.update(block)
     assert len(pickle.dumps(watch)) < 100_000
     watch.finish()
     assert list(watch.findings()) == []
@@ -268,7 +268,7 @@ def test_an_hour_keeps_little_more_than_ten_minutes() -> None:
     sizes = []
     spreads = Spreads(8.0, 4, scaled=True)
     for _ in range(6):
-        spreads.hear(rows, RATE_HZ, 10**12)
+        spreads.update(rows, RATE_HZ, 10**12)
         sizes.append(len(spreads))
     assert sizes[-1] < 2 * sizes[0]
 
@@ -287,9 +287,9 @@ def limits_of(values: np.ndarray, quantity: str = GYRO, rate_hz: float = 200.0) 
     windows, limits = Windows(rate_hz), Limits(of, {quantity})
     for block in blocks(of, values[:, None]):
         for window in windows.add(block):
-            limits.hear(window)
+            limits.update(window)
     for window in windows.finish():
-        limits.hear(window)
+        limits.update(window)
     return list(limits.findings())
 
 
@@ -340,9 +340,9 @@ def repeats_of(values: np.ndarray, quantity: str = FORCE) -> list[Finding]:
     windows, repeats = Windows(RATE_HZ), Repeats(of)
     for block in blocks(of, values[:, None]):
         for window in windows.add(block):
-            repeats.hear(window)
+            repeats.update(window)
     for window in windows.finish():
-        repeats.hear(window)
+        repeats.update(window)
     return list(repeats.findings())
 
 
@@ -367,7 +367,7 @@ def test_strikes_of_one_sample_at_the_limit_are_told() -> None:
     watch = ImuWatch([of])
     strikes = np.minimum(np.stack([struck(seed=k) for k in range(3)], axis=1), limit)
     for block in blocks(of, strikes):
-        watch.hear(block)
+        watch.update(block)
     watch.finish()
     assert [f.channel for f in watch.findings()] == [f"{FORCE}_{axis}" for axis in "xyz"]
 
@@ -396,8 +396,8 @@ def test_gaps_end_the_runs_of_a_sensor() -> None:
     watch = ImuWatch([of])
     samples = turning_sensor(30.0)
     for block in blocks(of, samples):
-        watch.hear(block)
-        watch.hear(Gap("/imu", block.end_ns, block.end_ns + 10**9, "missing", 100))
+        watch.update(block)
+        watch.update(Gap("/imu", block.end_ns, block.end_ns + 10**9, "missing", 100))
     watch.finish()
     assert [c.windows for c in watch.checks()] == [0, 3 * 6 - 6]
 

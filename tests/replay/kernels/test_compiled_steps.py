@@ -36,15 +36,15 @@ from groundtrace.localizers.gcc_phat import (
     MISFIT_S,
     ONSET,
     PASSES,
-    Apart,
     Band,
     Delays,
     GccPhat,
+    OnsetSeparation,
     consistent,
     correlated,
 )
 from groundtrace.localizers.tdoa import Model, losses
-from groundtrace.pipeline.gates import Candidates, Carry
+from groundtrace.pipeline.gates import Candidates, GateState
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -133,7 +133,9 @@ def test_the_nearest_arrival_is_the_nearest_of_its_channel_that_stands(seed, cou
     value = np.zeros((count, len(GccPhat.columns)), np.float32)
     value[:, ONSET] = rng.integers(0, 2, count)
     channel, alive = rng.integers(0, 3, count).astype(np.int32), rng.random(count) < 0.6
-    found = Apart().values(Candidates(times, channel, value), GccPhat.columns, alive, 0.1, Carry())
+    found = OnsetSeparation().values(
+        Candidates(times, channel, value), GccPhat.columns, alive, 0.1, GateState()
+    )
     for row in range(count):
         standing = (channel == channel[row]) & alive & (value[:, ONSET] == 0)
         apart = np.abs(times[standing] - times[row]) / 1e9

@@ -12,7 +12,7 @@ from replay_blocks import START_NS, stream_of
 
 from groundtrace.errors import PipelineError
 from groundtrace.localizers.array_method import ArrayMethod, ArrayParameters, Window, takes_steps
-from groundtrace.pipeline.buffers import Recall
+from groundtrace.pipeline.buffers import SignalBuffer
 from groundtrace.pipeline.config import PipelineConfig, build_pipeline
 from groundtrace.pipeline.gates import Candidates
 from groundtrace.pipeline.stage import StageConfig, StageRunner
@@ -157,9 +157,9 @@ def test_a_step_announced_late_is_shown_the_same_window_whatever_the_blocks(
 
 
 def test_what_no_step_can_ask_for_is_forgotten() -> None:
-    recall = Recall(STREAM, 20 * MS, 30 * MS, 50 * MS, np.zeros(3))
+    recall = SignalBuffer(STREAM, 20 * MS, 30 * MS, 50 * MS, np.zeros(3))
     for k in range(100):
-        recall.hear(ramp(100 * k, 100))
+        recall.update(ramp(100 * k, 100))
     assert sum(len(b) for b in recall._blocks) <= 3100
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms
 
-from groundtrace.localizers.base import EXPONENT, Floor, Prior, reference_distance
+from groundtrace.localizers.base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
 from groundtrace.localizers.joint_calibration import (
     LOSSES,
-    Free,
+    FreeParameters,
     Impacts,
     fit,
     known_start,
@@ -88,7 +88,7 @@ def test_four_sensors_place_better_with_a_shared_scale_than_with_their_own() -> 
         places, times = heard(seed, sensors=CORNERS)
         impacts = Impacts(CORNERS, times, BOUNDS)
         begun = start(impacts, ROOM)
-        found = fit(impacts, begun.floor, begun.places, prior=Prior(exponent_deviation=0.05))
+        found = fit(impacts, begun.floor, begun.places, prior=ArrivalPrior(exponent_deviation=0.05))
         shared.append(off(places_on(impacts, found.floor, ROOM), places))
         single = [tdoa.locate_power_law(CORNERS, row, ROOM) for row in times]
         own.append(off(np.array([(p.x, p.y) for p in single]), places))
@@ -100,8 +100,8 @@ def test_impacts_as_far_from_all_sensors_tell_no_scale() -> None:
     middle = np.tile([[5.0, 5.0]], (20, 1))
     times = np.random.default_rng(5).normal(0, 2e-4, (20, 4))
     impacts = Impacts(CORNERS, times, BOUNDS, middle)
-    floor = Floor(reference_distance(CORNERS), 5e-3, EXPONENT, np.zeros(4))
-    found = fit(impacts, floor, middle, free=Free(exponent=False))
+    floor = ArrivalModel(reference_distance(CORNERS), 5e-3, EXPONENT, np.zeros(4))
+    found = fit(impacts, floor, middle, free=FreeParameters(exponent=False))
     assert np.isinf(found.deviations[0]) or found.deviations[0] > 1e3
 
 

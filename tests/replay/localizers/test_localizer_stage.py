@@ -9,7 +9,7 @@ import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, times_of
 
 from groundtrace.errors import PipelineError
-from groundtrace.explain.redecide import Redecider, parse_axis
+from groundtrace.explain.redecide import OfflineDecider, parse_axis
 from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
 from groundtrace.pipeline.conformance import assert_same, outcome
 from groundtrace.pipeline.plugins import load
@@ -193,7 +193,7 @@ def test_steps_are_decided_again_as_if_there_were_no_localizers() -> None:
     stages = stage_evidence(found, [s.key for s in config.stage])
     evidence = Evidence("w", config, stages, (), (), start_ns, end_ns)
     steps = [e.time_ns for e in found if isinstance(e, StepEvent)]
-    assert Redecider(evidence).outcome().step_times().tolist() == steps
+    assert OfflineDecider(evidence).outcome().step_times().tolist() == steps
     with pytest.raises(PipelineError, match="expected a stage that decides about steps"):
         parse_axis("power-law.max_residual_s=0.001,0.002", config)
 

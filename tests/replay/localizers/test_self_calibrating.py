@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from localizer_cases import ROOM, SENSORS, THETA_S, rms, uniform
 
-from groundtrace.localizers.base import PRIOR_COUNT, RunningSigma, Site
+from groundtrace.localizers.base import PRIOR_COUNT, PlacedSensors, RunningSigma
 from groundtrace.localizers.methods import Hyperbolic, PowerLaw, SelfCalibrating
 from groundtrace.localizers.wave_physics import PLATE
 from groundtrace.pipeline.plugins import load
@@ -22,7 +22,7 @@ METHODS = ("hyperbolic", "power-law", "self-calibrating", "so-tdoa")
 def begun(kind: Any, medium: Medium | None = None, outline: Any = ROOM, **given: Any) -> Any:
     worker = kind(kind.Parameters(**given))
     medium = Medium(velocity_mps=1225.0) if medium is None else medium
-    assert worker.prepare(Site(SENSORS, outline, medium)) == ""
+    assert worker.prepare(PlacedSensors(SENSORS, outline, medium)) == ""
     return worker
 
 

@@ -16,7 +16,7 @@ from groundtrace.localizers.arrival_order import (
 
 if TYPE_CHECKING:
     from groundtrace.localizers.arrival_order import Regions
-    from groundtrace.pipeline.stage import Location
+    from groundtrace.pipeline.stage import LocationEstimate
 
 #: Theta, sigma, RMSE of the region centres, and of samples of the room with ties averaged [m]; of
 #: 5000 runs.
@@ -33,7 +33,7 @@ GOLDEN = [
 ]
 
 
-def found(times: np.ndarray) -> Location:
+def found(times: np.ndarray) -> LocationEstimate:
     return locate(SENSORS, times, ROOM)
 
 

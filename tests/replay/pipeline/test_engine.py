@@ -9,7 +9,7 @@ import pytest
 from replay_blocks import START_NS, block_of, stream_of
 
 from groundtrace.pipeline.config import Pipeline, PipelineConfig
-from groundtrace.pipeline.engine import Clock, Tally, replay
+from groundtrace.pipeline.engine import Clock, ReplayCounts, replay
 from groundtrace_codecs.events import CandidateBlock, Gap, Note, StageSpec, StepEvent, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -86,7 +86,7 @@ def test_nothing_is_counted_of_nothing():
     tally, log = run([])
     assert (tally.samples, tally.recorded_s) == (0, 0.0)
     assert [type(item).__name__ for _, item in log] == ["Note", "Note"]
-    assert Tally() == Tally()
+    assert ReplayCounts() == ReplayCounts()
 
 
 def test_the_span_reaches_over_all_streams_in_any_order():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace.pipeline.gates import Candidates, Carry, Level, Refractory, decide, gate_specs
+from groundtrace.pipeline.gates import Candidates, GateState, Level, Refractory, decide, gate_specs
 from groundtrace_codecs.events import GateSpec, Quantity
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -120,7 +120,7 @@ def test_a_value_that_is_not_a_number_fails_its_gate(column):
     decisions, carry = decide(candidates([(0, 0, *value)]), COLUMNS, GATES, thresholds())
     assert not decisions.accepted[0]
     assert np.isnan(decisions.margin[0, column])
-    assert carry == Carry({"refractory": {}})
+    assert carry == GateState({"refractory": {}})
 
 
 def test_every_gate_has_value_and_margin_also_behind_a_failure():
@@ -144,7 +144,7 @@ def test_channels_have_their_own_refractory_times():
 
 
 def test_deciding_leaves_the_carry_it_was_given_as_it_was():
-    given_carry = Carry({"refractory": {0: 0}})
+    given_carry = GateState({"refractory": {0: 0}})
     _, after = decide(candidates([(900, 0, 2, 0)]), COLUMNS, GATES, thresholds(), given_carry)
     assert given_carry.last_ns == {"refractory": {0: 0}}
     assert after.last_ns == {"refractory": {0: 900 * MS}}

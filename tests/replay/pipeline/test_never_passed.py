@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from groundtrace.detectors.coincidence import Coincidence, CoincidenceParameters
 from groundtrace.detectors.dempster_shafer import (
     RULES,
-    BeliefDetector,
     BeliefParameters,
-    Evidence,
-    Heights,
+    DempsterShaferDetector,
+    SensorMass,
+    TrapezoidMembership,
 )
 from groundtrace.errors import PipelineError
 from groundtrace.pipeline.parameters import build
@@ -35,7 +35,7 @@ def walking(*, gyroscope: bool = True) -> SignalBlock:
 
 def told(block: SignalBlock, **parameters: object) -> list[str]:
     given_ = build(BeliefParameters, parameters, "steps")
-    stage = StageRunner(StageConfig("dstp", "steps"), BeliefDetector, given_)
+    stage = StageRunner(StageConfig("dstp", "steps"), DempsterShaferDetector, given_)
     notes = [event for event in stage.process(block) if isinstance(event, Note)]
     assert all(note.level == "WARN" and note.time_ns == 5 * NS for note in notes)
     return [note.text for note in notes]
@@ -76,9 +76,9 @@ def test_what_is_told_depends_on_the_numbers_and_not_on_a_name() -> None:
     st.integers(0, 2**32 - 1),
 )
 def test_no_heights_reach_more_than_is_said(rule, reliability, corners, seed) -> None:
-    evidence = Evidence(
-        Heights(corners[0], corners[2]),
-        Heights(corners[1], corners[3], corners[4], corners[5]),
+    evidence = SensorMass(
+        TrapezoidMembership(corners[0], corners[2]),
+        TrapezoidMembership(corners[1], corners[3], corners[4], corners[5]),
         reliability,
         rule,
         "belief",

@@ -12,7 +12,7 @@ from replay_blocks import START_NS, block_of, cuts_of, split, stream_of
 
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.plugins import load
-from groundtrace.pipeline.source import Holder
+from groundtrace.pipeline.source import NonFiniteHold
 from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
@@ -37,7 +37,7 @@ def held(columns: np.ndarray) -> np.ndarray:
 
 
 def test_each_channel_is_held_at_its_own_last_finite_value():
-    holder = Holder()
+    holder = NonFiniteHold()
     found = holder.held(block([1, NAN, INF, 4], [NAN, 2, -INF, NAN]))
     assert found.samples.T.tolist() == [[1, 1, 1, 4], [0, 2, 2, 2]]
     assert holder.count == 5
@@ -52,7 +52,7 @@ SAMPLES = st.lists(
 @given(rows=SAMPLES, cuts=cuts_of(30), dtype=st.sampled_from([np.float32, np.float64]))
 def test_parts_are_held_exactly_like_the_whole(rows, cuts, dtype):
     columns = np.array(rows, dtype).T
-    whole, parts = Holder(), Holder()
+    whole, parts = NonFiniteHold(), NonFiniteHold()
     at_once = whole.held(block(*columns, dtype=dtype))
     pieces = [parts.held(p) for p in split(block(*columns, dtype=dtype), cuts)]
     joined = np.concatenate([p.samples for p in pieces])
@@ -66,19 +66,19 @@ def test_parts_are_held_exactly_like_the_whole(rows, cuts, dtype):
 @pytest.mark.parametrize("dtype", [np.int16, np.int32, np.float32])
 def test_a_finite_block_passes_as_the_same_object(dtype):
     one = block([1, 2], [3, 4], dtype=dtype)
-    holder = Holder()
+    holder = NonFiniteHold()
     assert holder.held(one) is one
     assert holder.count == 0
 
 
 def test_the_block_given_is_not_changed():
     one = block([1, NAN], [1, 1])
-    Holder().held(one)
+    NonFiniteHold().held(one)
     assert np.isnan(one.samples[1, 0])
 
 
 def test_an_empty_block_changes_nothing():
-    holder = Holder()
+    holder = NonFiniteHold()
     holder.held(block([5], [6]))
     empty = block([], [])
     assert holder.held(empty) is empty

@@ -10,7 +10,7 @@ import pytest
 from replay_blocks import START_NS, block_of, stream_of
 
 from groundtrace.errors import RecordingError
-from groundtrace.pipeline.engine import Session
+from groundtrace.pipeline.engine import ReplaySession
 from groundtrace.pipeline.results import (
     RUN,
     Provenance,
@@ -61,8 +61,8 @@ PROVENANCE = Provenance(
 )
 
 
-def session() -> Session:
-    return Session(
+def session() -> ReplaySession:
+    return ReplaySession(
         "room.mcap", "room", START_NS, START_NS + 10, (STREAM,), GEOMETRY, LABELS, "recipe"
     )
 
@@ -139,7 +139,7 @@ def test_a_stage_that_found_nothing_is_known(tmp_path):
 
 def test_a_session_without_geometry_and_labels_is_written(tmp_path):
     sink = ResultsSink(tmp_path / "r.mcap", PROVENANCE)
-    sink.open(Session("n", "walker", 0, 1, (), None, (), ""))
+    sink.open(ReplaySession("n", "walker", 0, 1, (), None, (), ""))
     sink.close()
     sink.close()  # closing twice does no harm
     results = read_results(tmp_path / "r.mcap")

@@ -11,7 +11,7 @@ from replay_blocks import START_NS, block_of, blocks_in, gaps_in, samples_in, st
 from groundtrace.pipeline.source import Source, joined
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.recording import Recording, Stamped
+from groundtrace_codecs.recording import LoggedBlock, Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from groundtrace_codecs.writer import write_recording
 
@@ -33,11 +33,11 @@ class Blocks:
 
     def __init__(self, *blocks: SignalBlock) -> None:
         self.stamped = sorted(
-            (Stamped(b.last_ns, b) for b in blocks), key=lambda stamped: stamped.log_ns
+            (LoggedBlock(b.last_ns, b) for b in blocks), key=lambda stamped: stamped.log_ns
         )
         self.streams = tuple(dict.fromkeys(b.stream for b in blocks))
 
-    def blocks(self, *_: object) -> Iterator[Stamped]:
+    def blocks(self, *_: object) -> Iterator[LoggedBlock]:
         yield from self.stamped
 
 

@@ -26,7 +26,7 @@ def points(speed_mps: float, count: int = 20, every_s: float = 0.5, stage: str =
 def checked(events, application: str = "walker", *, metric: bool = True) -> list[Note]:
     check = TrackCheck(application, [Tracking("track", "steps", "steps")], metric=metric)
     for event in events:
-        check.hear([event])
+        check.update([event])
     return list(check.finish())
 
 
@@ -76,24 +76,26 @@ def test_no_track_where_one_was_asked_for_is_told_with_what_it_takes() -> None:
         "no track, though one was asked for: track takes the steps of steps, which found 3"
     )
     check = TrackCheck("room", [Tracking("t", "fixes", "near")], metric=True)
-    check.hear([Fix(0, 0.0, 0.0, NAN, 0.0, "m", 3, "near"), Fix(0, 0, 0, NAN, 0.0, "m", 3, "far")])
+    check.update(
+        [Fix(0, 0.0, 0.0, NAN, 0.0, "m", 3, "near"), Fix(0, 0, 0, NAN, 0.0, "m", 3, "far")]
+    )
     (note,) = check.finish()
     assert note.text.endswith("t takes the fixes of near, which found 1")
 
 
 def test_where_no_track_was_asked_for_nothing_is_missed() -> None:
     check = TrackCheck("walker", [], metric=True)
-    check.hear(points(60.0))
+    check.update(points(60.0))
     assert not list(check.finish())
 
 
 def test_a_copy_of_a_check_goes_on_as_one_in_one_go() -> None:
     track = points(60.0)
     first = TrackCheck("walker", [Tracking("track", "steps", "steps")], metric=True)
-    first.hear(track[:7])
+    first.update(track[:7])
     second = copy.deepcopy(first)
-    first.hear(points(9.0))
-    second.hear(track[7:])
+    first.update(points(9.0))
+    second.update(track[7:])
     assert list(second.finish()) == checked(track)
 
 

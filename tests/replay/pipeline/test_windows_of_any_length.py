@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.pipeline.buffers import Rounds, in_order
+from groundtrace.pipeline.buffers import StreamSynchronizer, in_order
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from groundtrace_codecs.events import Event
-    from groundtrace_codecs.recording import Stamped
+    from groundtrace_codecs.recording import LoggedBlock
 
 #: Nothing missing; and pieces of streams missing [s from the start].
 WHOLE: tuple[Any, ...] = ()
@@ -40,10 +40,10 @@ class Recorded:
     """A recording in memory, parts of it missing."""
 
     streams: tuple[Stream, ...]
-    stamped: tuple[Stamped, ...]
+    stamped: tuple[LoggedBlock, ...]
     holes: tuple[tuple[str, float, float], ...]
 
-    def blocks(self, *_: Any) -> Iterator[Stamped]:
+    def blocks(self, *_: Any) -> Iterator[LoggedBlock]:
         start_ns = self.stamped[0][1].start_ns
         for log_ns, block in self.stamped:
             times_s = (block.sample_times() - start_ns) / NS_PER_S
@@ -141,7 +141,7 @@ def block(stream: Stream, first: int, count: int) -> SignalBlock:
 
 
 def test_a_round_ends_where_a_stream_goes_on_speaks_again_or_comes_after_all() -> None:
-    rounds = Rounds(("angular_velocity",))
+    rounds = StreamSynchronizer(("angular_velocity",))
     first, field = block(IMU, 0, 100), block(MAG, 0, 50)
     assert rounds.add(first) == []
     assert rounds.add(field) == []

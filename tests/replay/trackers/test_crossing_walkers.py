@@ -15,7 +15,7 @@ from groundtrace.evaluation.tracks import score_tracks
 from groundtrace.pipeline.parameters import build
 from groundtrace.pipeline.results import read_results
 from groundtrace.pipeline.stage import StageConfig, StageRunner
-from groundtrace.trackers.walkers import Walkers, WalkersParameters
+from groundtrace.trackers.walkers import WalkersParameters, WalkerTracker
 from groundtrace_codecs.events import CandidateBlock, Fix, Label, StageSpec, StepEvent, TrackPoint
 
 if TYPE_CHECKING:
@@ -36,7 +36,10 @@ def fix(seconds: float, x: float, y: float) -> Fix:
 def tracked(fixes: Sequence[Fix]) -> list[Event]:
     parameters = build(WalkersParameters, {"sigma_q": SIGMA, "sigma_r": SIGMA}, "track")
     runner = StageRunner(
-        StageConfig("walkers", "track"), Walkers, parameters, {Walkers.takes[0]: ("locate",)}
+        StageConfig("walkers", "track"),
+        WalkerTracker,
+        parameters,
+        {WalkerTracker.takes[0]: ("locate",)},
     )
     events = [e for item in [SPEC, *fixes] for e in runner.process(item)]
     return [*events, *runner.flush()]

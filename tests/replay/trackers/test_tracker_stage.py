@@ -15,7 +15,7 @@ from groundtrace.pipeline.config import build_pipeline, parse_pipeline, wire
 from groundtrace.pipeline.parameters import build
 from groundtrace.pipeline.plugins import stage_named
 from groundtrace.pipeline.stage import StageConfig, StageRunner
-from groundtrace.trackers.walkers import Walkers, WalkersParameters
+from groundtrace.trackers.walkers import WalkersParameters, WalkerTracker
 from groundtrace_codecs.events import (
     SMOOTHED,
     CandidateBlock,
@@ -51,8 +51,8 @@ def straight(count: int, start_s: float = 0.0, y: float = 0.0) -> list[Fix]:
 
 def stage(**parameters: object) -> StageRunner:
     made = build(WalkersParameters, parameters, "track")
-    sources = {Walkers.takes[0]: ("locate",)}
-    return StageRunner(StageConfig("walkers", "track"), Walkers, made, sources)
+    sources = {WalkerTracker.takes[0]: ("locate",)}
+    return StageRunner(StageConfig("walkers", "track"), WalkerTracker, made, sources)
 
 
 def tracked(items: Iterable[Event], **parameters: object) -> list[Event]:
@@ -283,7 +283,7 @@ def test_a_tracker_takes_the_fixes_of_the_first_localizer_or_of_the_one_it_names
 ) -> None:
     config = parse_pipeline(CHAIN + line, "chain.toml")
     kinds = [stage_named(stage.use) for stage in config.stage]
-    assert wire(config.stage, kinds)[-1] == {Walkers.takes[0]: (source,)}
+    assert wire(config.stage, kinds)[-1] == {WalkerTracker.takes[0]: (source,)}
 
 
 def test_a_source_that_gives_nothing_that_is_taken_is_refused() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 from vehicle_runs import START_NS, replayed, road
 
 from groundtrace.pipeline.conformance import check_stage
-from groundtrace.pipeline.gates import Candidates, Carry
+from groundtrace.pipeline.gates import Candidates, GateState
 from groundtrace.simulate.road import VehicleOptions
-from groundtrace.vehicles.presence import Lasting, PresenceParameters, VehiclePresence
+from groundtrace.vehicles.presence import Persistence, PresenceParameters, VehiclePresence
 from groundtrace_codecs.events import CandidateBlock, Presence
 
 ANTENNAS = VehicleOptions()
@@ -58,18 +58,18 @@ def candidates(times_s: list[float]) -> Candidates:
 def test_what_lasts_is_counted_over_a_single_failure_and_over_blocks() -> None:
     alive = np.array([True, True, False, True, False, False, False, True])
     times = [0.5 * k for k in range(8)]
-    whole = Lasting().values(candidates(times), (), alive, 1.0, Carry())
+    whole = Persistence().values(candidates(times), (), alive, 1.0, GateState())
     assert whole.tolist() == [0, 0.5, 0, 1.5, 0, 0, 0, 0]
-    carry, parts = Carry(), []
+    carry, parts = GateState(), []
     for a, b in ((0, 3), (3, 4), (4, 8)):
-        parts += Lasting().values(candidates(times[a:b]), (), alive[a:b], 1.0, carry).tolist()
+        parts += Persistence().values(candidates(times[a:b]), (), alive[a:b], 1.0, carry).tolist()
     assert parts == whole.tolist()
 
 
 def test_a_clock_that_was_set_back_starts_anew() -> None:
-    carry = Carry()
-    Lasting().values(candidates([10.0, 10.5]), (), np.ones(2, np.bool_), 1.0, carry)
-    found = Lasting().values(candidates([2.0, 2.5]), (), np.ones(2, np.bool_), 1.0, carry)
+    carry = GateState()
+    Persistence().values(candidates([10.0, 10.5]), (), np.ones(2, np.bool_), 1.0, carry)
+    found = Persistence().values(candidates([2.0, 2.5]), (), np.ones(2, np.bool_), 1.0, carry)
     assert found.tolist() == [0, 0.5]
 
 

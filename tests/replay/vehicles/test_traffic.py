@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from vehicle_powers import fluctuating
 
-from groundtrace.vehicles.medium import Scatter, rooted, scatter_of
+from groundtrace.vehicles.medium import Scatter, cube_root_normalised, scatter_of
 from groundtrace.vehicles.passes import PassFinder, Road
-from groundtrace.vehicles.traffic import Driven, RoadPowers, Stretch, Vehicle, driven
+from groundtrace.vehicles.traffic import RoadPowers, RoadVehicle, Stretch, Vehicle, driven
 
 TIMES = np.arange(0, 40, 0.25)
 ALONG, OFFSETS = np.array([0.0, 10.0]), np.array([5.0, 5.0])
@@ -31,7 +31,7 @@ def road_powers(vehicles: tuple[tuple[float, float], ...], seed: int) -> RoadPow
     return RoadPowers(TIMES, powers, np.full(mean.shape, FLOOR), ALONG, OFFSETS, 1.5, 0.25)
 
 
-def found(observed: RoadPowers) -> tuple[Driven, ...]:
+def found(observed: RoadPowers) -> tuple[RoadVehicle, ...]:
     finder = PassFinder(least_over_floor=2.0)
     alone = [
         finder.find(TIMES, power, floor)
@@ -86,7 +86,7 @@ def test_scatter_is_found_shared_or_not() -> None:
 
 
 def test_a_cube_root_of_fading_is_nearly_normal() -> None:
-    drawn = rooted(np.random.default_rng(1).exponential(size=100_000))
+    drawn = cube_root_normalised(np.random.default_rng(1).exponential(size=100_000))
     assert drawn.mean() == pytest.approx(-1 / 3, abs=0.02)
     assert drawn.std() == pytest.approx(1, abs=0.04)
 

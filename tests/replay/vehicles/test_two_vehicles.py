@@ -22,7 +22,7 @@ from groundtrace.vehicles.course_stages import (
 )
 from groundtrace.vehicles.courses import UNLIKE, Observed, Search, fit_course, fit_two
 from groundtrace.vehicles.medium import ranges
-from groundtrace.vehicles.stations import Cycle
+from groundtrace.vehicles.stations import StationPowers
 from groundtrace_codecs.events import Note, TrackPoint
 from groundtrace_codecs.geometry import Geometry, Sensor
 
@@ -104,7 +104,7 @@ def followed(stage: type[RunWorker], parameters: object, powers: Observed) -> li
     worker.begin(Geometry(sensors=sensors).stations(), "course")
     for time_s, power in zip(powers.times_s, powers.powers, strict=True):
         floors = np.full(len(power), FLOOR)
-        cycle = Cycle(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)
+        cycle = StationPowers(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)
         worker.take(cycle)
     events = list(worker.follow(np.ones(len(worker.finish()), np.bool_)))
     assert any(isinstance(e, TrackPoint) for e in events)

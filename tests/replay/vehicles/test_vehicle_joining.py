@@ -10,10 +10,10 @@ from vehicle_runs import replayed, road
 
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.simulate.road import VehicleOptions
-from groundtrace.vehicles.course_stages import Way, crossing_of, lines_of
+from groundtrace.vehicles.course_stages import TrackOrigin, crossing_of, lines_of
 from groundtrace.vehicles.courses import RunCollector, RunLimits
 from groundtrace.vehicles.lines import Course
-from groundtrace.vehicles.stations import Cycle
+from groundtrace.vehicles.stations import StationPowers
 from groundtrace_codecs.events import Pass
 from groundtrace_codecs.geometry import Geometry, Sensor, Stations
 
@@ -61,11 +61,11 @@ def test_antennas_are_lines_by_their_names() -> None:
 def test_a_line_is_crossed_only_across(velocity: tuple[float, float], crossed: bool) -> None:
     line = lines_of(site(("A1", 0, 0), ("A2", 20, 0)))[0]
     course = Course(0.0, np.array([10.0, -1.0]), np.array(velocity), np.eye(4))
-    found = list(crossing_of(line, course, (-9.0, 9.0), Way(1, "course", 0)))
+    found = list(crossing_of(line, course, (-9.0, 9.0), TrackOrigin(1, "course", 0)))
     assert bool(found) == crossed
     if crossed:
         assert (found[0].time_ns, found[0].x_m) == (200_000_000, pytest.approx(10.2))
-        assert not list(crossing_of(line, course, (1.0, 9.0), Way(1, "course", 0)))
+        assert not list(crossing_of(line, course, (1.0, 9.0), TrackOrigin(1, "course", 0)))
 
 
 def test_stations_beside_a_road_are_told_from_antennas_across_it() -> None:
@@ -84,9 +84,9 @@ def test_places_along_a_bent_road_are_along_its_corners() -> None:
     assert away == pytest.approx([2, 3])
 
 
-def cycle(second: float, present: bool) -> Cycle:
+def cycle(second: float, present: bool) -> StationPowers:
     one = np.ones(1)
-    return Cycle(round(second * 1e9), one, one, np.zeros(1), np.array([present]))
+    return StationPowers(round(second * 1e9), one, one, np.zeros(1), np.array([present]))
 
 
 def test_a_run_has_its_lead_and_ends_after_quiet() -> None:

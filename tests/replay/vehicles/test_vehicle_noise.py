@@ -7,7 +7,7 @@ import pytest
 from vehicle_powers import ANTENNAS, LAW, MU
 
 from groundtrace.vehicles import likelihood
-from groundtrace.vehicles.likelihood import CyclePlace, less_noise
+from groundtrace.vehicles.likelihood import CyclePlace, noise_subtracted
 from groundtrace.vehicles.medium import ranges
 from groundtrace.vehicles.ratios import (
     DEVIATIONS,
@@ -29,8 +29,8 @@ def test_the_deviation_of_a_power_less_the_noise_is_that_of_many_draws() -> None
     mean = np.array([1.5, 3.0, 100.0])  # over a noise of 1
     powers = mean * rng.gamma(9 * K, 1 / (9 * K), (20000, 3))
     floors = 1 + 0.1 * rng.normal(size=(20000, 3))
-    signal, _ = less_noise(powers, floors, None, (9 * K) ** -0.5)
-    _, sigma = less_noise(mean, np.ones(3), np.full(3, 0.1), (9 * K) ** -0.5)
+    signal, _ = noise_subtracted(powers, floors, None, (9 * K) ** -0.5)
+    _, sigma = noise_subtracted(mean, np.ones(3), np.full(3, 0.1), (9 * K) ** -0.5)
     assert signal.std(axis=0) / (mean - 1) == pytest.approx(sigma, rel=0.03)
     assert sigma[0] > 4 * sigma[2]
 
@@ -60,7 +60,7 @@ def test_a_sensor_that_hardly_hears_the_vehicle_has_little_weight() -> None:
     floors = np.where(np.arange(6) == 5, 29 * truth[5], 0.01)
     off = []
     for sigmas in (np.zeros(6), 0.1 * floors):
-        signal, sigma = less_noise(powers, floors, sigmas, 0.02)
+        signal, sigma = noise_subtracted(powers, floors, sigmas, 0.02)
         known = sigma if sigmas.any() else 0.02
         found = CyclePlace(signal, ANTENNAS, LAW, False, known)
         place = found.locate(found.surface(AXIS, AXIS))

@@ -11,7 +11,7 @@ from vehicle_runs import START_NS, replayed, road, told
 from groundtrace.errors import PipelineError
 from groundtrace.evaluation.report import score_events
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline
-from groundtrace.pipeline.stage import Location
+from groundtrace.pipeline.stage import LocationEstimate
 from groundtrace.simulate.road import VehicleOptions
 from groundtrace_codecs.events import (
     CandidateBlock,
@@ -187,9 +187,9 @@ def test_a_place_by_solving_is_one_of_the_ways() -> None:
 
 
 def test_a_long_thin_ellipse_is_as_unsure_as_its_longer_axis() -> None:
-    thin = Location(0.0, 0.0, np.array([[400.0, 0.0], [0.0, 0.01]]), 0.1, 3)
+    thin = LocationEstimate(0.0, 0.0, np.array([[400.0, 0.0], [0.0, 0.01]]), 0.1, 3)
     assert thin.larger_sigma_m == pytest.approx(20)
     assert np.sqrt(np.trace(thin.covariance) / 2) < 15
-    turned = Location(0.0, 0.0, np.array([[200.0, 199.9], [199.9, 200.0]]), 0.1, 3)
+    turned = LocationEstimate(0.0, 0.0, np.array([[200.0, 199.9], [199.9, 200.0]]), 0.1, 3)
     assert turned.larger_sigma_m == pytest.approx(20, abs=0.01)
-    assert Location(0.0, 0.0, np.full((2, 2), np.inf), 0.1, 3).larger_sigma_m == np.inf
+    assert LocationEstimate(0.0, 0.0, np.full((2, 2), np.inf), 0.1, 3).larger_sigma_m == np.inf

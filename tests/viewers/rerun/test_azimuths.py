@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pytest
 
-from groundtrace.inertial.pdr import DeadReckoner
+from groundtrace.inertial.pdr import PedestrianDeadReckoning
 from groundtrace.inertial.steps import ReckoningParameters
-from groundtrace.pipeline.gates import Candidates, Carry, decided_block, gate_specs
+from groundtrace.pipeline.gates import Candidates, GateState, decided_block, gate_specs
 from groundtrace_codecs.events import StageSpec
-from groundtrace_viewers.rerun.walk import AzimuthLog
+from groundtrace_viewers.rerun.walk import AzimuthView
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
@@ -32,19 +32,19 @@ class Sent:
 
 def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlock:
     """One step of a reckoner, with its cadence."""
-    worker = DeadReckoner(ReckoningParameters())
+    worker = PedestrianDeadReckoning(ReckoningParameters())
     gates = gate_specs(worker.gates, worker.parameters)
     spec = StageSpec("track", "x", "/imu", ("walker",), worker.columns, gates, (), emits)
     values = {"cadence": cadence_hz, "speed": 1.0, "length": 0.7, "azimuth": 12.345}
     row = np.array([[values.get(c.name, 0.0) for c in worker.columns]], np.float32)
     found = Candidates(np.array([time_ns], np.int64), np.zeros(1, np.int32), row)
-    return decided_block(spec, found, worker, worker.parameters, Carry())[0]
+    return decided_block(spec, found, worker, worker.parameters, GateState())[0]
 
 
 def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
     pytest.importorskip("rerun")
     sent = Sent()
-    log = AzimuthLog(cast("Timeline", sent))
+    log = AzimuthView(cast("Timeline", sent))
     for time_ns, cadence_hz in ((1, 1.8), (2, 9.0), (3, 1.9)):
         log.candidates(block(time_ns, cadence_hz))
     log.flush()
@@ -57,7 +57,7 @@ def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
 
 def test_other_stages_have_no_azimuths() -> None:
     sent = Sent()
-    log = AzimuthLog(cast("Timeline", sent))
+    log = AzimuthView(cast("Timeline", sent))
     log.candidates(block(1, 1.8, "step"))
     log.flush()
     assert not sent.rows

@@ -13,7 +13,7 @@ from shared_viewer import pixels, running_viewer
 from shot_sessions import shot_labels, write_shots
 
 from groundtrace.pipeline.config import build_pipeline, named_pipelines, parse_pipeline
-from groundtrace.pipeline.engine import Session, replay
+from groundtrace.pipeline.engine import ReplaySession, replay
 from groundtrace.pipeline.source import Source
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
@@ -95,7 +95,7 @@ def replayed(folder: Path, case: Case) -> tuple[Path, float]:
         config = parse_pipeline(recipe.encode(), case.pipeline)
         chain = build_pipeline(config, recording.geometry, recording.labels)
         source = Source(recording)
-        session = Session(
+        session = ReplaySession(
             path.name,
             chain.config.application,
             recording.start_ns,

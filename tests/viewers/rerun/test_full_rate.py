@@ -22,12 +22,12 @@ from viewer_sessions import (
 from groundtrace_codecs.events import Label, StepEvent
 from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.rerun.signals import FullRate, planned
-from groundtrace_viewers.rerun.sink import EVERY_NS, Moments, RerunSink
+from groundtrace_viewers.rerun.sink import EVERY_NS, CloseUpTimes, RerunSink
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
 
 SCALARS = "Scalars:scalars"
 LAG_NS = 5_000_000_000
@@ -40,7 +40,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 100.0)
 
 
-def written(path: Path, mode: str, session: Session | None = None) -> Path:
+def written(path: Path, mode: str, session: ReplaySession | None = None) -> Path:
     """Write the room's replay, events and signal by time."""
     sink = RerunSink(path, full_rate=mode)
     sink.open(session or room_session())
@@ -157,7 +157,7 @@ def test_moments_do_not_depend_on_when_they_are_looked_for() -> None:
     plan = replace(plan, mode="misses")
     found = []
     for every_ns in (EVERY_NS // 8, EVERY_NS, 3 * EVERY_NS):
-        moments = Moments(plan, session, LAG_NS)
+        moments = CloseUpTimes(plan, session, LAG_NS)
         moments.judge()
         told: list[int] = []
         detected = [s.time_ns + 10_000_000 for k, s in enumerate(steps) if k % 7]

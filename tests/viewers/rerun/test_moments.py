@@ -15,7 +15,7 @@ from groundtrace.simulate.recording import write
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Fix, Gap, Label, Note, StepEvent
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.rerun.moments import Moments, moments_of_results, moments_of_session
+from groundtrace_viewers.rerun.moments import PageMoments, moments_of_results, moments_of_session
 from groundtrace_viewers.web.annotate import replayed
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ name = "associate"
 """
 
 
-def moments(*more: object) -> Moments:
+def moments(*more: object) -> PageMoments:
     session = replace(room_session(), pipeline=PIPELINE, labels=())
     return moments_of_session(session, [*decisions(), *more])
 

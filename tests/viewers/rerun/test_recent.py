@@ -5,13 +5,13 @@ import pytest
 from viewer_sessions import IMU, SEISMIC, at, blocks, imu_samples, seismic_samples
 
 from groundtrace_codecs.events import Pick, StepEvent
-from groundtrace_viewers.rerun.signals import Recent, Traces
+from groundtrace_viewers.rerun.signals import RecentSamples, Traces
 
 
 @pytest.mark.parametrize("rows", [1, 40, 12_000])
 def test_a_span_is_the_same_whatever_the_blocks(rows: int) -> None:
     samples = seismic_samples()[:400]
-    recent = Recent(SEISMIC)
+    recent = RecentSamples(SEISMIC)
     for block in blocks(SEISMIC, samples, rows):
         recent.push(block)
     pieces = list(recent.between(at(0.05), at(0.1)))
@@ -22,7 +22,7 @@ def test_a_span_is_the_same_whatever_the_blocks(rows: int) -> None:
 
 
 def test_only_the_last_seconds_are_kept() -> None:
-    recent = Recent(SEISMIC, keep_s=1.0)
+    recent = RecentSamples(SEISMIC, keep_s=1.0)
     for block in blocks(SEISMIC, seismic_samples(), 500):
         recent.push(block)
     assert recent.value(at(4.9), [0]) == 0.0

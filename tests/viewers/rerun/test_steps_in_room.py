@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event
 
 SCALARS, LABELS = "Scalars:scalars", "Points2D:labels"
@@ -50,7 +50,7 @@ STEPS = StageSpec("steps", "?", "/seismic", ("all",), (), (), (), "step")
 BY_SIGNS = StageSpec("by-signs", "so-tdoa", "/seismic", ("all",), (), (), (), "fix")
 
 
-def written(path: Path, session: Session, events: Iterable[Event], wide: int = 1) -> Path:
+def written(path: Path, session: ReplaySession, events: Iterable[Event], wide: int = 1) -> Path:
     sink = RerunSink(path)
     sink.open(session)
     for event in (PICKS, STEPS, BY_SIGNS, *events):
@@ -177,7 +177,7 @@ def test_a_stage_tells_its_curve_whose_cells_peaks_are_the_frames_ratio() -> Non
                 np.testing.assert_allclose(value[inside].max(axis=0), reached, rtol=1e-5)
 
 
-def triaxial() -> Session:
+def triaxial() -> ReplaySession:
     """Two stations of three axes, at the left corners."""
     names = [f"{station}{axis}" for station in ("A", "B") for axis in "xyz"]
     channels = tuple(Channel(n, "ground_velocity", "m/s", n[1], 2e-9) for n in names)

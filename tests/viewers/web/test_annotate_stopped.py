@@ -16,7 +16,7 @@ from groundtrace.pipeline.engine import ReplayLoop
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from groundtrace.pipeline.engine import Item, Tally
+    from groundtrace.pipeline.engine import Item, ReplayCounts
 
 Capture = pytest.CaptureFixture[str]
 
@@ -31,7 +31,7 @@ def interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     """Press Ctrl-C as soon as a replay has begun."""
     through = ReplayLoop.through
 
-    def pressed(loop: ReplayLoop, source: Iterable[Item]) -> Tally:
+    def pressed(loop: ReplayLoop, source: Iterable[Item]) -> ReplayCounts:
         os.kill(os.getpid(), signal.SIGINT)
         return through(loop, source)
 

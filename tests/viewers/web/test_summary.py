@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
 
 STAGES = """
 [[stage]]
@@ -31,7 +31,7 @@ use = "coincidence"
 NAN = float("nan")
 
 
-def stored(folder: Path, session: Session, events: Iterable[Event]) -> Sources:
+def stored(folder: Path, session: ReplaySession, events: Iterable[Event]) -> Sources:
     """Write results and read what is shared of them."""
     pipeline = f'name = "here"\napplication = "{session.application}"\n{STAGES}'
     origin = Provenance(session.name, "0" * 64, session.start_ns, session.end_ns, pipeline)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     import rerun.blueprint as rrb
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
 
     from .site import Bounds
     from .timeline import Entity
@@ -62,7 +62,7 @@ SPECTRUM_S = (0.05, 0.25)
 
 
 def blueprint(
-    session: Session,
+    session: ReplaySession,
     entities: Sequence[Entity],
     shown: Bounds | None = None,
     *,
@@ -144,7 +144,7 @@ def _texts(entities: Sequence[Entity]) -> list[Part]:
     return [(rrb.Horizontal(*halves, column_shares=[1.15, 1.0]), TEXTS)]
 
 
-def _map(session: Session, site: Bounds | None, entities: Sequence[Entity]) -> list[Part]:
+def _map(session: ReplaySession, site: Bounds | None, entities: Sequence[Entity]) -> list[Part]:
     unit = session.geometry.length_unit if session.geometry is not None else "m"
     name = f"{'Way' if session.application == 'walker' else 'Site'} [{unit}]"
     wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
@@ -162,7 +162,7 @@ def _share(site: Bounds) -> float:
     return TEXTS * height / (1.0 - height)
 
 
-def _overview(session: Session, entities: Sequence[Entity]) -> list[Part]:
+def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     """Everything on the common time axis, from signals to decisions."""
     overview, finest = _of(entities, "overview"), _of(entities, "envelope")
     enveloped = [*overview, *map(_short, finest)] if overview else finest

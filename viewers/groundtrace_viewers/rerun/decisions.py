@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.stage import Curve
     from groundtrace_codecs.events import (
         CandidateBlock,
@@ -143,7 +143,7 @@ def shown_rows(block: CandidateBlock) -> CandidateBlock:
     return replace(block, **{name: getattr(block, name)[rows] for name in columns})
 
 
-class DetectorLog:
+class DetectorView:
     """Logs what one stage says about one topic.
 
     Parameters
@@ -326,7 +326,7 @@ class PickerCurve:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, spec: StageSpec, colours: SensorColours
+        self, timeline: Timeline, session: ReplaySession, spec: StageSpec, colours: SensorColours
     ) -> None:
         self._timeline = timeline
         self._spec = spec
@@ -334,7 +334,7 @@ class PickerCurve:
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
-        self._retold = Retold(session, spec)
+        self._retold = RecomputedCurve(session, spec)
         self._declared = False
 
     def feed(self, item: SignalBlock | Gap) -> None:
@@ -395,7 +395,7 @@ class PickerCurve:
         )
 
 
-class Retold:
+class RecomputedCurve:
     """The curve of one stage on one topic.
 
     Parameters
@@ -406,7 +406,7 @@ class Retold:
         The stage.
     """
 
-    def __init__(self, session: Session, spec: StageSpec) -> None:
+    def __init__(self, session: ReplaySession, spec: StageSpec) -> None:
         self._topic = spec.topic
         self._stage: StageRunner | None = None
         self._last: Curve | None = None
@@ -472,11 +472,11 @@ class StepCurve:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, spec: StageSpec, span_ns: tuple[int, int]
+        self, timeline: Timeline, session: ReplaySession, spec: StageSpec, span_ns: tuple[int, int]
     ) -> None:
         self._timeline = timeline
         self._spec = spec
-        self._retold = Retold(session, spec)
+        self._retold = RecomputedCurve(session, spec)
         self._root = f"/detector/{spec.stage}/{spec.topic.strip('/')}"
         self._times = np.empty(0, np.int64)
         self._values = np.empty(0)
@@ -647,7 +647,7 @@ class LogLines:
         self._pending.clear()
 
 
-class PickLog:
+class PickView:
     """Picks: marks on the waveform, rows of a table and log lines."""
 
     def __init__(self, timeline: Timeline, colours: SensorColours, lines: LogLines) -> None:
@@ -701,7 +701,7 @@ class PickLog:
         self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
 
 
-class StepLog:
+class StepView:
     """Steps and impacts: marks on the waveform, rows of a table and log lines."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -755,7 +755,7 @@ class StepLog:
         self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
 
 
-class LossLog:
+class LossView:
     """Interruptions: a lane and log lines."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -777,7 +777,7 @@ class LossLog:
         self._lane.flush(before_ns)
 
 
-class PlainLog:
+class PlainView:
     """Kinds of events that have no view of their own: a lane and a line of the log each."""
 
     def __init__(self, timeline: Timeline, lines: LogLines) -> None:
@@ -810,7 +810,7 @@ def log_note(lines: LogLines, note: Note, where: str) -> None:
     lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
 
 
-def lane_labels(session: Session) -> list[Label]:
+def lane_labels(session: ReplaySession) -> list[Label]:
     """Return the labels that have lanes: of a room with steps not the walk as a whole.
 
     It would say nothing more, unless parts of it are ignored. Passes of vehicles have lanes by
@@ -878,7 +878,7 @@ class Verdict(NamedTuple):
 
 
 def verdicts(
-    session: Session, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
+    session: ReplaySession, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
 ) -> list[Verdict]:
     """Return what became of every true step, and which detections answer none.
 
@@ -940,7 +940,7 @@ NAMES = ("pic", "nonpic", "Θ", "K")
 MASS_COLOURS = (PEAK, NO_PEAK, EITHER, CONFLICT)
 
 
-class MassLog:
+class MassView:
     """Logs the masses of one stage's candidates.
 
     Parameters

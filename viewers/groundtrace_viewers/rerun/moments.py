@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from groundtrace.explain.reasons import GateReading
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence
     from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.signals import Stream
@@ -73,7 +73,7 @@ class PageMoment:
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
+class PageMoments:
     """All that a page needs to know of a replay beside the viewer's file.
 
     Attributes
@@ -129,7 +129,7 @@ def moments_of_results(
     streams: Sequence[Stream] = (),
     labels: tuple[Label, ...] | None = None,
     recording: Path | None = None,
-) -> Moments:
+) -> PageMoments:
     """Return the moments of a result.
 
     Parameters
@@ -156,7 +156,7 @@ def moments_of_results(
         *_wrong_picks(evidence),
         *_wrong_passes(evidence, results.events),
     )
-    return Moments(
+    return PageMoments(
         results.provenance.recording,
         results.provenance.sha256,
         str(evidence.start_ns),
@@ -175,8 +175,8 @@ def moments_of_results(
 
 
 def moments_of_session(
-    session: Session, events: Sequence[Event], at_ns: int | None = None
-) -> Moments:
+    session: ReplaySession, events: Sequence[Event], at_ns: int | None = None
+) -> PageMoments:
     """Return the moments of a replay that has ended, of the events it gave.
 
     Parameters

@@ -25,14 +25,14 @@ from groundtrace.layout.report import (
     region_words,
     sign_words,
 )
-from groundtrace.pipeline.engine import Session
-from groundtrace.pipeline.results import appearing, step_times
+from groundtrace.pipeline.engine import ReplaySession
+from groundtrace.pipeline.results import atomic_write, step_times
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import ViewerError
 from .blueprint import linked
-from .decisions import VERDICT_COLOURS, DetectorLog, ceiling, decision_gate, log_truth
+from .decisions import VERDICT_COLOURS, DetectorView, ceiling, decision_gate, log_truth
 from .process import connect, data_url, free_port, open_viewer
 from .sink import Outlet, RerunSink
 from .timeline import (
@@ -192,7 +192,7 @@ def recording_at(
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
     shown = [rr.GrpcSink(data_url(port))] if spawn else []
-    with nullcontext() if path is None else appearing(path) as fresh:
+    with nullcontext() if path is None else atomic_write(path) as fresh:
         outlet = Outlet(recording, fresh, *shown, name=path)
         try:
             yield recording
@@ -231,7 +231,7 @@ class MomentSink(RerunSink):
         self._at_ns = at_ns
         self._start_ns = 0
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin a replay."""
         self._start_ns = session.start_ns
         super().open(session)
@@ -513,10 +513,10 @@ def arranged(page: rrb.View, stack: Sequence[rrb.View], shares: Sequence[float])
     )
 
 
-def session_of(evidence: Evidence) -> Session:
+def session_of(evidence: Evidence) -> ReplaySession:
     """Return what evidence says of its recording."""
     e, config = evidence, evidence.config
-    return Session(
+    return ReplaySession(
         e.name, config.application, e.start_ns, e.end_ns, (), None, e.labels, config.name
     )
 
@@ -566,7 +566,7 @@ def log_detector(
         Path of the decision function to where its plot ends; empty where there is none.
     """
     spec, found = part.spec, part.candidates
-    log = DetectorLog(timeline, spec, colours, lanes, (focus.start_ns, focus.end_ns))
+    log = DetectorView(timeline, spec, colours, lanes, (focus.start_ns, focus.end_ns))
     log.trace(TraceBlock(spec, part.frames.time_ns, part.frames.value))
     for gap in gaps:
         if gap.topic == spec.topic and not gap.bridged:

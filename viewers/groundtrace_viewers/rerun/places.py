@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rerun import ComponentColumn, ComponentColumnList
 
     from groundtrace.localizers.arrival_order import Regions
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event, Pick, StageSpec
     from groundtrace_codecs.geometry import Geometry
 
@@ -75,16 +75,16 @@ class Places:
     """
 
     def __init__(
-        self, timeline: Timeline, session: Session, colours: SensorColours, lines: LogLines
+        self, timeline: Timeline, session: ReplaySession, colours: SensorColours, lines: LogLines
     ) -> None:
         shown = None if session.application == "walker" else bounds(session)
         self.shown = shown
         self.sensors = SensorMap(timeline, session, colours) if shown else None
         on_road = session.application == "vehicle"
-        self._fixes = FixLog(timeline, shown, crosses=on_road) if shown else None
-        self._tracks = TrackLog(timeline, shown) if shown and not on_road else None
+        self._fixes = FixView(timeline, shown, crosses=on_road) if shown else None
+        self._tracks = TrackView(timeline, shown) if shown and not on_road else None
         unit = session.geometry.length_unit if session.geometry is not None else "m"
-        self._disagreements = DisagreementLog(timeline, lines, unit, on_map=shown is not None)
+        self._disagreements = DisagreementView(timeline, lines, unit, on_map=shown is not None)
 
     def stage(self, spec: StageSpec) -> int:
         """Take a stage and return the colour of its places."""
@@ -164,7 +164,7 @@ def ellipse(fix: Fix) -> NDArray[np.float32]:
     return line.astype(np.float32)
 
 
-class FixLog:
+class FixView:
     """Logs fixes: those of the last seconds are shown, the layout says how many.
 
     Parameters
@@ -293,7 +293,7 @@ class Drawn:
     radii: list[float]
 
 
-class RegionLog:
+class RegionView:
     """Logs the regions of a stage that locates by signs, and the signs of each step.
 
     Parameters
@@ -418,7 +418,7 @@ SIGN_KEY = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Signs:
+class ArrivalOrderView:
     """The signs of one step.
 
     Attributes
@@ -451,16 +451,16 @@ class Signs:
         return self.distance / max(int(self.compared.sum()), 1)
 
 
-def signs_of(regions: Regions, times_s: NDArray[np.float64]) -> Signs:
+def signs_of(regions: Regions, times_s: NDArray[np.float64]) -> ArrivalOrderView:
     """Return the signs of arrivals, shape (n,) [s], NaN where a sensor has none."""
     signs, compared = measured_signs(regions, times_s)
     apart = distances(regions, signs, compared)
     hit = np.flatnonzero(apart == apart.min())
     expected = regions.signs[hit[0]]
-    return Signs(hit, signs.astype(np.int8), expected, compared, float(apart.min()))
+    return ArrivalOrderView(hit, signs.astype(np.int8), expected, compared, float(apart.min()))
 
 
-def signs_page(signs: Signs, regions: Regions, names: Sequence[str], when: str) -> str:
+def signs_page(signs: ArrivalOrderView, regions: Regions, names: Sequence[str], when: str) -> str:
     """Return the signs of a step as a page, markdown.
 
     Parameters
@@ -490,13 +490,13 @@ def signs_page(signs: Signs, regions: Regions, names: Sequence[str], when: str) 
     return "\n".join(lines)
 
 
-def _row(signs: Signs, regions: Regions, names: Sequence[str], pair: int) -> str:
+def _row(signs: ArrivalOrderView, regions: Regions, names: Sequence[str], pair: int) -> str:
     i, j = names[regions.first[pair]], names[regions.second[pair]]
     measured, expected = (MARKS[int(s[pair])] for s in (signs.measured, signs.expected))
     return f"| {i}–{j} | {measured} ✗ | {expected} |"
 
 
-def _matrix(signs: Signs, regions: Regions, names: Sequence[str]) -> list[str]:
+def _matrix(signs: ArrivalOrderView, regions: Regions, names: Sequence[str]) -> list[str]:
     """Return the signs of all pairs i < j: i a column, j a row, the names on the diagonal."""
     width = 3 if len(names) <= FEW_SENSORS else 2
     marks = np.array([MARKS[int(s)] for s in signs.measured], dtype=object)
@@ -515,7 +515,7 @@ DISAGREEMENT_LINES = f"{SITE}/disagreements"
 MOST_FIXES = 64
 
 
-class DisagreementLog:
+class DisagreementView:
     """Logs disagreements.
 
     Parameters
@@ -582,7 +582,7 @@ TRACK_MARGIN = 0.55
 MOST_NAMED = 4
 
 
-class TrackLog:
+class TrackView:
     """Logs tracks; a smoothed one is known when it ends, but drawn at the times of its steps.
 
     Parameters

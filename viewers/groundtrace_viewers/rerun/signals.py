@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rerun.components import AggregationPolicy
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
@@ -51,7 +51,7 @@ SLOW_CHUNK_S = 10.0
 IRREGULAR_PERIODS = 20.0
 
 
-class SignalLog:
+class SignalView:
     """Logs the blocks of one stream.
 
     Parameters
@@ -85,7 +85,7 @@ class SignalLog:
         self._curves = curves_of(stream)
         self._styles = CurveStyles(stream, colours)
         self._levels = [
-            EnvelopeLog(
+            EnvelopeView(
                 timeline, stream, curves, self._styles, role, 1.0 / rate_hz, chunk_s or SLOW_CHUNK_S
             )
             for curves in self._curves
@@ -393,7 +393,7 @@ class Envelope:
         return (self._anchor_ns or 0) + np.rint(first).astype(np.int64), peaks
 
 
-class EnvelopeLog:
+class EnvelopeView:
     """Logs the envelope of the curves of a plot.
 
     Parameters
@@ -594,7 +594,7 @@ class Plan:
         return f"{size}, and {each} at full rate around each of {self.subject}{instead}{most}"
 
 
-def planned(asked: FullRate, session: Session) -> Plan:
+def planned(asked: FullRate, session: ReplaySession) -> Plan:
     """Return what of a session is shown at full rate.
 
     Parameters
@@ -642,7 +642,7 @@ def _megabytes(size: float) -> str:
 KEEP_S = 10.0
 
 
-class Recent:
+class RecentSamples:
     """Keeps the last blocks of a stream.
 
     Parameters
@@ -766,14 +766,14 @@ class Traces:
     """The last samples of all streams."""
 
     def __init__(self) -> None:
-        self._recent: dict[str, Recent] = {}
+        self._recent: dict[str, RecentSamples] = {}
         self._streams: dict[str, Stream] = {}
 
-    def begin(self, stream: Stream) -> Recent:
+    def begin(self, stream: Stream) -> RecentSamples:
         """Prepare for a stream and return what will hold its samples."""
         self._streams[stream.topic] = stream
         keep_s = KEEP_S if stream.rate_hz > FULL_RATE_HZ else SLOW_KEEP_S
-        self._recent[stream.topic] = recent = Recent(stream, keep_s)
+        self._recent[stream.topic] = recent = RecentSamples(stream, keep_s)
         return recent
 
     def push(self, block: SignalBlock) -> None:

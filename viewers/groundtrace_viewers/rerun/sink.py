@@ -37,13 +37,13 @@ from ..errors import ViewerError
 from .annotations import log_annotations
 from .blueprint import blueprint
 from .decisions import (
-    DetectorLog,
+    DetectorView,
     LogLines,
-    LossLog,
+    LossView,
     PickerCurve,
-    PickLog,
-    PlainLog,
-    StepLog,
+    PickView,
+    PlainView,
+    StepView,
     lane_labels,
     log_note,
     log_truth,
@@ -53,8 +53,8 @@ from .decisions import (
 )
 from .places import Places
 from .process import connect, data_url, free_port, open_viewer
-from .signals import REACH_NS, FullRate, SignalLog, Traces, planned
-from .site import Details, Section
+from .signals import REACH_NS, FullRate, SignalView, Traces, planned
+from .site import ApplicationViews, Section
 from .spectrogram import LEAST_RATE_HZ, SpectrumViews, spectrograms
 from .stations import StationViews
 from .timeline import (
@@ -80,12 +80,12 @@ if TYPE_CHECKING:
 
     import rerun as rr
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Event
     from groundtrace_codecs.signals import Stream
 
-    from .moments import Moments as moments_Moments
-    from .places import RegionLog
+    from .moments import PageMoments as moments_Moments
+    from .places import RegionView
     from .signals import Plan
     from .site import Bounds, SensorMap, Views
 
@@ -151,13 +151,13 @@ class RerunSink:
         self._channels = tuple(channels)
         self._full_rate = FullRate.parse(full_rate or ("all" if spawn else "misses"))
         self._map_tiles = map_tiles
-        self._session: Session | None = None
+        self._session: ReplaySession | None = None
         self._recording: rr.RecordingStream | None = None
         self._outlet: Outlet | None = None
-        self._replay: Replay | None = None
+        self._replay: TimelineReplay | None = None
         self._events: list[Event] = []
 
-    def expected(self, session: Session) -> str:
+    def expected(self, session: ReplaySession) -> str:
         """Return what the timeline of a session will weigh, one line for people."""
         return planned(self._full_rate, session).words()
 
@@ -166,7 +166,7 @@ class RerunSink:
         """What is shown at full rate, for people; empty before anything is."""
         return self._replay.close_ups.words() if self._replay is not None else ""
 
-    def open(self, session: Session) -> None:
+    def open(self, session: ReplaySession) -> None:
         """Begin a replay.
 
         Raises
@@ -185,7 +185,7 @@ class RerunSink:
         self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
         plan = planned(self._full_rate, session)
-        self._replay = Replay(
+        self._replay = TimelineReplay(
             recording,
             session,
             plan,
@@ -358,7 +358,7 @@ LIVE_LAG_NS = REACH_NS + NS_PER_S // 20
 LIVE_CHUNK_S = 0.5
 
 
-class Replay:
+class TimelineReplay:
     """Logs one replay: hands every item to the part that knows it.
 
     Parameters
@@ -380,7 +380,7 @@ class Replay:
     def __init__(
         self,
         recording: rr.RecordingStream,
-        session: Session,
+        session: ReplaySession,
         plan: Plan,
         *,
         live: bool,
@@ -400,7 +400,7 @@ class Replay:
         self._plan = plan
         lag_ns = LIVE_LAG_NS if live else LAG_NS
         self.close_ups = CloseUps(self.timeline, plan, session, lag_ns)
-        self._signals: dict[str, SignalLog] = {}
+        self._signals: dict[str, SignalView] = {}
         self._sections: dict[str, Section] = {}
         self._traces = Traces()
         for stream in session.streams:
@@ -408,19 +408,19 @@ class Replay:
         self._spectrogram_topic, self._spectrograms = spectrograms(
             self.timeline, session, plan, channels
         )
-        self._detectors: dict[tuple[str, str], DetectorLog] = {}
+        self._detectors: dict[tuple[str, str], DetectorView] = {}
         self._picking: dict[str, str] = {}
         self._stepping: dict[str, str] = {}
         self._steps_ns: list[int] = []
         lines = LogLines(self.timeline)
         self._lines = lines
         self._lanes = StageLanes(self.timeline, ordered=True)
-        self._picks = PickLog(self.timeline, self._colours, lines)
-        self._steps = StepLog(self.timeline, lines)
-        self._losses = LossLog(self.timeline, lines)
-        self._plain = PlainLog(self.timeline, lines)
+        self._picks = PickView(self.timeline, self._colours, lines)
+        self._steps = StepView(self.timeline, lines)
+        self._losses = LossView(self.timeline, lines)
+        self._plain = PlainView(self.timeline, lines)
         self._places = Places(self.timeline, session, self._colours, lines)
-        self._details = particulars(
+        self._details = application_views(
             self.timeline,
             session,
             self._colours,
@@ -443,7 +443,7 @@ class Replay:
     def _begin(self, stream: Stream) -> None:
         """Prepare for a stream."""
         topic = stream.topic
-        self._signals[topic] = SignalLog(
+        self._signals[topic] = SignalView(
             self.timeline, stream, self._colours, self._plan, self._chunk_s
         )
         recent = self._traces.begin(stream)
@@ -508,14 +508,14 @@ class Replay:
         self._details.stage(spec, self._places.stage(spec))
         self._detector(spec)
 
-    def _detector(self, spec: StageSpec) -> DetectorLog:
+    def _detector(self, spec: StageSpec) -> DetectorView:
         key = (spec.stage, spec.topic)
         if key not in self._detectors:
             session = self._session
             span_ns = session.shown_ns or (session.start_ns, session.end_ns)
             drawn = replace(spec, trace=()) if self._details.draws(spec) else spec
             lanes = None if self._details.tells(spec) else self._lanes
-            self._detectors[key] = DetectorLog(self.timeline, drawn, self._colours, lanes, span_ns)
+            self._detectors[key] = DetectorView(self.timeline, drawn, self._colours, lanes, span_ns)
         return self._detectors[key]
 
     def _gap(self, gap: Gap) -> None:
@@ -612,14 +612,14 @@ BY_SIGNS = "so-tdoa"
 
 
 @dataclass(frozen=True, slots=True)
-class Due:
+class PendingStep:
     """A step that waits for its signal, and for arrivals that are refined after it is found."""
 
     time_ns: int
     topic: str
 
 
-class Stepwise(Details):
+class StepDetailLog(ApplicationViews):
     """Logs everything that belongs to single steps.
 
     Parameters
@@ -641,7 +641,7 @@ class Stepwise(Details):
     def __init__(
         self,
         timeline: Timeline,
-        session: Session,
+        session: ReplaySession,
         colours: SensorColours,
         site: SensorMap | None,
         channels: Sequence[str] = (),
@@ -654,10 +654,10 @@ class Stepwise(Details):
         self._close = close
         self._window_s = LocalizerParameters().window_s
         self._picks: deque[Pick] = deque(maxlen=MOST_PICKS)
-        self._due: deque[Due] = deque()
+        self._due: deque[PendingStep] = deque()
         self._lit_ns: int | None = None
         self._curves: list[PickerCurve] = []
-        self._regions: RegionLog | None = None
+        self._regions: RegionView | None = None
         self._picking: StageSpec | None = None
         self._signs = site.names if site is not None else None
         self._stations: dict[str, StationViews] = {}
@@ -688,14 +688,14 @@ class Stepwise(Details):
 
     def _begin_regions(self, spec: StageSpec, colour: int) -> None:
         # shapely takes a while to load, and only regions need it
-        from .places import RegionLog
+        from .places import RegionView
 
         geometry, picking = self._session.geometry, self._picking
-        if geometry is None or picking is None or not RegionLog.fits(geometry, picking):
+        if geometry is None or picking is None or not RegionView.fits(geometry, picking):
             return
         found = used(self._session, spec)
         window_s = found.parameters.window_s if found is not None else self._window_s
-        self._regions = RegionLog(self._timeline, geometry, picking, window_s, colour)
+        self._regions = RegionView(self._timeline, geometry, picking, window_s, colour)
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
@@ -738,7 +738,7 @@ class Stepwise(Details):
 
     def step(self, step: StepEvent) -> None:
         """Take a step: what there is to say of it is shown when its signal is complete."""
-        self._due.append(Due(step.time_ns, step.topic))
+        self._due.append(PendingStep(step.time_ns, step.topic))
 
     def bearing(self, bearing: Bearing) -> None:
         """Take a bearing; it comes with its step."""
@@ -760,7 +760,7 @@ class Stepwise(Details):
         for views in self._stations.values():
             views.flush()
 
-    def _show(self, due: Due) -> None:
+    def _show(self, due: PendingStep) -> None:
         if self._lit_ns is not None and self._lit_ns + LIT_NS < due.time_ns:
             self._put_out(self._lit_ns + LIT_NS)
         self._lit_ns = due.time_ns
@@ -772,7 +772,7 @@ class Stepwise(Details):
         if due.topic in self._stations:
             self._stations[due.topic].step(due.time_ns, picks)
 
-    def _picks_of(self, due: Due) -> list[Pick]:
+    def _picks_of(self, due: PendingStep) -> list[Pick]:
         """Return the arrivals of a step, of the stage that has the last word on them."""
         end_ns = due.time_ns + round(self._window_s * NS_PER_S)
         stage = self._picking.stage if self._picking is not None else ""
@@ -794,7 +794,7 @@ class Stepwise(Details):
 
 
 #: The parts that show events, each in its application or in all.
-PARTS = (Places, Stepwise, Vehicles, Walk)
+PARTS = (Places, StepDetailLog, Vehicles, Walk)
 
 
 def viewed(kind: type[Any]) -> bool:
@@ -802,9 +802,9 @@ def viewed(kind: type[Any]) -> bool:
     return any(kind in part.views for part in PARTS)
 
 
-def particulars(
+def application_views(
     timeline: Timeline,
-    session: Session,
+    session: ReplaySession,
     colours: SensorColours,
     sensors: SensorMap | None,
     lanes: StageLanes,
@@ -813,7 +813,7 @@ def particulars(
     *,
     close: bool,
     tiles: bool,
-) -> Details:
+) -> ApplicationViews:
     """Return the part of a session's application.
 
     Parameters
@@ -833,7 +833,7 @@ def particulars(
     """
     match session.application:
         case "room":
-            return Stepwise(timeline, session, colours, sensors, channels, close=close)
+            return StepDetailLog(timeline, session, colours, sensors, channels, close=close)
         case "vehicle":
             return Vehicles(timeline, session, colours, lanes, lines)
     return Walk(timeline, session, tiles=tiles)
@@ -850,7 +850,7 @@ AT_ONCE = 0.25
 LANE = "/state/8-full-rate"
 
 
-class Moments:
+class CloseUpTimes:
     """Finds the moments of a session as its steps come.
 
     Parameters
@@ -863,7 +863,7 @@ class Moments:
         Steps may come this long after their signal [ns].
     """
 
-    def __init__(self, plan: Plan, session: Session, lag_ns: int) -> None:
+    def __init__(self, plan: Plan, session: ReplaySession, lag_ns: int) -> None:
         self._plan = plan
         self._lag_ns = lag_ns
         self._every_ns = min(EVERY_NS, lag_ns)
@@ -958,8 +958,8 @@ class CloseUps:
         Number of moments that have their samples, and that would have taken too much.
     """
 
-    def __init__(self, timeline: Timeline, plan: Plan, session: Session, lag_ns: int) -> None:
-        self.moments = Moments(plan, session, lag_ns)
+    def __init__(self, timeline: Timeline, plan: Plan, session: ReplaySession, lag_ns: int) -> None:
+        self.moments = CloseUpTimes(plan, session, lag_ns)
         self.shown = self.left_out = 0
         self._plan = plan
         self._lane = Lane(timeline, LANE, {"every sample": SPAN})
@@ -970,9 +970,9 @@ class CloseUps:
     def show(
         self,
         last_ns: int | None,
-        signals: Mapping[str, SignalLog],
+        signals: Mapping[str, SignalView],
         traces: Traces,
-        details: Details,
+        details: ApplicationViews,
     ) -> None:
         """Show what can be told now that the signal came so far; None is the end."""
         if self._plan.mode == "none":
@@ -993,7 +993,7 @@ class CloseUps:
         count = f"{self.shown} of {self.shown + self.left_out}" if self.left_out else self.shown
         return f"every sample around {count} {plan.subject}"
 
-    def _show_around(self, time_ns: int, signals: Mapping[str, SignalLog], traces: Traces) -> bool:
+    def _show_around(self, time_ns: int, signals: Mapping[str, SignalView], traces: Traces) -> bool:
         """Show the samples around a moment, unless they would take too much."""
         start_ns = max(time_ns - REACH_NS, self._shown_to_ns)
         end_ns = min(time_ns + REACH_NS, self._span_ns[1])

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import (
         CandidateBlock,
         Event,
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry, Sensor
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from .signals import Recent
+    from .signals import RecentSamples
     from .timeline import SensorColours, Timeline
 
     #: What shows the events of a kind, by the kind: methods that take one event.
@@ -133,14 +133,14 @@ def signs_of(geometry: Geometry, colours: SensorColours) -> list[Sign]:
     return found
 
 
-def placed(session: Session) -> list[Label]:
+def placed(session: ReplaySession) -> list[Label]:
     """Return the labels that the map shows as places; vehicles come from afar, and go."""
     if session.application == "vehicle":
         return []
     return [x for x in session.labels if x.x_m is not None and x.y_m is not None]
 
 
-def places(session: Session) -> NDArray[np.float64]:
+def places(session: ReplaySession) -> NDArray[np.float64]:
     """Return every place the map must show, shape (n, 2) [m]."""
     points: list[tuple[float, float]] = [
         (label.x_m or 0.0, label.y_m or 0.0) for label in placed(session)
@@ -161,7 +161,7 @@ def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([low - reach, high + reach])
 
 
-def bounds(session: Session) -> Bounds | None:
+def bounds(session: ReplaySession) -> Bounds | None:
     """Return what the map must show, or None where the session knows fewer than two places."""
     return framed(places(session))
 
@@ -222,7 +222,7 @@ class SensorMap:
         The sensors that are named, and what their names say over time.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, colours: SensorColours) -> None:
         import rerun as rr
 
         self._timeline = timeline
@@ -453,7 +453,7 @@ class Section:
     """
 
     def __init__(
-        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: Recent
+        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: RecentSamples
     ) -> None:
         self._timeline = timeline
         self._columns = stream.columns_of(SEISMIC_QUANTITIES)
@@ -617,7 +617,7 @@ def signs(
     return tips
 
 
-class Details:
+class ApplicationViews:
     """Shows nothing; an application's own part overrides what it has something to show of.
 
     Attributes

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from .signals import Plan
@@ -278,7 +278,7 @@ class Spectrogram:
 
 
 def spectrograms(
-    timeline: Timeline, session: Session, plan: Plan, channels: Sequence[str]
+    timeline: Timeline, session: ReplaySession, plan: Plan, channels: Sequence[str]
 ) -> tuple[str, list[Spectrogram]]:
     """Return the topic with spectrograms, and those; empty where nothing fits.
 

@@ -66,8 +66,8 @@ class StationViews:
         places = {s.name: s.place for s in self._stations}
         known = np.array([*((s.x, s.y) for s in geometry.sensors), *geometry.outline])
         box = np.stack([known.min(axis=0), known.max(axis=0)])
-        self._hodograms = HodogramLog(timeline, names, shades)
-        self._rays = BearingLog(timeline, places, dict(zip(names, shades, strict=True)), box)
+        self._hodograms = HodogramView(timeline, names, shades)
+        self._rays = BearingView(timeline, places, dict(zip(names, shades, strict=True)), box)
         self._excerpts = Excerpts(0.0, LATEST_S + LENGTH_S)
         self._bearings: dict[int, dict[str, Bearing]] = {}
 
@@ -183,7 +183,7 @@ def rays(
     return np.stack([start, end], axis=1)
 
 
-class BearingLog:
+class BearingView:
     """Logs the bearings of each step.
 
     Parameters
@@ -281,7 +281,7 @@ def motion(values: NDArray[np.floating], azimuth_rad: float) -> Array:
     return np.stack([np.stack([x, y], axis=1), np.stack([away, z], axis=1)]) / largest
 
 
-class HodogramLog:
+class HodogramView:
     """Logs the hodograms of each step, which stay until the next.
 
     Parameters

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
     from rerun import AsComponents
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Results
     from groundtrace_codecs.events import StageSpec
     from groundtrace_codecs.signals import Channel, Stream
@@ -279,7 +279,7 @@ _HEAT = np.array(
 class SensorColours:
     """Assigns colours to channels: by place in the geometry, else by order of appearance."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: ReplaySession) -> None:
         names = [s.channel for s in session.geometry.sensors] if session.geometry else []
         for stream in session.streams:
             names += [stream.channels[i].name for i in stream.columns_of(SEISMIC_QUANTITIES)]
@@ -630,7 +630,7 @@ class Used:
     topics: tuple[str, ...]
 
 
-def used(session: Session, spec: StageSpec) -> Used | None:
+def used(session: ReplaySession, spec: StageSpec) -> Used | None:
     """Return what a stage runs; None where the session does not say, or it is not installed."""
     try:
         config = parse_pipeline(session.pipeline.encode(), session.name)
@@ -774,7 +774,7 @@ def _names(stream: Stream) -> str:
     return ", ".join(names) if len(names) <= 10 else f"{names[0]} … {names[-1]} ({len(names)})"
 
 
-def about(session: Session) -> str:
+def about(session: ReplaySession) -> str:
     """Return the page as markdown."""
     rows = "\n".join(
         f"| `{s.topic}` | {_names(s)} | {s.rate_hz:g} Hz"

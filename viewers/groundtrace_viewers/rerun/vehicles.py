@@ -23,7 +23,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .decisions import VERDICT_COLOURS
 from .places import ellipse
-from .site import SITE, Details, bounds, signs_of
+from .site import SITE, ApplicationViews, bounds, signs_of
 from .timeline import (
     ACCEPTED,
     COURSE_COLOURS,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     import rerun as rr
     from numpy.typing import ArrayLike, NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence
     from groundtrace_codecs.events import CandidateBlock, Event, Label, StageSpec, TraceBlock
 
@@ -68,7 +68,7 @@ TOLD = (Pass, LineCrossing)
 EXPONENT = "exponent"
 
 
-class Vehicles(Details):
+class Vehicles(ApplicationViews):
     """Logs everything that is particular to vehicles.
 
     Parameters
@@ -88,7 +88,7 @@ class Vehicles(Details):
     def __init__(
         self,
         timeline: Timeline,
-        session: Session,
+        session: ReplaySession,
         colours: SensorColours,
         lanes: StageLanes,
         lines: LogLines,
@@ -97,9 +97,9 @@ class Vehicles(Details):
         self._session = session
         self._lanes = lanes
         shown = bounds(session)
-        self._courses = CourseLog(timeline, shown, lanes)
-        self._likelihood = LikelihoodLog(timeline) if shown is not None else None
-        self._passes = PassLog(timeline, lines, shown)
+        self._courses = CourseView(timeline, shown, lanes)
+        self._likelihood = LikelihoodView(timeline) if shown is not None else None
+        self._passes = PassView(timeline, lines, shown)
         self._road = RoadPlot(timeline, session, colours)
         self._lines = lines
         self._passing = ""
@@ -251,7 +251,7 @@ DASH, BROAD, THIN = 0.012, 1.6, 1.0
 MARGIN = 0.55
 
 
-class CourseLog:
+class CourseView:
     """Logs tracks of vehicles, which are told when a vehicle has gone, at the times they are of.
 
     Courses of a stage that follow one another use two entities in turn: one may still be seen
@@ -388,7 +388,7 @@ def speed_text(one: Pass | LineCrossing) -> str:
     return f"{one.speed_mps:.1f} ± {one.speed_sigma_mps:.1f} m/s"
 
 
-class PassLog:
+class PassView:
     """Logs passes and crossings, which are told when a vehicle has gone.
 
     Parameters
@@ -747,7 +747,7 @@ class RatioCurves:
         bar_ns = (times[:, np.newaxis] + np.arange(3)).ravel()
         self._timeline.scalars(f"{path}/sigma", bar_ns, ends.reshape(-1, 1))
 
-    def log_truth(self, session: Session, exponent: float) -> None:
+    def log_truth(self, session: ReplaySession, exponent: float) -> None:
         """Log what true distances make of the ratios by the law, of each vehicle."""
         site = session.geometry
         places = {s.channel: (s.x, s.y) for s in site.sensors} if site is not None else {}
@@ -778,7 +778,7 @@ OPACITY = 0.8
 LIKELIHOOD_HOLD_NS = 2 * NS_PER_S
 
 
-class LikelihoodLog:
+class LikelihoodView:
     """Logs the images of all stages that locate by likelihood.
 
     Parameters
@@ -897,7 +897,7 @@ class RoadPlot:
         Of the sensors.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, colours: SensorColours) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, colours: SensorColours) -> None:
         self._timeline = timeline
         self._session = session
         self._passes: list[Pass] = []

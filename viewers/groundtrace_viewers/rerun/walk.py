@@ -16,15 +16,15 @@ from groundtrace.evaluation.positions import turn_onto
 from groundtrace.inertial.steps import TangentPlane, satellite_columns, satellite_fixes
 from groundtrace_codecs.events import Disturbance, Heading, TrackPoint
 
-from .decisions import MassLog, StepCurve, step_like
-from .places import TrackLog
+from .decisions import MassView, StepCurve, step_like
+from .places import TrackView
 from .site import (
     MARGIN,
     MOST_NAMES,
     SITE,
     TRUE,
+    ApplicationViews,
     Bounds,
-    Details,
     framed,
     log_outline,
     log_truth_places,
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import Session
+    from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
     from groundtrace_codecs.signals import SignalBlock
 
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     Places = list[tuple[float, float]]
 
 
-class Walk(Details):
+class Walk(ApplicationViews):
     """Logs everything that is particular to walkers.
 
     Parameters
@@ -72,14 +72,14 @@ class Walk(Details):
         Whether a street map is asked for.
     """
 
-    def __init__(self, timeline: Timeline, session: Session, *, tiles: bool = False) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession, *, tiles: bool = False) -> None:
         self._timeline = timeline
         self._session = session
         self._curves: dict[tuple[str, str], StepCurve] = {}
-        self._masses: dict[tuple[str, str], MassLog] = {}
+        self._masses: dict[tuple[str, str], MassView] = {}
         self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
-        self._headings = HeadingLog(timeline, session.labels)
-        self._azimuths = AzimuthLog(timeline)
+        self._headings = HeadingView(timeline, session.labels)
+        self._azimuths = AzimuthView(timeline)
         walker = session.application == "walker"
         self._map = WalkMap(timeline, session) if walker else None
         self._streets = StreetMap(timeline, session) if walker and tiles else None
@@ -99,8 +99,8 @@ class Walk(Details):
                 self._curves[key] = curve
                 if spec.topic in self._last:
                     curve.feed(self._last[spec.topic])
-        if MassLog.fits(spec) and key not in self._masses:
-            self._masses[key] = MassLog(self._timeline, spec, span_ns)
+        if MassView.fits(spec) and key not in self._masses:
+            self._masses[key] = MassView(self._timeline, spec, span_ns)
 
     def draws(self, spec: StageSpec) -> bool:
         """Whether a stage's decision function is drawn at every sample."""
@@ -191,7 +191,7 @@ class WalkMap:
         Gives truth, outline and start.
     """
 
-    def __init__(self, timeline: Timeline, session: Session) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
         self._timeline = timeline
         site = session.geometry
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
@@ -200,7 +200,7 @@ class WalkMap:
         self._passed: dict[str, list[TrackPoint]] = {}
         self._keys: list[tuple[str, int]] = []
         self._between = GrowingLine(timeline, f"{SATELLITES}/lines", SATELLITE & 0xFFFFFF50, -0.6)
-        self._tracks = TrackLog(timeline, None)
+        self._tracks = TrackView(timeline, None)
         self._begun = False
         quantities = {c.quantity for s in session.streams for c in s.channels}
         self._northward = bool(quantities & {"magnetic_field", "latitude"})
@@ -281,7 +281,7 @@ class WalkMap:
         self._begin()
         self._points += places
 
-    def _log_truth(self, session: Session) -> None:
+    def _log_truth(self, session: ReplaySession) -> None:
         placed = [x for x in session.labels if x.x_m is not None and x.y_m is not None]
         if not placed:
             return
@@ -398,7 +398,7 @@ class StreetMap:
         Gives start and truth.
     """
 
-    def __init__(self, timeline: Timeline, session: Session) -> None:
+    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
         site = session.geometry
         self._timeline = timeline
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
@@ -486,7 +486,7 @@ SHADE_DEG = 1e5
 ALONE = ("gyroscope", "compass")
 
 
-class HeadingLog:
+class HeadingView:
     """Logs headings in degrees, without jumps at the full turn.
 
     The truth is unwrapped, and each heading is given the turn that is nearest to it; without
@@ -670,7 +670,7 @@ class HeadingLog:
 SHOWN = {"azimuth": "azimuth_deg", "length": "length_m", "mounting": "mounting_deg"}
 
 
-class AzimuthLog:
+class AzimuthView:
     """Adds columns to the rows of steps that a reckoner took.
 
     A row of the table is a moment, so that what is logged at the time of a step stands in its row.

@@ -115,7 +115,7 @@ def serve(
             report(f"stopped before the page was ready; {_kept(store, recording)}")
             return
         token, listening = secrets.token_urlsafe(24), listen(port)
-        desk = Desk(store, _application(shown), drawn)
+        desk = AnnotationSession(store, _application(shown), drawn)
         port = listening.getsockname()[1]
         app = page_app(rrd, moments.json(), port, "server", api(desk, token))
         for remark in store.remarks:
@@ -222,7 +222,7 @@ class Mark(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     end_ns: str | None = None
 
 
-class Asked(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class MarkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The body of a request that changes something."""
 
     author: str = ""
@@ -243,7 +243,7 @@ class Listing(msgspec.Struct, frozen=True):
     id: str | None = None
 
 
-class Desk:
+class AnnotationSession:
     """An open set of annotations that pages change, one after the other.
 
     Parameters
@@ -279,7 +279,7 @@ class Desk:
         with self._one_at_a_time:
             return self.listing()
 
-    def add(self, asked: Asked) -> Listing:
+    def add(self, asked: MarkRequest) -> Listing:
         """Keep a new mark."""
         label = label_of(_item(asked), self._store.key.start_ns)
         with self._one_at_a_time:
@@ -288,7 +288,7 @@ class Desk:
             self._undo = True
             return self.listing(added.id)
 
-    def edit(self, id_: str, asked: Asked) -> Listing:
+    def edit(self, id_: str, asked: MarkRequest) -> Listing:
         """Change a mark; what a page does not show of it stays."""
         said = label_of(_item(asked), self._store.key.start_ns)
         with self._one_at_a_time:
@@ -307,7 +307,7 @@ class Desk:
             self._undo = True
             return self.listing(id_)
 
-    def delete(self, id_: str, asked: Asked) -> Listing:
+    def delete(self, id_: str, asked: MarkRequest) -> Listing:
         """Take a mark away."""
         with self._one_at_a_time:
             self._known(asked)
@@ -315,7 +315,7 @@ class Desk:
             self._undo = True
             return self.listing()
 
-    def undo(self, asked: Asked) -> Listing:
+    def undo(self, asked: MarkRequest) -> Listing:
         """Take the author's last change back."""
         with self._one_at_a_time:
             self._known(asked)
@@ -341,19 +341,19 @@ class Desk:
             key.name, self._application, key.start_ns, current, earlier[-1], changed_ns
         )
 
-    def _known(self, asked: Asked) -> None:
+    def _known(self, asked: MarkRequest) -> None:
         """Take over the name of whoever changes something."""
         if asked.author:
             self._author = self._store.author = named(asked.author)
 
 
-def _item(asked: Asked) -> Item:
+def _item(asked: MarkRequest) -> Item:
     if asked.mark is None:
         raise AnnotationError("mark: expected one, found none")
     return Item(id="", **msgspec.structs.asdict(asked.mark))
 
 
-def api(desk: Desk, token: str) -> list[Route]:
+def api(desk: AnnotationSession, token: str) -> list[Route]:
     """Return the routes of the marks; each asks for the token.
 
     Parameters
@@ -364,7 +364,7 @@ def api(desk: Desk, token: str) -> list[Route]:
         What the page got with its address.
     """
 
-    def route(path: str, method: str, act: Callable[[Request, Asked], Any]) -> Route:
+    def route(path: str, method: str, act: Callable[[Request, MarkRequest], Any]) -> Route:
         async def answer(request: Request) -> Response:
             # As bytes, since only ASCII text can be compared in constant time.
             given = request.headers.get(TOKEN, "").encode()
@@ -409,11 +409,11 @@ class _TooLargeError(Exception):
     """A body is larger than any mark."""
 
 
-async def _asked(request: Request) -> Asked:
+async def _asked(request: Request) -> MarkRequest:
     """Read the body of a request; nothing is an empty one."""
     body = bytearray()
     async for part in request.stream():
         body += part
         if len(body) > LARGEST_BODY:
             raise _TooLargeError
-    return msgspec.json.decode(bytes(body), type=Asked) if body else Asked()
+    return msgspec.json.decode(bytes(body), type=MarkRequest) if body else MarkRequest()

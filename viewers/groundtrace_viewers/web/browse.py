@@ -13,7 +13,7 @@ from ..rerun.process import LOOPBACK, fetch, free_port, quiet_environment
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ..rerun.moments import Moments
+    from ..rerun.moments import PageMoments
     from ..rerun.sink import RerunSink
 
 
@@ -35,7 +35,7 @@ def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
     return f"http://{LOOPBACK}:{port}", serve_web(shown.path, port, shown.moments)
 
 
-def serve_web(path: Path, port: int, moments: Moments) -> subprocess.Popen[bytes]:
+def serve_web(path: Path, port: int, moments: PageMoments) -> subprocess.Popen[bytes]:
     """Serve a recording to browsers on this machine at ``http://127.0.0.1:PORT``.
 
     The page talks to this server and to nothing else.

@@ -167,7 +167,7 @@ def page_app(
     rrd
         The viewer's file.
     moments
-        As JSON, see :class:`~.rerun.moments.Moments`.
+        As JSON, see :class:`~.rerun.moments.PageMoments`.
     port
         Where it will listen.
     annotations

@@ -20,7 +20,7 @@ from groundtrace.annotate.agreement import item_of, to_json
 from groundtrace.api.files import unheard
 from groundtrace.api.replay import replay_to_files
 from groundtrace.evaluation.html import score_page
-from groundtrace.pipeline.results import appearing, read_results
+from groundtrace.pipeline.results import atomic_write, read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
 from ..errors import ViewerError
@@ -90,7 +90,7 @@ def share_view(
     used = [path for path in (results, recording, rrd) if path is not None]
     _check_target(out, form == "folder", force, used)
     sources = sources_of(results, recording, report)
-    with appearing(out) as fresh:
+    with atomic_write(out) as fresh:
         folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
         folder.mkdir()
         try:
@@ -172,11 +172,13 @@ def _links(sources: Sources) -> list[tuple[str, str]]:
     return [*links, *((d.name, d.name) for d in _downloads(sources))]
 
 
-def _papers(folder: Path) -> list[Paper]:
+def _papers(folder: Path) -> list[ShareDocument]:
     """Return the documents beside a replay."""
     titles = {"summary.html": "Summary", "report.html": "Score"}
     there = ((title, folder / name) for name, title in titles.items())
-    return [Paper(t, path.name, path.read_text("utf-8")) for t, path in there if path.is_file()]
+    return [
+        ShareDocument(t, path.name, path.read_text("utf-8")) for t, path in there if path.is_file()
+    ]
 
 
 def _downloads(sources: Sources) -> list[Download]:
@@ -253,7 +255,7 @@ FROM_FILE_SCRIPT = (
 )
 
 
-class Paper(NamedTuple):
+class ShareDocument(NamedTuple):
     """A document that lies beside the replay: its title, file name, and HTML."""
 
     title: str
@@ -269,7 +271,7 @@ class Download(NamedTuple):
     content: bytes
 
 
-def folder_page(papers: Sequence[Paper], downloads: Sequence[Download]) -> str:
+def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) -> str:
     """Return ``index.html`` of a folder that any web server of files can serve.
 
     Its script stands in it: some servers call script files text, and then they do not run.
@@ -300,7 +302,7 @@ def folder_style() -> bytes:
 
 
 def whole_page(
-    assets: Mapping[str, bytes], papers: Sequence[Paper], downloads: Sequence[Download]
+    assets: Mapping[str, bytes], papers: Sequence[ShareDocument], downloads: Sequence[Download]
 ) -> str:
     """Return a page with everything inside, which opens by a double click.
 
@@ -332,7 +334,7 @@ def whole_page(
     return _after(html, "style-src ", f"{hashes} ")
 
 
-def _held(number: int, paper: Paper) -> str:
+def _held(number: int, paper: ShareDocument) -> str:
     """Return a document that a button shows."""
     held = escape(paper.html, quote=True)
     return (
@@ -489,7 +491,7 @@ def single_page(assets: Mapping[str, bytes]) -> str:
     assets
         Contents of :data:`ASSETS`: ``page.json`` is ``{"annotations": "browser"}`` or ``"off"``,
         with ``"marks"`` those that the page begins with, as items of the exchange format,
-        ``moments.json`` as of :class:`~.rerun.moments.Moments`, ``layout.rrd`` as of
+        ``moments.json`` as of :class:`~.rerun.moments.PageMoments`, ``layout.rrd`` as of
         :func:`~.rerun.blueprint.layout_of`, and the viewer's file.
 
     Returns

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from groundtrace.api.files import Report
     from groundtrace.evaluation.matching import StepMatch
     from groundtrace.evaluation.positions import Places
-    from groundtrace.evaluation.report import Answers, Score
+    from groundtrace.evaluation.report import ResultEvents, Score
     from groundtrace.evaluation.tracks import TrackScore
     from groundtrace.pipeline.config import PipelineConfig
     from groundtrace.pipeline.results import Results
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Fix, Label, Pick, StepEvent, TrackPoint
     from groundtrace_codecs.signals import Stream
 
-    from ..rerun.moments import Moments, PageMoment
+    from ..rerun.moments import PageMoment, PageMoments
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'"
 #: What the score's page does not need: links, and tables longer than a screen.
@@ -282,7 +282,7 @@ NONE = "\N{EN DASH}"
 
 
 def step_table(
-    said: Answers, matching: StepMatch | None, start_ns: int, unit: str
+    said: ResultEvents, matching: StepMatch | None, start_ns: int, unit: str
 ) -> tuple[Row, list[Row]]:
     """Return header and rows of every step; columns that nothing fills are left out.
 
@@ -337,7 +337,7 @@ def _value(value: float) -> str:
     return f"{value:.3g}" if math.isfinite(value) else ""
 
 
-def _places(said: Answers) -> Callable[[StepEvent], str]:
+def _places(said: ResultEvents) -> Callable[[StepEvent], str]:
     """Return what tells where a step was: the last stage's fix, else the track."""
     fixes: Sequence[Fix | TrackPoint] = last_word(said.fixes)
     found = sorted(fixes or said.points, key=lambda each: each.time_ns)
@@ -574,8 +574,8 @@ class Sources:
     config: PipelineConfig
     labels: tuple[Label, ...]
     score: Score
-    said: Answers
-    moments: Moments
+    said: ResultEvents
+    moments: PageMoments
     recording: Path | None
     streams: tuple[Stream, ...]
     annotations: tuple[Annotation, ...]
