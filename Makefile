@@ -100,7 +100,7 @@ proto: dev ## the committed descriptors, from the .proto
 screenshot: $(VENV)/installed ## the picture in the README
 	mkdir -p build
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
-	$(BIN)/python -m groundtrace_viewers.rerun.capture build/room-walk.rrd docs/screenshot.png --at 8.0425
+	$(BIN)/python -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
 
 recompile: ## forget compiled functions: after a change of one that other files' functions call
 	find . -name "*.nb[ci]" -delete

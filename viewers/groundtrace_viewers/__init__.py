@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-# what its writer of files logs, to stderr and unasked, is said as an error: see sink.ended
+# what its writer of files logs, to stderr and unasked, is said as an error: see rerun.sink.Outlet
 os.environ.setdefault("RUST_LOG", "warn,re_sdk=off,re_log_encoding=off")
 
 from .errors import ViewerError

@@ -2,7 +2,7 @@
 
 Pictures of replays for pages, from the command line.
 
-``python -m groundtrace_viewers.rerun.capture REPLAY.rrd PICTURE.png --at 3.62`` takes one.
+``python -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` takes one.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ def publishable(png: Path, menu: int) -> None:
 def main(arguments: list[str]) -> int:
     """Take one picture; return the exit code: 1 where there is none to take."""
     parser = argparse.ArgumentParser(
-        prog="python -m groundtrace_viewers.rerun.capture",
+        prog="python -m groundtrace_viewers",
         description="Picture of a replay as the viewer shows it, without its menu bar.",
     )
     parser.add_argument("rrd", type=Path, help="the viewer's file")
@@ -190,7 +190,3 @@ def main(arguments: list[str]) -> int:
         return 1
     publishable(asked.png, MENU_POINTS)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
