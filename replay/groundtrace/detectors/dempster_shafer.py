@@ -17,10 +17,10 @@ Belief functions, as used here: masses are arrays of shape (..., 2^k), floats or
 one row for each candidate; :class:`HypothesisSet` says what the columns are. Models make masses of
 measured values (chapter II, section III.2; chapter III, section V.2), for peaks and valleys as in
 chapter III, section V. Rules combine the masses of several sources and discount a source (chapter
-II, section III.3). Every rule takes all sources at once, since Yager's, Dubois and Prade's and Florea's
-are not associative: chained in pairs, their result would depend on the order. Belief, plausibility,
-pignistic probability and decisions follow chapter II, section III.4. Where a printed formula is
-wrong, the function says how it is corrected.
+II, section III.3). Every rule takes all sources at once, since Yager's, Dubois and Prade's and
+Florea's are not associative: chained in pairs, their result would depend on the order. Belief,
+plausibility, pignistic probability and decisions follow chapter II, section III.4. Where a printed
+formula is wrong, the function says how it is corrected.
 """
 
 from __future__ import annotations
