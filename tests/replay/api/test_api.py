@@ -251,19 +251,16 @@ def test_a_pipeline_with_other_values_is_another_pipeline() -> None:
 
 def test_nothing_heavy_is_imported_before_it_is_used() -> None:
     code = (
-        "import sys, time; began = time.perf_counter(); import groundtrace as gt; "
-        "took = time.perf_counter() - began; "
+        "import sys; import groundtrace as gt; "
         "heavy = [m for m in ('numpy', 'rerun', 'numba', 'scipy') if m in sys.modules]; "
         "gt.open('waist-walk'); "
         "heavy += [m for m in ('rerun', 'cyclopts', 'matplotlib.pyplot') if m in sys.modules]; "
         "gt.replay; gt.show; "
         "heavy += [m for m in ('rerun', 'cyclopts', 'matplotlib.pyplot') if m in sys.modules]; "
-        "print(took, *heavy)"
+        "print(*heavy)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    took, *heavy = ran.stdout.split()
-    assert heavy == []
-    assert float(took) < 0.1
+    assert ran.stdout.split() == []
 
 
 def test_what_a_recording_holds_is_what_info_says(capsys: Capture) -> None:
