@@ -18,15 +18,16 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from groundtrace_codecs.errors import Error
 
-    from .api.analysis import Comparison, Explanation, Score, Sweep
+    from .api.analysis import Comparison, Explanation, Sweep
     from .api.comparing import compare, sweep
+    from .api.in_memory import replay
     from .api.pictures import show
     from .api.pipelines import Pipeline, pipelines
     from .api.recording import Recording, Stream, recordings
     from .api.recording import open_recording as open  # noqa: A004
-    from .api.replay import replay
     from .api.results import Results
     from .api.results import load_results as load
+    from .api.scores import Score
     from .api.tables import EventTable
 
     __version__: str
@@ -62,7 +63,7 @@ _LAZY = {
     "Pipeline": ("groundtrace.api.pipelines", "Pipeline"),
     "Recording": ("groundtrace.api.recording", "Recording"),
     "Results": ("groundtrace.api.results", "Results"),
-    "Score": ("groundtrace.api.analysis", "Score"),
+    "Score": ("groundtrace.api.scores", "Score"),
     "Stream": ("groundtrace.api.recording", "Stream"),
     "Sweep": ("groundtrace.api.analysis", "Sweep"),
     "compare": ("groundtrace.api.comparing", "compare"),
@@ -70,7 +71,7 @@ _LAZY = {
     "open": ("groundtrace.api.recording", "open_recording"),
     "pipelines": ("groundtrace.api.pipelines", "pipelines"),
     "recordings": ("groundtrace.api.recording", "recordings"),
-    "replay": ("groundtrace.api.replay", "replay"),
+    "replay": ("groundtrace.api.in_memory", "replay"),
     "show": ("groundtrace.api.pictures", "show"),
     "sweep": ("groundtrace.api.comparing", "sweep"),
 }

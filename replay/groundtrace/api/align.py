@@ -23,9 +23,8 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from ..errors import RecordingError
 from ..explain.suitability import with_placements
-from ..explain.sweep import EventList
 from ..pipeline.config import build_pipeline, load_pipeline
-from ..pipeline.engine import replay
+from ..pipeline.engine import EventList, replay
 from ..pipeline.plugins import stage_named
 from ..pipeline.results import RUN, file_sha256, read_results
 from ..pipeline.source import Source

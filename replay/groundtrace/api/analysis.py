@@ -1,4 +1,4 @@
-"""Analyses of results: scores, explanations, comparisons and sweeps.
+"""Analyses of results: explanations, comparisons and sweeps.
 
 The functions take decisions and truth; command line and :class:`~.results.Results` both call them.
 The classes are what the functions of the API return: each holds the details as one dataclass, and
@@ -15,7 +15,6 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..evaluation.report import score_events
 from ..explain.reasons import StepReasons, matched
 from ..explain.redecide import OfflineDecider
 from ..explain.remedies import RemedySearch
@@ -35,9 +34,6 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Label
 
-    from ..evaluation.report import Score as Figures
-    from ..evaluation.steps import StepScore
-    from ..evaluation.truth import ScoredTruth
     from ..explain.compare import Comparison as Compared
     from ..explain.reasons import Chain
     from ..explain.redecide import Counts
@@ -46,169 +42,6 @@ if TYPE_CHECKING:
     from ..pipeline.results import Evidence
     from ..pipeline.results import Results as Decided
     from ..pipeline.warned import Warned
-
-
-def scored(
-    result: Decided, truth: ScoredTruth, tolerance_s: float, stages: Sequence[str] = ()
-) -> Figures:
-    """Score a result.
-
-    Parameters
-    ----------
-    result
-        What was decided.
-    truth
-        Of :func:`~.known_truth.scored_truth_of`.
-    tolerance_s
-        Largest distance between a step and its detection [s].
-    stages
-        Stages whose answers count in the place of others' of their kind.
-
-    Raises
-    ------
-    RecordingError
-        Where there is no truth that the result answers, or no such stage.
-    """
-    origin = result.provenance
-    end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
-    start_ns, labels = origin.start_ns, truth.labels
-    figures = score_events(labels, result.events, start_ns, end_ns, tolerance_s, tuple(stages))
-    if not score_parts(figures):
-        unanswered = f"{kinds_of(labels)}, to which its stages say nothing" if labels else "none"
-        raise RecordingError(
-            f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
-            f"found {unanswered}"
-        )
-    return figures
-
-
-def score_parts(figures: Figures) -> dict[str, object]:
-    """Return the parts for which there is truth, by name."""
-    named = {name: getattr(figures, name) for name in figures.__dataclass_fields__}
-    return {name: part for name, part in named.items() if part is not None}
-
-
-def score_document(figures: Figures, truth: ScoredTruth, warnings: Sequence[Warned]) -> Any:
-    """Return a score as one document; with what was left out of the truth, where there is any."""
-    left_out: dict[str, object] = {}
-    if truth.remarks:
-        said = {"waypoints_given": truth.given, "foot": truth.foot, "remarks": truth.remarks}
-        left_out = {"truth": said}
-    return plain_document(score_parts(figures) | left_out, warnings)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Score:
-    """How well a result answers the truth; made by ``results.score()``.
-
-    Attributes
-    ----------
-    recording
-        File name.
-    details
-        The figures by kind of truth: ``details.steps``, ``details.positions``, ...
-    tolerance_s
-        Largest distance between a step and its detection [s].
-    truth
-        What was scored against.
-    remarks
-        What a person should know of the truth, a line each.
-    warnings
-        What the replay warned of.
-
-    Examples
-    --------
-    >>> import groundtrace as gt
-    >>> score = gt.replay("waist-walk", "waist-steps").score()
-    >>> score.f1
-    1.0
-    """
-
-    recording: str
-    details: Figures
-    tolerance_s: float
-    truth: ScoredTruth
-    remarks: tuple[str, ...] = ()
-    warnings: tuple[Warned, ...] = ()
-
-    @property
-    def steps(self) -> StepScore:
-        """The figures of steps.
-
-        Raises
-        ------
-        Error
-            Where no steps were scored.
-        """
-        if self.details.steps is None:
-            there = ", ".join(score_parts(self.details))
-            raise RecordingError(f"{self.recording}: expected scored steps, found {there}")
-        return self.details.steps
-
-    @property
-    def f1(self) -> float:
-        """F1 of steps."""
-        return self.steps.f1
-
-    @property
-    def precision(self) -> float:
-        """Part of the detected steps that are true ones."""
-        return self.steps.precision
-
-    @property
-    def recall(self) -> float:
-        """Part of the true steps that are detected."""
-        return self.steps.recall
-
-    @property
-    def latency(self) -> float:
-        """Median of how late true steps are detected [s]; NaN where none is."""
-        spread = self.steps.latency_ms
-        return float("nan") if spread is None else spread.median / 1e3
-
-    @property
-    def chance(self) -> dict[str, float]:
-        """F1 of as many detections at random, and of a metronome of the same rate."""
-        return {"random": self.steps.chance_f1, "metronome": self.steps.chance_f1_metronome}
-
-    @property
-    def table(self) -> EventTable:
-        """Every figure that is one number: its part, name and value."""
-        header: dict[str, Any] = {"part": "text", "figure": "text", "value": "float"}
-        return rows_table(
-            "score", header, list(_numbers(plain_document(score_parts(self.details))))
-        )
-
-    @property
-    def document(self) -> Any:
-        """What ``groundtrace score --json`` prints."""
-        return score_document(self.details, self.truth, self.warnings)
-
-    def __repr__(self) -> str:
-        steps = self.details.steps
-        if steps is None:
-            return f"Score({self.recording}, {', '.join(score_parts(self.details))})"
-        false = steps.detected - steps.matched
-        found = f"{steps.matched}/{steps.truth} steps, {false} false"
-        return f"Score({self.recording}, F1 {steps.f1:.3f}, {found})"
-
-    def _repr_html_(self) -> str:
-        table = self.table
-        rows = (tuple(row.values()) for row in table.rows())
-        title = f"{self.recording}: score at {self.tolerance_s:g} s"
-        return html_table(title, list(table.columns), rows, len(table))
-
-
-def _numbers(parts: dict[str, Any]) -> Iterator[tuple[str, str, float]]:
-    """Yield the numbers of a document: the part, the name, the value."""
-    for part, value in parts.items():
-        waiting = [("", value)]
-        while waiting:
-            name, found = waiting.pop(0)
-            if isinstance(found, dict):
-                waiting = [(f"{name}.{k}".strip("."), v) for k, v in found.items()] + waiting
-            elif isinstance(found, int | float) and not isinstance(found, bool):
-                yield part, name, float(found)
 
 
 Kind = Literal["steps", "picks", "fixes", "vehicles"]
@@ -639,9 +472,7 @@ class Explanation:
         return self.kind
 
     def _repr_html_(self) -> str:
-        table = self.table
-        rows = (tuple(row.values()) for row in table.rows())
-        return html_table(repr(self), list(table.columns), rows, len(table))
+        return self.table.html(repr(self))
 
 
 def _settings(remedy: Remedy) -> dict[str, Any]:
@@ -763,6 +594,4 @@ class Sweep:
         return f"Sweep({names}, {d.rate.settings} settings, best F1 {self.f1:.3f} at {best})"
 
     def _repr_html_(self) -> str:
-        table = self.table
-        rows = (tuple(row.values()) for row in table.rows())
-        return html_table(repr(self), list(table.columns), rows, len(table))
+        return self.table.html(repr(self))

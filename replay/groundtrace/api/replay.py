@@ -6,13 +6,13 @@ import itertools
 import signal
 import threading
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording as File
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..explain.suitability import Prepared, prepared
@@ -23,22 +23,17 @@ from ..pipeline.results import (
     Provenance,
     ResultsSink,
     file_sha256,
-    given_to,
     package_versions,
-    replayed_labels,
 )
-from ..pipeline.results import Results as Decided
 from ..pipeline.source import Source
-from .files import existing, unheard, writable
+from .files import existing, unheard
 from .known_truth import annotations_to_show
-from .pipelines import Pipeline, default_pipeline, with_parameters
-from .recording import Recording, open_recording
-from .results import Results
+from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from groundtrace_codecs.events import Event, Note
+    from groundtrace_codecs.events import Note
 
     from ..pipeline.config import Pipeline as Chain
     from ..pipeline.engine import Clock, ReplayCounts, Sink
@@ -271,113 +266,3 @@ def run_through(
         with ExitStack() as closing:  # each is closed, whatever comes of the others
             for sink in reversed(sinks):
                 closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))
-
-
-def replay(
-    recording: Recording | str | Path,
-    pipeline: Pipeline | str | Path = "",
-    set: Mapping[str, Any] | None = None,  # noqa: A002  # as the option of the command
-    out: str | Path | None = None,
-    *,
-    from_s: float | None = None,
-    to_s: float | None = None,
-    force: bool = False,
-    progress: Callable[[float], None] | None = None,
-) -> Results:
-    """Replay a recording through a pipeline; the decisions are kept in memory.
-
-    They are those of ``groundtrace replay`` with the same pipeline and settings.
-
-    Parameters
-    ----------
-    recording
-        Of :func:`.recording.open_recording`, or what that takes.
-    pipeline
-        A pipeline, the name of a shipped one, or a TOML file; without it the one that fits the
-        recording.
-    set
-        Values of parameters by ``stage.parameter``, e.g. those of a remedy.
-    out
-        Write the results to this file too.
-    from_s, to_s
-        Replay from <= time < to alone [s since the first sample].
-    force
-        Replace ``out`` where it exists.
-    progress
-        Called now and then with the part that is done, 0 to 1.
-
-    Raises
-    ------
-    Error
-        Where pipeline, settings or recording are not what they must be, do not suit each other, or
-        ``out`` cannot be written.
-
-    Examples
-    --------
-    >>> import groundtrace as gt
-    >>> gt.replay("waist-walk", "waist-steps", to_s=20)
-    Results(waist-walk.mcap, waist-steps, 27/27 steps, 0 false)
-    """
-    asked = configured(pipeline, set or {}) if pipeline else None
-    if not isinstance(recording, Recording):
-        recording = open_recording(recording)
-    target = None if out is None else Path(out)
-    with recording.opened() as file:
-        config = asked or with_parameters(load_pipeline(default_pipeline(file)), set or {})
-        ready = prepared(config, file)
-        if target is not None:
-            writable(target, force=force, sources=[recording.path])
-        session = session_of(file, recording.path, ready.chain)
-        span = span_of(session, from_s, to_s)
-        origin = provenance_of(session, recording.path, ready.chain, span)
-        kept = EventsInMemory()
-        written = [] if target is None else [ResultsSink(target, origin, force=force)]
-        run_through(
-            Source(file, start_ns=span[0], stop_ns=span[1]),
-            ready.chain,
-            [kept, *written],
-            shown_part(session, span),
-            progress=progress,
-            looked_at=ready.looked_at,
-            first=ready.notes,
-        )
-    name = f"{recording.path.stem}.results.mcap" if target is None else target.name
-    labels = replayed_labels(session.labels, *span)
-    given = given_to(origin.pipeline, session.labels)
-    decided = Decided(
-        name, origin, labels, session.geometry, tuple(kept.events), session.annotations, given
-    )
-    return Results(decided, recording.path, target)
-
-
-def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:
-    """Return a pipeline with settings, all names and values checked.
-
-    Raises
-    ------
-    PipelineError, PluginError
-        Where one is not what it must be.
-    """
-    config = pipeline.config if isinstance(pipeline, Pipeline) else load_pipeline(str(pipeline))
-    return with_parameters(config, settings)
-
-
-@dataclass(slots=True)
-class EventsInMemory:
-    """A sink that keeps the events; their signals stay in the recording."""
-
-    events: list[Event]
-
-    def __init__(self) -> None:
-        self.events = []
-
-    def open(self, session: ReplaySession) -> None:
-        """Begin; nothing is needed."""
-
-    def write(self, item: SignalBlock | Event) -> None:
-        """Take an event."""
-        if not isinstance(item, SignalBlock):
-            self.events.append(item)
-
-    def close(self) -> None:
-        """End; nothing is held."""

@@ -23,16 +23,15 @@ from .analysis import (
     Kind,
     Miss,
     Question,
-    Score,
     evidence_with,
     explained,
     misses_of,
-    scored,
 )
 from .files import existing
 from .known_truth import scored_truth_of
 from .pipelines import Pipeline
 from .recording import recordings
+from .scores import Score, scored
 from .tables import EventTable, html_table, table_of
 
 if TYPE_CHECKING:

@@ -164,12 +164,12 @@ class EventTable:
         return f"EventTable({self.name}, {len(self)} rows: {', '.join(self.columns)})"
 
     def _repr_html_(self) -> str:
-        return html_table(
-            f"{self.name}: {len(self)} rows",
-            list(self.columns),
-            zip(*(column[: ROWS + 1] for column in self.columns.values()), strict=True),
-            len(self),
-        )
+        return self.html(f"{self.name}: {len(self)} rows")
+
+    def html(self, title: str) -> str:
+        """Return the first rows as a table for notebooks, under a title."""
+        cells = zip(*(column[: ROWS + 1] for column in self.columns.values()), strict=True)
+        return html_table(title, list(self.columns), cells, len(self))
 
     def rows(self) -> Iterator[dict[str, Any]]:
         """Yield the rows as dicts of Python's own types."""

@@ -304,9 +304,8 @@ def _subject(path: Path, pipeline: str, truth: Path | None) -> _Subject:
 
 def _replayer(path: Path, config: PipelineConfig) -> Callable[[Geometry], Sequence[Event]]:
     """Return what replays a recording with a geometry."""
-    from ..explain.sweep import EventList
     from ..pipeline.config import build_pipeline
-    from ..pipeline.engine import replay
+    from ..pipeline.engine import EventList, replay
     from ..pipeline.source import Source
 
     def replayed(geometry: Geometry) -> Sequence[Event]:

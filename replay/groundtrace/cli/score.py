@@ -14,9 +14,8 @@ from cyclopts import Parameter, validators
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.analysis import score_document, scored
-from ..api.comparing import SweepPlan, check_subjects
 from ..api.files import existing, writable
+from ..api.scores import score_document, scored
 from ..errors import RecordingError
 from ..evaluation.picks import RIGHT_S
 from ..evaluation.truth import own_truth
@@ -38,6 +37,7 @@ from .console import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..api.comparing import SweepPlan
     from ..evaluation.headings import DisturbanceScore, HeadingScore
     from ..evaluation.picks import PickErrors, PickScore
     from ..evaluation.positions import ClosureScore, PositionErrors, PositionScore, WaypointScore
@@ -357,6 +357,7 @@ def sweep(
     json
         Print one JSON document.
     """
+    from ..api.comparing import SweepPlan
     from ..explain.redecide import make_grid, parse_axis
     from ..explain.sweep import with_values
 
@@ -548,6 +549,8 @@ def subjects_of(
     RecordingError
         Where there is no truth, or not the same pipeline for all.
     """
+    from ..api.comparing import check_subjects
+
     if truth is not None and len(inputs) > 1:
         raise RecordingError(f"--truth: expected one recording, found {len(inputs)}")
     replayed = {path: _origin(existing(path)) is not None for path in inputs}
