@@ -29,12 +29,12 @@ from planted import Clean, Planted, Take
 
 from groundtrace.evaluation.picks import ANSWER_S, RIGHT_S, pick_residuals
 from groundtrace.explain.reasons import StepReasons, accepted_picks
-from groundtrace.explain.sweep import EventList, in_processes
+from groundtrace.explain.sweep import in_processes
 from groundtrace.explain.unfiltered import with_recording
 from groundtrace.explain.why_picks import pick_account
 from groundtrace.explain.why_places import PlaceExplainer
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
-from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.results import Provenance, Results, evidence_of, step_times
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.recording import Recording

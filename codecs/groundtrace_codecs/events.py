@@ -237,6 +237,11 @@ class Label:
             return None
         return replace(self, time_ns=first_ns, end_ns=end_ns)
 
+    def later(self, by_ns: int) -> Label:
+        """Return the same label ``by_ns`` later."""
+        end_ns = None if self.end_ns is None else self.end_ns + by_ns
+        return replace(self, time_ns=self.time_ns + by_ns, end_ns=end_ns)
+
 
 def has_vehicles(labels: Iterable[Label]) -> bool:
     """Return whether truth has vehicles: they pass stations, and steps have no places."""

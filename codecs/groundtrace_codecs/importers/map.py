@@ -1122,7 +1122,7 @@ def one_recording(
         sources=tuple(sources),
         start_ns=laid.starts_ns[0],
         labels=tuple(
-            later(label, by_ns)
+            label.later(by_ns)
             for i, by_ns in zip(laid.order, shifts, strict=True)
             for label in found[i].labels
         ),
@@ -1131,12 +1131,6 @@ def one_recording(
         remarks=(laid.note, *dict.fromkeys(r for each in found for r in each.remarks)),
         files=tuple((names[i], start) for i, start in zip(laid.order, laid.starts_ns, strict=True)),
     )
-
-
-def later(label: Label, by_ns: int) -> Label:
-    """Return the same label ``by_ns`` later."""
-    end_ns = None if label.end_ns is None else label.end_ns + by_ns
-    return replace(label, time_ns=label.time_ns + by_ns, end_ns=end_ns)
 
 
 def shifted(block: SignalBlock, stream: Stream, by_ns: int, origin_ns: int) -> SignalBlock:

@@ -13,7 +13,7 @@ from ..geometry import Geometry, geometry_warnings
 from ..signals import NS_PER_S
 from ..truth import EARLY_NS, names_of, read_truth, unmatched_names
 from .guess import UnitWatch
-from .map import later, load_map
+from .map import load_map
 from .seismic import is_station_xml
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ def _with_early_truth(imported: Imported) -> Imported:
         imported,
         sources=tuple((s, form, _later(blocks, by_ns)) for s, form, blocks in imported.sources),
         start_ns=imported.start_ns + by_ns,
-        labels=tuple(later(label, by_ns) for label in imported.labels),
+        labels=tuple(label.later(by_ns) for label in imported.labels),
         files=tuple((name, start_ns + by_ns) for name, start_ns in imported.files),
         warnings=(*imported.warnings, text),
     )

@@ -261,7 +261,7 @@ LONGEST_S = 0.2
 
 
 @dataclass(slots=True)
-class _RepeatsSide:
+class _RepeatedSide:
     """The highest values of one side, counted upwards, and the tops that end at each."""
 
     sign: int
@@ -316,7 +316,7 @@ class Repeats:
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
-        self._sides = {c: (_RepeatsSide(1), _RepeatsSide(-1)) for c in stream.columns_of(WORN)}
+        self._sides = {c: (_RepeatedSide(1), _RepeatedSide(-1)) for c in stream.columns_of(WORN)}
         self._longest = max(2.0, LONGEST_S * stream.rate_hz)
         self._heard = 0
 
@@ -345,7 +345,7 @@ class Repeats:
             if found:
                 yield self._clipped(self.stream.channels[c], found)
 
-    def _clipped(self, channel: Channel, sides: list[_RepeatsSide]) -> Finding:
+    def _clipped(self, channel: Channel, sides: list[_RepeatedSide]) -> Finding:
         tops = [side.tops[side.extreme] for side in sides]
         at = " and ".join(f"{s.sign * s.extreme * channel.scale:.4g} {channel.unit}" for s in sides)
         scale = near_scale(channel, max(side.extreme for side in sides) * channel.scale)

@@ -11,16 +11,16 @@ from ..pipeline.source import BRIDGE_S
 from .clipping import Limits, Repeats
 from .held_values import StuckValues
 from .interference import MainsHum, Offsets, Spikes
-from .signal_faults import NonFinite, Rate, Windows
+from .signal_faults import FaultDetectors, NonFinite, Rate
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterator
 
     from groundtrace_codecs.recording import LoggedBlock
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     from ..pipeline.source import Readable
-    from .signal_faults import FaultDetector, Finding, Window
+    from .signal_faults import Finding
 
 #: Quantities that move all the time: what stands still or jumps in them is a fault.
 MOVING = SEISMIC_QUANTITIES | {"acceleration", "acceleration_magnitude", "angular_velocity"}
@@ -44,11 +44,11 @@ class FaultScan:
         self.stream = stream
         moving = stream.columns_of(MOVING)
         seismic = stream.columns_of(SEISMIC_QUANTITIES)
-        self._windows = Windows(stream.rate_hz)
         self._rate = None if stream.irregular else Rate(stream)
         self._last_ns: int | None = None
         self._longest_ns = max(BRIDGE_S * NS_PER_S, 2.5 * stream.period_ns)
-        self._watchers: tuple[FaultDetector, ...] = (
+        self._detectors = FaultDetectors(
+            stream,
             NonFinite(stream),
             StuckValues(stream, [*moving, *stream.columns_of(SLOW)], moving),
             Limits(stream, MOVING),
@@ -65,41 +65,26 @@ class FaultScan:
         elif len(block):
             step_ns = 0 if self._last_ns is None else block.start_ns - self._last_ns
             if not 0 <= step_ns <= self._longest_ns:
-                self._end()
+                self._detectors.gap()
             self._last_ns = block.last_ns
-            self._tell(self._windows.add(block))
+            self._detectors.update(block)
 
     def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
         if self._rate is None:
             return
-        if not isinstance(item, Gap):
-            self._tell(self._windows.add(item) if len(item) else ())
-        elif not item.bridged:
-            self._end()
+        if isinstance(item, Gap):
+            if not item.bridged:
+                self._detectors.gap()
+        elif len(item):
+            self._detectors.update(item)
 
     def findings(self) -> Iterator[Finding]:
         """End the last run and yield all that was found."""
-        self._end()
-        clipped = set()
-        for watcher in self._watchers:
-            for found in watcher.findings():
-                if found.kind != "clipped" or found.channel not in clipped:
-                    yield found
-                clipped |= {found.channel} if found.kind == "clipped" else set()
+        self._detectors.gap()
+        yield from self._detectors.findings()
         if self._rate is not None:
             yield from self._rate.findings()
-
-    def _end(self) -> None:
-        """End the run."""
-        self._tell(self._windows.finish())
-        for watcher in self._watchers:
-            watcher.gap()
-
-    def _tell(self, windows: Iterable[Window]) -> None:
-        for window in windows:
-            for watcher in self._watchers:
-                watcher.update(window)
 
 
 class MonitoredRecording:

@@ -397,14 +397,14 @@ FULL_SCALES = {
         (f"{n} deg/s", math.radians(n)) for n in (125, 250, 300, 450, 500, 1000, 2000, 4000)
     ],
 }
-FULL_SCALES_NEAR = 0.08
+SCALE_TOLERANCE = 0.08
 
 
 def full_scale(channel: Channel, level: float) -> str:
     """Return the full scale of a worn sensor that a level [SI] is near; empty where none is."""
     scales = FULL_SCALES.get(channel.quantity, []) if channel.unit != "count" else []
     off = [(abs(level - value) / value, name) for name, value in scales]
-    return min((pair for pair in off if pair[0] <= FULL_SCALES_NEAR), default=(0.0, ""))[1]
+    return min((pair for pair in off if pair[0] <= SCALE_TOLERANCE), default=(0.0, ""))[1]
 
 
 def near_scale(channel: Channel, level: float) -> str:

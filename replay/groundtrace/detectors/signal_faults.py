@@ -10,7 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -187,6 +187,46 @@ class Windows:
         self._waiting, self._count = [values[:, left + size :]], rest
         self._first += size
         return window
+
+
+class FaultDetectors:
+    """Detectors of several kinds of faults, which take a stream window by window.
+
+    Parameters
+    ----------
+    stream
+        The stream.
+    detectors
+        Which ones; of a channel that several call clipped, the first is believed.
+    """
+
+    def __init__(self, stream: Stream, *detectors: FaultDetector) -> None:
+        self._windows = Windows(stream.rate_hz)
+        self._detectors = detectors
+
+    def update(self, block: SignalBlock) -> None:
+        """Take the next block of the run."""
+        self._update(self._windows.add(block))
+
+    def gap(self) -> None:
+        """End the run."""
+        self._update(self._windows.finish())
+        for detector in self._detectors:
+            detector.gap()
+
+    def findings(self) -> Iterator[Finding]:
+        """Yield what was found; after the last :meth:`gap`."""
+        clipped = set()
+        for detector in self._detectors:
+            for found in detector.findings():
+                if found.kind != "clipped" or found.channel not in clipped:
+                    yield found
+                clipped |= {found.channel} if found.kind == "clipped" else set()
+
+    def _update(self, windows: Iterable[Window]) -> None:
+        for window in windows:
+            for detector in self._detectors:
+                detector.update(window)
 
 
 def _floats(block: SignalBlock) -> NDArray[np.floating]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from bisect import bisect_left
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,11 +15,11 @@ import numpy as np
 
 from groundtrace_codecs.events import Gap, Note
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import PipelineError, RecordingError
 from ..pipeline.config import build_pipeline, parse_pipeline, with_settings
-from ..pipeline.engine import replay
+from ..pipeline.engine import EventList, replay
 from ..pipeline.results import Evidence, file_sha256, stage_evidence
 from ..pipeline.source import Source
 from ..pipeline.warned import warnings_of
@@ -32,10 +32,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Event, Label
+    from groundtrace_codecs.events import Label
 
     from ..pipeline.config import PipelineConfig
-    from ..pipeline.engine import ReplaySession
     from .reasons import Confidence, Verdicts
     from .redecide import Axis
 
@@ -304,24 +303,6 @@ def reproduced(subject: Subject) -> bool:
 
 A = TypeVar("A")
 B = TypeVar("B")
-
-
-@dataclass(slots=True)
-class EventList:
-    """A sink that keeps the events and leaves out the signals."""
-
-    events: list[Event] = field(default_factory=list)
-
-    def open(self, session: ReplaySession) -> None:
-        """Begin; nothing is needed."""
-
-    def write(self, item: SignalBlock | Event) -> None:
-        """Take an event."""
-        if not isinstance(item, SignalBlock):
-            self.events.append(item)
-
-    def close(self) -> None:
-        """End; nothing is held."""
 
 
 def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:

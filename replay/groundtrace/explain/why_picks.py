@@ -189,23 +189,6 @@ def by_channel(
 #: A candidate beside an arrival is of it where chance brings one as near and as strong less often
 #: than so: the usual 5 % of a test.
 CHANCE = 0.05
-#: The cause of a bad pick, in one word.
-PICK_CAUSES = (
-    "clock",
-    "latency",
-    "late",
-    "early",
-    "threshold",
-    "refractory",
-    "dropped",
-    "dead",
-    "clipped",
-    "filter",
-    "quiet",
-    "shape",
-    "gap",
-    "false",
-)
 
 
 @dataclass(frozen=True, slots=True)

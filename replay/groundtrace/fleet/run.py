@@ -37,7 +37,6 @@ from ..evaluation.report import answers_of, score_events
 from ..evaluation.truth import scored_truth
 from ..explain.reasons import StepReasons
 from ..explain.suitability import Prepared, prepared
-from ..explain.sweep import EventList
 from ..explain.unfiltered import Unfiltered
 from ..export.base import file_part
 from ..inertial.placement import noted
@@ -49,7 +48,7 @@ from ..pipeline.config import (
     parse_pipeline,
     with_settings,
 )
-from ..pipeline.engine import replay
+from ..pipeline.engine import EventList, replay
 from ..pipeline.plugins import plugins
 from ..pipeline.results import (
     RUN,

@@ -307,7 +307,7 @@ LEAST_FORCE_MPS2 = 5.0
 LEAST_RATE_HZ = 25.0
 QUANTITIES = ("angular_velocity", "acceleration")
 #: With the magnetometer's, where the stream has one.
-NAVIGATOR_COLUMNS = 9
+SIGNAL_COLUMNS = 9
 
 
 class FootNavigator(Stage):
@@ -384,7 +384,7 @@ class FootNavigator(Stage):
         self._rate_told = True
         held = self._holder.held(block.select(self._columns))
         values = held.values
-        if values.shape[1] < NAVIGATOR_COLUMNS:
+        if values.shape[1] < SIGNAL_COLUMNS:
             values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
         yield from self._navigate(self._segments.add(block.sample_times(), values))
 

@@ -36,7 +36,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..detectors.clipping import Limits, Repeats
 from ..detectors.held_values import WORN, StuckValues
-from ..detectors.signal_faults import Finding, Windows
+from ..detectors.signal_faults import FaultDetectors, Finding
 from ..pipeline.source import BRIDGE_S, run_tracker
 from .frames import PATIENCE_NS, SensorAligner, columns_of_axes
 from .placement import PlacementWatch
@@ -48,8 +48,6 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Gap
     from groundtrace_codecs.signals import Stream
-
-    from ..detectors.signal_faults import FaultDetector, Window
 
     Mask = NDArray[np.bool_]
     Array = NDArray[np.float64]
@@ -307,7 +305,7 @@ class ImuWatch:
         self._zeros = [
             _Zero(s, q) for s in streams for q in (TURNING, FORCE, FIELD) if columns_of_axes(s, q)
         ]
-        self._limits = {s.topic: _AtLimits(s) for s in streams if limits and Limits.fits(s)}
+        self._limits = {s.topic: _limit_detectors(s) for s in streams if limits and Limits.fits(s)}
 
     def update(self, item: SignalBlock | Gap) -> None:
         """Take what the source gives next."""
@@ -337,7 +335,7 @@ class ImuWatch:
         for zero in self._zeros:
             yield from zero.findings()
         for limits in self._limits.values():
-            yield from limits.findings()
+            yield from (found for found in limits.findings() if found.kind == "clipped")
 
     def checks(self) -> Iterator[AxisCheck]:
         """Yield what could be found out of axes; after :meth:`finish`."""
@@ -360,38 +358,10 @@ def _beside(turning: Stream, streams: Sequence[Stream], quantity: str) -> Stream
     return found[0] if alone and len(found) == 1 else None
 
 
-class _AtLimits:
-    """Whether a worn sensor is at its limit, as ``.detectors.fault_scan.FaultScan`` finds it."""
-
-    def __init__(self, stream: Stream) -> None:
-        worn = stream.columns_of(WORN)
-        self._windows = Windows(stream.rate_hz)
-        self._watchers: tuple[FaultDetector, ...] = (
-            StuckValues(stream, worn, worn),
-            Limits(stream),
-            Repeats(stream),
-        )
-
-    def update(self, block: SignalBlock) -> None:
-        self._tell(self._windows.add(block))
-
-    def gap(self) -> None:
-        self._tell(self._windows.finish())
-        for watcher in self._watchers:
-            watcher.gap()
-
-    def _tell(self, windows: Iterable[Window]) -> None:
-        for window in windows:
-            for watcher in self._watchers:
-                watcher.update(window)
-
-    def findings(self) -> Iterator[Finding]:
-        told = set()
-        for watcher in self._watchers:
-            for found in watcher.findings():
-                if found.kind == "clipped" and found.channel not in told:
-                    told.add(found.channel)
-                    yield found
+def _limit_detectors(stream: Stream) -> FaultDetectors:
+    """Return what tells whether a worn sensor is at its limit, as a scan for faults finds it."""
+    worn = stream.columns_of(WORN)
+    return FaultDetectors(stream, StuckValues(stream, worn, worn), Limits(stream), Repeats(stream))
 
 
 class _Zero:

@@ -318,6 +318,24 @@ class Sink(Protocol):
 T = TypeVar("T")
 
 
+@dataclass(slots=True)
+class EventList:
+    """A sink that keeps the events and leaves out the signals."""
+
+    events: list[Event] = field(default_factory=list)
+
+    def open(self, session: ReplaySession) -> None:
+        """Begin; nothing is needed."""
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take an event."""
+        if not isinstance(item, SignalBlock):
+            self.events.append(item)
+
+    def close(self) -> None:
+        """End; nothing is held."""
+
+
 def cores() -> int:
     """Return how many cores this process may use: one, where another started it to share work."""
     if parent_process() is not None:

@@ -513,7 +513,7 @@ def simulate_same_walk(
     return Simulation(
         sources=[(s.stream, "f64le", _Later(s, later_ns)) for s in walker.samples()],
         geometry=None,
-        labels=tuple(_later(label, later_ns) for label in labels),
+        labels=tuple(label.later(later_ns) for label in labels),
         metadata=said,
     )
 
@@ -528,11 +528,6 @@ class _Later:
     def __iter__(self) -> Iterator[SignalBlock]:
         for block in self.blocks:
             yield replace(block, anchor_ns=block.anchor_ns + self.by_ns)
-
-
-def _later(label: Label, by_ns: int) -> Label:
-    end_ns = None if label.end_ns is None else label.end_ns + by_ns
-    return replace(label, time_ns=label.time_ns + by_ns, end_ns=end_ns)
 
 
 def _plan(walked: Walked, speed: float) -> Plan:

@@ -11,10 +11,10 @@ import pytest
 from groundtrace.errors import PipelineError
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.explain.suitability import prepared, refuse_unsuitable, with_placements
-from groundtrace.explain.sweep import EventList, measure_evidence
+from groundtrace.explain.sweep import measure_evidence
 from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
 from groundtrace.pipeline.conformance import rechunked
-from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
 from groundtrace_codecs.importers.run import import_recording

@@ -20,7 +20,6 @@ from groundtrace.explain.redecide import (
     parse_axis,
 )
 from groundtrace.explain.sweep import (
-    EventList,
     Subject,
     count,
     f1_of,
@@ -31,7 +30,7 @@ from groundtrace.explain.sweep import (
     with_values,
 )
 from groundtrace.pipeline.config import PipelineConfig, build_pipeline, load_pipeline
-from groundtrace.pipeline.engine import replay
+from groundtrace.pipeline.engine import EventList, replay
 from groundtrace.pipeline.results import stage_evidence
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
