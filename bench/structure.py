@@ -12,10 +12,15 @@ from __future__ import annotations
 
 import argparse
 import ast
+import statistics
 import subprocess
 import sys
+import tomllib
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+
+from groundtrace_codecs.events import EVENTS
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("codecs", "replay", "viewers", "recordings")
@@ -116,6 +121,56 @@ def circles(graph: Graph) -> list[list[str]]:
     return found
 
 
+def folder_layers(graph: Graph, known: dict[str, Module]) -> list[list[str]]:
+    """Return the folders by layer: each imports only of layers before its own.
+
+    Files beside folders, as ``groundtrace_codecs.events``, lie between layers and are none.
+    """
+    places = {name: _place(module) for name, module in known.items()}
+    needs: dict[str, set[str]] = {place: set() for place in places.values()}
+    for name, others in graph.items():
+        if not known[name].is_package:  # what a front takes from its folders counts for these
+            needs[places[name]] |= {places[other] for other in others} - {places[name]}
+
+    @cache
+    def depth(place: str) -> int:
+        return max(map(depth, needs[place]), default=0) + ("/" in place)
+
+    layers: dict[int, list[str]] = {}
+    for place in sorted(needs):
+        if "/" in place:
+            layers.setdefault(depth(place), []).append(place)
+    return [layers[number] for number in sorted(layers)]
+
+
+def _place(module: Module) -> str:
+    """Return the folder of a file; the name of a file that lies beside folders."""
+    parts = module.path.relative_to(ROOT).parts[1:-1]
+    return "/".join(parts) if len(parts) > 1 else module.name
+
+
+def entry_points() -> list[str]:
+    """Return the groups of entry points that the project declares."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    return sorted(project["entry-points"])
+
+
+def event_places(known: dict[str, Module]) -> dict[str, list[str]]:
+    """Return by kind of event the files whose code names its class, besides those that make it."""
+    found: dict[str, list[str]] = {kind.cls.__name__: [] for kind in EVENTS.values()}
+    for name, module in known.items():
+        words = {node.id for node in ast.walk(module.tree) if isinstance(node, ast.Name)}
+        called = {
+            node.func.id
+            for node in ast.walk(module.tree)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+        }
+        for kind in found:
+            if kind in words and kind not in called:
+                found[kind].append(name)
+    return found
+
+
 def loaded() -> tuple[int, int, float]:
     """Return how many modules ``groundtrace --help`` loads, how many of ours, and how long [s]."""
     command = [Path(sys.executable).with_name("groundtrace"), "--help"]
@@ -137,6 +192,8 @@ def main() -> None:
     fronts = sum(module.is_package for module in known.values())
     lines = sum(module.lines for module in known.values())
     print(f"{len(known)} Python files, {fronts} of them fronts of packages; {lines} lines")
+    lengths = [module.lines for module in known.values() if not module.is_package]
+    print(f"{statistics.median(lengths):.0f} lines has the median file")
     for words, types in (("at run time", False), ("counting types", True)):
         graph = {name: imports(module, known, types=types) for name, module in known.items()}
         groups = circles(graph)
@@ -152,6 +209,16 @@ def main() -> None:
     if options.single:
         for name, other in sorted(single.items()):
             print(f"   {name} ({known[name].lines} lines) by {other}")
+    layers = folder_layers(graph, known)
+    print(f"{len(layers)} layers of folders: " + " < ".join(", ".join(names) for names in layers))
+    groups = entry_points()
+    print(f"{len(groups)} groups of entry points: " + ", ".join(groups))
+    named = {name: len(where) for name, where in event_places(known).items()}
+    most = max(named, key=lambda name: named[name])
+    print(
+        f"a kind of event is named in {statistics.median(named.values()):.0f} files "
+        f"(median of {len(named)}), {most} in {named[most]}"
+    )
     count, ours, seconds = loaded()
     print(f"groundtrace --help loads {count} modules, {ours} of ours, in {seconds:.2f} s")
 

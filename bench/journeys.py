@@ -1,0 +1,161 @@
+"""The three journeys of CONTRIBUTING.md as they are run: which files and functions they enter.
+
+    python bench/journeys.py             figures
+    python bench/journeys.py --list      also each function, in the order of entering
+
+A journey is traced, not told. **A block becomes a candidate**: from the end of one block to the
+first decision in the next, in a replay of the bundled room. **A decision becomes a remedy**: from
+the matching of steps to the first remedy that ``why`` finds in the bundled walk. **An event reaches
+Rerun**: from a fix that is
+given to the viewer to its rows on the timeline. Only what is ours counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import timing
+
+import groundtrace as gt
+from groundtrace.cli.main import main as groundtrace
+from groundtrace_codecs.events import Fix
+
+if TYPE_CHECKING:
+    from types import CodeType, FrameType
+
+ROOT = Path(__file__).parents[1]
+
+
+Moment = Callable[[str, bool, Any], bool]
+
+
+class Function(NamedTuple):
+    """A function of ours that a journey enters."""
+
+    file: str
+    name: str
+
+
+class Trace:
+    """Notes the functions that are entered between two moments.
+
+    Parameters
+    ----------
+    begins, ends
+        Whether a journey begins or ends here, asked with the name of a function, whether it is
+        left, and what it returns or, where it is entered, its arguments; of several that begin
+        before one ends the last counts.
+    """
+
+    def __init__(self, begins: Moment, ends: Moment) -> None:
+        self._begins, self._ends = begins, ends
+        self._functions: dict[CodeType, Function | None] = {}
+        self._noting = False
+        self.entered: dict[Function, None] = {}
+        self.done = False
+
+    def __call__(self, frame: FrameType, event: str, value: Any) -> None:
+        """Take a call or a return, as :func:`sys.setprofile` tells it."""
+        if self.done or event not in ("call", "return"):
+            return
+        function = self._of(frame.f_code)
+        if function is None:
+            return
+        left = event == "return"
+        given = value if left else frame.f_locals
+        if self._begins(function.name, left, given):
+            self._noting, self.entered = True, {}
+        if self._noting:
+            self.entered.setdefault(function)
+            self.done = self._ends(function.name, left, given)
+
+    def _of(self, code: CodeType) -> Function | None:
+        if code not in self._functions:
+            path = Path(code.co_filename)
+            ours = path.is_relative_to(ROOT) and path.parts[len(ROOT.parts)] in {
+                "codecs",
+                "replay",
+                "viewers",
+            }
+            # a property or a comprehension is no step of its own
+            hidden = not ours or code.co_name.startswith("<")
+            name = str(path.relative_to(ROOT)) if ours else ""
+            self._functions[code] = None if hidden else Function(name, code.co_qualname)
+        return self._functions[code]
+
+
+def traced(trace: Trace, run: Callable[[], object]) -> dict[Function, None]:
+    """Run something and return the functions of its journey."""
+    threading.setprofile(trace)
+    sys.setprofile(trace)
+    try:
+        run()
+    finally:
+        sys.setprofile(None)
+        threading.setprofile(None)
+    if not trace.done:
+        raise RuntimeError("the journey did not end: its first or last function has another name")
+    return trace.entered
+
+
+def block_to_candidate() -> dict[Function, None]:
+    """Trace a block of the bundled room on its way to a decision."""
+    trace = Trace(
+        lambda name, left, _: left and name == "ReplayLoop._finish",
+        lambda name, left, given: left and name == "decide" and given[0].accepted.any(),
+    )
+    return traced(trace, lambda: gt.replay("room-walk", "room-footsteps", to_s=3))
+
+
+def decision_to_remedy() -> dict[Function, None]:
+    """Trace a missed step of the bundled walk on its way to the change that mends it."""
+    results = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    trace = Trace(
+        lambda name, left, _: not left and name == "explain_steps",
+        lambda name, left, given: left and name == "RemedySearch.recover" and bool(given),
+    )
+    return traced(trace, results.why)
+
+
+def event_to_timeline() -> dict[Function, None]:
+    """Trace a fix of the bundled room on its way to the timeline."""
+    trace = Trace(
+        lambda name, left, given: (
+            not left and name == "RerunSink.write" and isinstance(given["item"], Fix)
+        ),
+        lambda name, left, _: left and name == "Timeline.send",
+    )
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+        out = Path(folder) / "room"
+        command = f"replay --to 3 --rrd {out}.rrd --out {out}.mcap --no-viewer"
+        return traced(trace, lambda: groundtrace(command.split()))
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--list", action="store_true")
+    options = parser.parse_args()
+    timing.on_one_core()
+    for words, journey in (
+        ("a block becomes a candidate", block_to_candidate),
+        ("a decision becomes a remedy", decision_to_remedy),
+        ("an event reaches Rerun", event_to_timeline),
+    ):
+        entered = journey()
+        print(f"{words}: {len({f.file for f in entered})} files, {len(entered)} functions")
+        if options.list:
+            for function in entered:
+                print(f"   {function.file}  {function.name}")
+
+
+if __name__ == "__main__":
+    main()
