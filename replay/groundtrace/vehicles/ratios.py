@@ -39,7 +39,7 @@ from ..pipeline.stage import (
     Stage,
     no_location,
 )
-from .likelihood import correlation, lattice, locate, solve, squares
+from .likelihood import best_node, correlation, lattice, locate, solve, squares
 from .presence import AnalyticBand, power
 from .stations import row_doubt
 
@@ -481,13 +481,13 @@ class RatioPlaces(Stage):
         p = self.parameters
         if p.method == "correlation":
             metric = correlation(self._nodes, self._sensors, log_theta, p.exponent)
-            spots = self._nodes[[int(metric.argmax())]]
+            spots = self._nodes[[best_node(metric)]]
         else:
             spots = solve(self._sensors[:3], log_theta[:2], p.exponent)
         if not len(spots):
             return no_location(len(self._sensors))
         misfit = squares(spots, self._sensors, log_theta, p.exponent, sigmas)
-        best = int(misfit.argmin())  # of two mirrored places the one that suits the others
+        best = best_node(-misfit)  # of two mirrored places the one that suits the others
         (x, y), residual = spots[best].tolist(), float(np.sqrt(misfit[best]))
         return LocationEstimate(x, y, place.covariance, residual, len(self._sensors))
 
