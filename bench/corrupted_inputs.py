@@ -34,8 +34,8 @@ from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.importers.units import UnitWatch
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from groundtrace_recordings import bundled, map_path

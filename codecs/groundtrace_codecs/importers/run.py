@@ -12,9 +12,9 @@ from ..errors import FormatError, SchemaError, did_you_mean
 from ..geometry import Geometry, geometry_warnings
 from ..signals import NS_PER_S
 from ..truth import EARLY_NS, names_of, read_truth, unmatched_names
-from .guess import UnitWatch
 from .map import load_map
 from .seismic import is_station_xml
+from .units import UnitWatch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

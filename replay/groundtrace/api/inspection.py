@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.importers.map import CLOCKS
+from groundtrace_codecs.importers.units import UnitWatch
 from groundtrace_codecs.merge import merged_clocks
 from groundtrace_codecs.schemas.event_messages import TRUTH_TOPIC
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S

@@ -17,7 +17,6 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..api.files import existing, writable
-from ..api.known_truth import kinds_of
 from ..api.replay import (
     configured_for,
     provenance_of,
@@ -28,7 +27,6 @@ from ..api.replay import (
     terminable,
 )
 from ..errors import RecordingError
-from ..explain.reasons import matched
 from ..pipeline.config import build_pipeline, checked_pipeline
 from ..pipeline.engine import Clock
 from ..pipeline.plugins import load
@@ -347,6 +345,10 @@ def missed_step(results: Path, number: int) -> int:
     RecordingError
         Where there is no truth, or there are not so many.
     """
+    # explaining is not loaded by a replay that explains nothing
+    from ..api.known_truth import kinds_of
+    from ..explain.reasons import matched
+
     result = read_results(results)
     labels = truth_of(result, results, None)
     name = result.provenance.recording

@@ -21,6 +21,7 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
+from ..dsp.butterworth import steady_state
 from ..dsp.filters import bandpass, planar_as_stored
 from ..dsp.noise import PartialCells, RunningMaximum
 from ..kernels.lanes import in_lanes, zero_rows
@@ -123,10 +124,8 @@ class _Variance:
 
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
-        from scipy.signal import sosfilt_zi
-
         memory = zero_rows(self._cells.groups, 2 * SECTIONS)
-        memory[:] = sosfilt_zi(self._sos).reshape(-1, 1) * in_lanes(first)
+        memory[:] = steady_state(self._sos).reshape(-1, 1) * in_lanes(first)
         return memory
 
 

@@ -28,11 +28,14 @@ def assign(cost: NDArray[np.float64], gate: float) -> NDArray[np.intp]:
     Index pairs (row, column), shape (k, 2), by row: as many as can be, and of those sets the one
     with the least total cost.
     """
-    from scipy.optimize import linear_sum_assignment
-
     allowed = np.isfinite(cost) & (cost <= gate)
     if not allowed.any():
         return np.empty((0, 2), np.intp)
+    if 1 in cost.shape:  # one walker, one fix: what solves for more takes long to load
+        cheapest = int(np.argmin(np.where(allowed, cost, np.inf)))
+        return np.array([divmod(cheapest, cost.shape[1])], np.intp)
+    from scipy.optimize import linear_sum_assignment
+
     # One forbidden pair costs more than all allowed ones, so that as few as can be are taken.
     forbidden = 1.0 + 2.0 * float(cost[allowed].max()) * min(cost.shape)
     rows, columns = linear_sum_assignment(np.where(allowed, cost, forbidden))

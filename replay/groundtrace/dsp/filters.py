@@ -16,6 +16,7 @@ import numpy as np
 
 from ..kernels.lanes import LANES, zero_rows
 from ..kernels.picker import load, times_of
+from .butterworth import butterworth, steady_state
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -64,18 +65,11 @@ def bandpass(low_hz: float, high_hz: float, rate_hz: float, order: int = 2) -> N
     has_high = 0 < high_hz <= HIGHEST_CORNER * rate_hz
     has_low = 0 < low_hz < HIGHEST_CORNER * rate_hz
     if has_low and has_high and low_hz < high_hz:
-        edges: float | list[float] = [low_hz, high_hz]
-        kind = "bandpass"
-    elif has_low:
-        edges, kind = low_hz, "highpass"
-    elif has_high:
-        edges, kind = high_hz, "lowpass"
-    else:
-        return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    from scipy import signal
-
-    sos: NDArray[np.float64] = signal.butter(order, edges, kind, fs=rate_hz, output="sos")
-    return sos
+        return butterworth(order, (low_hz, high_hz), rate_hz)
+    if has_low or has_high:
+        edge_hz = low_hz if has_low else high_hz
+        return butterworth(order, (edge_hz,), rate_hz, highpass=has_low)
+    return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
 
 
 def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
@@ -108,8 +102,7 @@ class StreamingFilter:
         if x.shape[1] == 0:
             return x
         if self.zi is None:
-            steady = signal.sosfilt_zi(self.sos)
-            self.zi = steady[:, None, :] * x[None, :, :1]
+            self.zi = steady_state(self.sos)[:, None, :] * x[None, :, :1]
         y, self.zi = signal.sosfilt(self.sos, x, axis=1, zi=self.zi)
         return np.asarray(y)
 

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace_codecs.events import Note
-from groundtrace_codecs.importers.guess import UnitWatch
+from groundtrace_codecs.importers.units import UnitWatch
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..detectors.clipping import Limits, Repeats

@@ -37,9 +37,13 @@ class Plugin:
     target: str
 
 
+#: Those of all installed distributions: read once, whatever group is asked for.
+_installed = cache(entry_points)
+
+
 @cache
 def _points(group: str) -> dict[str, EntryPoint]:
-    return {p.name: p for p in entry_points(group=f"groundtrace.{group}")}
+    return {p.name: p for p in _installed().select(group=f"groundtrace.{group}")}
 
 
 def plugins(group: str) -> tuple[Plugin, ...]:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from groundtrace_codecs.importers.guess import UnitWatch
 from groundtrace_codecs.importers.run import import_recording
+from groundtrace_codecs.importers.units import UnitWatch
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
 
 if TYPE_CHECKING:

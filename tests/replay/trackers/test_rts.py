@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from walked_paths import PATHS, filtered, located, rms, tracked
 
-from groundtrace.trackers.kalman import F, H, Motion, WalkModel, first_spread, smoothed
+from groundtrace.dsp.kalman import smoothed
+from groundtrace.trackers.kalman import F, H, Motion, WalkModel, first_spread
 
 MODEL = WalkModel(0.1, 0.5)
 
