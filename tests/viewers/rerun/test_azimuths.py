@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from groundtrace_viewers.rerun.walk import AzimuthView
 
 if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
-    from groundtrace_viewers.rerun.timeline import Timeline
+    from groundtrace_viewers.rerun.context import ViewContext
 
 
 class Sent:
@@ -44,7 +45,7 @@ def block(time_ns: int, cadence_hz: float, emits: str = "track") -> CandidateBlo
 def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
     pytest.importorskip("rerun")
     sent = Sent()
-    log = AzimuthView(cast("Timeline", sent))
+    log = AzimuthView(cast("ViewContext", SimpleNamespace(timeline=sent)))
     for time_ns, cadence_hz in ((1, 1.8), (2, 9.0), (3, 1.9)):
         log.candidates(block(time_ns, cadence_hz))
     log.flush()
@@ -57,7 +58,7 @@ def test_steps_that_were_taken_get_their_azimuth_in_the_table() -> None:
 
 def test_other_stages_have_no_azimuths() -> None:
     sent = Sent()
-    log = AzimuthView(cast("Timeline", sent))
+    log = AzimuthView(cast("ViewContext", SimpleNamespace(timeline=sent)))
     log.candidates(block(1, 1.8, "step"))
     log.flush()
     assert not sent.rows

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace_viewers.rerun.signals import KEEP_NS, Excerpts
+from groundtrace_viewers.rerun.samples import KEEP_NS, Excerpts
 
 MS = 1_000_000
 

@@ -21,7 +21,7 @@ from viewer_sessions import (
 
 from groundtrace_codecs.events import Label, StepEvent
 from groundtrace_viewers.errors import ViewerError
-from groundtrace_viewers.rerun.signals import FullRate, planned
+from groundtrace_viewers.rerun.samples import FullRate, planned
 from groundtrace_viewers.rerun.sink import EVERY_NS, CloseUpTimes, RerunSink
 
 if TYPE_CHECKING:
@@ -36,8 +36,8 @@ LAG_NS = 5_000_000_000
 @pytest.fixture
 def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the little session one that does not fit at full rate; its close-ups do."""
-    monkeypatch.setattr("groundtrace_viewers.rerun.signals.SMALL_BYTES", 0.0)
-    monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 100.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.samples.SMALL_BYTES", 0.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.samples.MOST_OF_RAW", 100.0)
 
 
 def written(path: Path, mode: str, session: ReplaySession | None = None) -> Path:
@@ -135,8 +135,8 @@ def test_nothing_or_a_span_is_shown_where_it_is_asked_for(tmp_path: Path) -> Non
 def test_close_ups_take_no_more_than_was_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("groundtrace_viewers.rerun.signals.MOST_OF_RAW", 0.0)
-    monkeypatch.setattr("groundtrace_viewers.rerun.signals.SMALL_BYTES", 100_000.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.samples.MOST_OF_RAW", 0.0)
+    monkeypatch.setattr("groundtrace_viewers.rerun.samples.SMALL_BYTES", 100_000.0)
     sink = RerunSink(tmp_path / "few.rrd", full_rate="misses")
     sink.open(room_session())
     judge = StepEvent(at(0.2), "step", "", "/seismic", "associate", 9.0, 4)

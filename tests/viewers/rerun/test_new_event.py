@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pytest
@@ -27,12 +27,19 @@ from groundtrace_codecs.events import EVENTS, CandidateBlock, Event, EventKind, 
 from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.schemas.event_messages import events_of, layout_of
 from groundtrace_codecs.writer import RecordingWriter
+from groundtrace_viewers.rerun.blueprint import blueprint
+from groundtrace_viewers.rerun.context import View
 from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import Entity
+from groundtrace_viewers.rerun.views import VIEWS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
     from typing import Any
+
+    from groundtrace.pipeline.engine import ReplaySession
+    from groundtrace_viewers.rerun.context import ViewContext
 
 Field = descriptor_pb2.FieldDescriptorProto
 
@@ -162,14 +169,19 @@ def test_it_is_exported_and_counted_in_the_document(
     ]  # fmt: skip
 
 
-def test_without_a_view_it_is_a_lane_and_a_line(tmp_path: Path) -> None:
-    sink = RerunSink(tmp_path / "door.rrd")
+def drawn(path: Path) -> None:
+    """Write a timeline of the room, and of knocks at its doors."""
+    sink = RerunSink(path)
     sink.open(room_session())
     for block in blocks(SEISMIC, seismic_samples(), 1000):
         sink.write(block)
     for knock in KNOCKS:
         sink.write(knock)
     sink.close()
+
+
+def test_without_a_view_it_is_a_lane_and_a_line(tmp_path: Path) -> None:
+    drawn(tmp_path / "door.rrd")
     times, states = read_back(tmp_path / "door.rrd", "/state/6-knocks", "StateChange:state")
     assert times.tolist() == [S, 2 * S, 3 * S, 4 * S]
     assert states == [["knock"], [""]] * 2
@@ -178,6 +190,40 @@ def test_without_a_view_it_is_a_lane_and_a_line(tmp_path: Path) -> None:
         "+1.000 s  3 knocks at the front door (knocks)",
         "+3.000 s  2 knocks at the back door (knocks)",
     ]
+
+
+class KnockView(View):
+    """Draws how loud knocks are."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
+
+    def knock(self, knock: Knock) -> None:
+        """Take a knock."""
+        self._timeline.declare(Entity("/knocks", "table", "Knocks"))
+        self._timeline.scalars("/knocks", [knock.time_ns], np.array([[knock.value]]))
+
+    kinds: ClassVar = {Knock: knock}
+
+
+def test_a_view_of_it_stands_in_the_table_of_views(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(VIEWS, Knock, (KnockView,))
+    layouts: list[Sequence[Entity]] = []
+
+    def noted(session: ReplaySession, entities: Sequence[Entity], *of: Any, **how: Any) -> Any:
+        layouts.append(entities)
+        return blueprint(session, entities, *of, **how)
+
+    monkeypatch.setattr("groundtrace_viewers.rerun.sink.blueprint", noted)
+    drawn(tmp_path / "door.rrd")
+    times, loud = read_back(tmp_path / "door.rrd", "/knocks", "Scalars:scalars")
+    assert times.tolist() == [S, 3 * S]
+    assert loud == [[1.5], [0.5]]
+    shown = [entity.path for entity in layouts[-1]]
+    assert "/knocks" in shown
+    assert "/state/6-knocks" not in shown
 
 
 def test_a_stage_gives_it_and_nothing_scores_it() -> None:

@@ -5,7 +5,7 @@ import pytest
 from viewer_sessions import IMU, SEISMIC, at, blocks, imu_samples, seismic_samples
 
 from groundtrace_codecs.events import Pick, StepEvent
-from groundtrace_viewers.rerun.signals import RecentSamples, Traces
+from groundtrace_viewers.rerun.samples import RecentSamples, Traces
 
 
 @pytest.mark.parametrize("rows", [1, 40, 12_000])
@@ -30,8 +30,7 @@ def test_only_the_last_seconds_are_kept() -> None:
 
 
 def test_a_pick_lies_on_its_trace_in_the_units_shown() -> None:
-    traces, samples = Traces(), seismic_samples()
-    traces.begin(SEISMIC)
+    traces, samples = Traces([SEISMIC]), seismic_samples()
     for block in blocks(SEISMIC, samples, 1000):
         traces.push(block)
     pick = Pick(at(0.81), "G3", "/seismic", "picker", 0.0, 1.0)
@@ -39,9 +38,7 @@ def test_a_pick_lies_on_its_trace_in_the_units_shown() -> None:
 
 
 def test_a_step_lies_on_the_magnitude_of_the_acceleration() -> None:
-    traces, samples = Traces(), imu_samples()
-    traces.begin(IMU)
-    traces.begin(SEISMIC)
+    traces, samples = Traces([IMU, SEISMIC]), imu_samples()
     for block in blocks(IMU, samples, 100):
         traces.push(block)
     step = StepEvent(at(2.0), "step", "", "/imu/waist", "steps", 1.0)

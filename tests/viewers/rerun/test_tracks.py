@@ -13,7 +13,7 @@ from groundtrace_viewers.rerun.blueprint import site_view
 from groundtrace_viewers.rerun.places import CORNERS, HOLD_S, PRESENT, TRACK_LINES
 from groundtrace_viewers.rerun.sink import RerunSink
 from groundtrace_viewers.rerun.site import bounds
-from groundtrace_viewers.rerun.timeline import FILTERED_TRACK, SMOOTHED_TRACK, Entity
+from groundtrace_viewers.rerun.timeline import FILTERED_TRACK, SEGMENTS_S, SMOOTHED_TRACK, Entity
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -97,7 +97,8 @@ def test_the_map_shows_all_of_a_track_before_the_cursor() -> None:
     path = f"{TRACK_LINES}/track/1"
     shown = bounds(room_session())
     assert shown is not None
-    view = site_view(shown, [Entity(path, "map"), Entity(f"{PRESENT}/track/1/place", "map")])
+    line = Entity(path, "map", visible_s=SEGMENTS_S)
+    view = site_view(shown, [line, Entity(f"{PRESENT}/track/1/place", "map")])
     assert list(view.visualizer_overrides) == [path]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from groundtrace_codecs.events import SPAN_KINDS
 
-from .decisions import LogLines
+from .context import LogLines
 from .timeline import (
     ANNOTATION_COLOURS,
     MARK_NS,

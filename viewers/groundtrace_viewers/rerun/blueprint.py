@@ -8,21 +8,18 @@ it; so :func:`layout_of` takes the layout out of a file, and a page sends it bef
 from __future__ import annotations
 
 from dataclasses import replace
+from math import isinf
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import ViewerError
-from .places import CROSS_ELLIPSES, CROSSES, ELLIPSES, POINTS, TRACK_LINES
-from .places import DISAGREEMENT_LINES as DISAGREEMENTS
-from .signals import FULL_RATE_HZ
-from .site import ARRIVALS, FOOTFALLS, PATH
+from .samples import FULL_RATE_HZ
 from .spectrogram import AROUND_S
 from .stations import ROOT as HODOGRAM
 from .stations import extent
-from .timeline import PAGE, RUNS, SEGMENTS_S, TIMELINE
-from .vehicles import CROSSINGS
-from .walk import FIXES, HEADING, SATELLITES
+from .timeline import PAGE, TIMELINE
+from .walk import HEADING
 from .walk import ROOT as STREETS
 
 if TYPE_CHECKING:
@@ -33,8 +30,7 @@ if TYPE_CHECKING:
 
     from groundtrace.pipeline.engine import ReplaySession
 
-    from .site import Bounds
-    from .timeline import Entity
+    from .timeline import Bounds, Entity
 
 #: A view and its share of the height.
 Part = tuple["rrb.View | rrb.Container", float]
@@ -149,7 +145,7 @@ def _map(session: ReplaySession, site: Bounds | None, entities: Sequence[Entity]
     name = f"{'Way' if session.application == 'walker' else 'Site'} [{unit}]"
     wide = site is not None and (site.x[1] - site.x[0]) > 3.0 * (site.y[1] - site.y[0])
     shown = [site_view(site, entities, name)]
-    shown += [streets_view()] if _of(entities, "geo") else []
+    shown += [streets_view(entities)] if _of(entities, "geo") else []
     if session.application == "vehicle" and site is not None:
         return _parts(shown, _share(site))
     return _parts(shown, 0.5 if wide else 3.0)
@@ -288,21 +284,6 @@ def _stream(mark: Entity) -> str:
 
 #: More curves than this would hide the plot behind its own legend.
 LEGEND_CURVES = 4
-#: Parts of what is below these on the map that it shows: all, or since so many seconds.
-VISIBLE_S = {
-    PATH: -SEGMENTS_S,
-    FOOTFALLS: -3.0,
-    ARRIVALS: -0.25,
-    POINTS: -3.0,
-    ELLIPSES: -0.5,
-    DISAGREEMENTS: -0.5,
-    TRACK_LINES: -SEGMENTS_S,
-    CROSSES: -12.0,
-    CROSS_ELLIPSES: -1.0,
-    CROSSINGS: -10.0,
-    SATELLITES: None,
-    f"{SATELLITES}/lines": -SEGMENTS_S,
-}
 
 
 def linked() -> rrb.TimeAxis:
@@ -514,7 +495,6 @@ def site_view(
     """Return the map under a name."""
     import rerun.blueprint as rrb
 
-    logged = [e.path for e in entities]
     return rrb.Spatial2DView(
         origin="/map",
         name=name,
@@ -522,16 +502,11 @@ def site_view(
         visual_bounds=rrb.VisualBounds2D(x_range=bounds.x, y_range=(-bounds.y[1], -bounds.y[0]))
         if bounds is not None
         else None,
-        overrides={
-            path: _before(None if path.endswith(f"/{RUNS}") else seconds)
-            for path in logged
-            for part, seconds in VISIBLE_S.items()
-            if path == part or path.startswith(part + "/")
-        },
+        overrides=_seen(entities, "map"),
     )
 
 
-def streets_view() -> rrb.View:
+def streets_view(entities: Sequence[Entity]) -> rrb.View:
     """Return the street map, whose tiles the viewer loads from the internet."""
     import rerun.blueprint as rrb
 
@@ -540,18 +515,22 @@ def streets_view() -> rrb.View:
         name="Street map",
         zoom=17.0,
         background=rrb.components.MapProvider.OpenStreetMap,
-        overrides={FIXES: _before(None)},
+        overrides=_seen(entities, "geo"),
     )
 
 
-def _before(seconds: float | None) -> rrb.VisibleTimeRanges:
-    """Show what lies before the cursor: all, or since some seconds before it."""
+def _seen(entities: Iterable[Entity], role: str) -> dict[str, rrb.VisibleTimeRanges]:
+    """Return what of a map is seen after its time: all before the cursor, or of some seconds."""
     import rerun.blueprint as rrb
 
-    edge = rrb.TimeRangeBoundary
-    start = edge.infinite() if seconds is None else edge.cursor_relative(seconds=seconds)
-    end = edge.cursor_relative(seconds=0)
-    return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=start, end=end)])
+    edge, found = rrb.TimeRangeBoundary, {}
+    for e in _of(entities, role):
+        if e.visible_s:
+            ever = isinf(e.visible_s)
+            start = edge.infinite() if ever else edge.cursor_relative(seconds=-e.visible_s)
+            seen = rrb.VisibleTimeRange(TIMELINE, start=start, end=edge.cursor_relative(seconds=0))
+            found[e.path] = rrb.VisibleTimeRanges([seen])
+    return found
 
 
 def layout_of(rrd: Path) -> bytes:

@@ -8,16 +8,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from groundtrace.evaluation.matching import answers_text, found_text, match_steps, timing_pairs
 from groundtrace.pipeline.stage import StageConfig, StageRunner
-from groundtrace_codecs.events import EVENTS
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import (
+    EVENTS,
+    CandidateBlock,
+    Gap,
+    Note,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TraceBlock,
+)
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from .signals import Excerpts
+from .context import View, step_like
+from .samples import Excerpts
 from .timeline import (
     ACCEPTED,
     CONFLICT,
@@ -60,20 +70,10 @@ if TYPE_CHECKING:
 
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.stage import Curve
-    from groundtrace_codecs.events import (
-        CandidateBlock,
-        Gap,
-        GateSpec,
-        Label,
-        Note,
-        Pick,
-        StageSpec,
-        StepEvent,
-        TraceBlock,
-    )
-    from groundtrace_codecs.signals import SignalBlock
+    from groundtrace_codecs.events import GateSpec, Label
 
-    from .signals import ExcerptPiece
+    from .context import LogLines, ViewContext
+    from .samples import ExcerptPiece
     from .timeline import SensorColours, StageLanes, Timeline
 
     #: Where marks lie: times [ns], and values.
@@ -110,11 +110,6 @@ def ceiling(spec: StageSpec) -> float:
     return CEILING * max(gate.threshold, 0.0)
 
 
-def step_like(spec: StageSpec) -> bool:
-    """Whether accepted candidates become steps, which have marks of their own on the lane."""
-    return spec.emits in ("step", "impact")
-
-
 def frames_decided(spec: StageSpec) -> bool:
     """Whether every frame of every channel is a candidate: marks would hide the curves."""
     return spec.emits == "presence"
@@ -141,6 +136,50 @@ def shown_rows(block: CandidateBlock) -> CandidateBlock:
         return block
     columns = [f for f in type(block).__dataclass_fields__ if f != "spec"]
     return replace(block, **{name: getattr(block, name)[rows] for name in columns})
+
+
+class DetectorViews(View):
+    """What stages say: the plots of their decision functions, and their lanes."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._detectors: dict[tuple[str, str], DetectorView] = {}
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage."""
+        self._of(spec)
+
+    def _of(self, spec: StageSpec) -> DetectorView:
+        """Return what draws a stage; other views may have taken its plot, or its lane."""
+        context, key = self._context, (spec.stage, spec.topic)
+        if key not in self._detectors:
+            drawn = replace(spec, trace=()) if key in context.drawn else spec
+            lanes = None if key in context.told else context.lanes
+            self._detectors[key] = DetectorView(
+                context.timeline, drawn, context.colours, lanes, context.span_ns
+            )
+        return self._detectors[key]
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of a decision function."""
+        self._of(block.spec).trace(block)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        self._of(block.spec).candidates(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Take a gap: curves of its topic end there."""
+        for (_, topic), detector in self._detectors.items():
+            if topic == gap.topic and not gap.bridged:
+                detector.interrupt(gap.start_ns)
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Log what is pending; fill lanes up to a time."""
+        for detector in self._detectors.values():
+            detector.flush(before_ns)
+
+    kinds: ClassVar = {StageSpec: stage, TraceBlock: trace, CandidateBlock: candidates, Gap: gap}
 
 
 class DetectorView:
@@ -310,6 +349,48 @@ BEFORE_S, AFTER_S = 0.1, 0.1
 LEVELS = 128
 
 
+class PickerCurves(View):
+    """The decision functions of the stages that pick in a room, around steps."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._curves: list[PickerCurve] = []
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether anything is shown at every sample around steps in a room."""
+        return context.session.application == "room" and context.plan.mode != "none"
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage."""
+        context = self._context
+        if spec.emits == "pick" and spec.trace:
+            self._curves.append(
+                PickerCurve(context.timeline, context.session, spec, context.colours)
+            )
+
+    def feed(self, item: SignalBlock | Gap) -> None:
+        """Take what the stages are given: a block, or a gap."""
+        for curve in self._curves:
+            curve.feed(item)
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival, which may become a step."""
+        self.expect(pick.time_ns)
+
+    def expect(self, time_ns: int) -> None:
+        """Take a true step, which may be missed."""
+        for curve in self._curves:
+            curve.expect(time_ns)
+
+    def near(self, time_ns: int) -> None:
+        """Log the curves around a moment."""
+        for curve in self._curves:
+            curve.show(time_ns)
+
+    kinds: ClassVar = {StageSpec: stage, SignalBlock: feed, Gap: feed, Pick: pick}
+
+
 class PickerCurve:
     """Logs the decision function of one picking stage on one topic.
 
@@ -451,6 +532,62 @@ KEEP_NS = 60 * NS_PER_S
 PEAK_NS, VALLEY_NS = NS_PER_S // 4, 6 * NS_PER_S // 5
 #: A mark lies on the curve where that comes this close to the value of the candidate.
 EXACT = 1e-4
+
+
+def worn(context: ViewContext) -> bool:
+    """Whether a session is of worn sensors, or of no application."""
+    return context.session.application not in ("room", "vehicle")
+
+
+class StepCurves(View):
+    """The curves of the stages that find steps by worn sensors."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._curves: dict[tuple[str, str], StepCurve] = {}
+        self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
+
+    fits = staticmethod(worn)
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage: one whose curve is known is drawn here alone."""
+        context, key = self._context, (spec.stage, spec.topic)
+        if step_like(spec) and spec.trace and key not in self._curves:
+            curve = StepCurve(context.timeline, context.session, spec, context.span_ns)
+            if curve.known:
+                self._curves[key] = curve
+                context.drawn.add(key)
+                if spec.topic in self._last:
+                    curve.feed(self._last[spec.topic])
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+        self._last[block.topic] = block
+        for curve in self._curves.values():
+            curve.feed(block)
+
+    def gap(self, gap: Gap) -> None:
+        """Take a gap."""
+        for curve in self._curves.values():
+            curve.interrupt(gap)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        curve = self._curves.get((block.spec.stage, block.spec.topic))
+        if curve is not None:
+            curve.candidates(block)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log the candidates that the curves have come past."""
+        for curve in self._curves.values():
+            curve.flush()
+
+    def close(self) -> None:
+        """Log what was held back."""
+        for curve in self._curves.values():
+            curve.close()
+
+    kinds: ClassVar = {StageSpec: stage, SignalBlock: signal, Gap: gap, CandidateBlock: candidates}
 
 
 class StepCurve:
@@ -623,53 +760,32 @@ def readable(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
-class LogLines:
-    """Lines of text at times."""
+class PickView(View):
+    """Picks of the stage with the last word: marks on the waveform, rows of a table, log lines."""
 
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
-        self._pending: dict[str, list[tuple[int, str, str]]] = {}
-
-    def add(self, kind: str, time_ns: int, text: str, level: str) -> None:
-        """Take a line; ``kind`` names its entity."""
-        self._pending.setdefault(kind, []).append((time_ns, text, level))
-
-    def flush(self) -> None:
-        """Log what is pending."""
-        import rerun as rr
-
-        for kind, lines in self._pending.items():
-            path = f"/log/{kind}"
-            self._timeline.declare(Entity(path, "log"))
-            times, texts, levels = zip(*lines, strict=True)
-            columns = rr.TextLog.columns(text=list(texts), level=list(levels))
-            self._timeline.send(path, times, columns)
-        self._pending.clear()
-
-
-class PickView:
-    """Picks: marks on the waveform, rows of a table and log lines."""
-
-    def __init__(self, timeline: Timeline, colours: SensorColours, lines: LogLines) -> None:
-        self._timeline = timeline
-        self._colours = colours
-        self._lines = lines
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._timeline = context.timeline
+        self._colours = context.colours
+        self._lines = context.lines
         self._pending: list[tuple[Pick, float]] = []
 
-    def add(self, pick: Pick, height: float, *, told: bool = True) -> None:
-        """Take a pick; its mark lies at ``height`` of the waveform's plot.
-
-        Without being ``told`` it has no line: that of its step would be lost among those of picks.
-        """
-        self._pending.append((pick, height))
-        if not told:
+    def pick(self, pick: Pick) -> None:
+        """Take a pick: its line would hide those of steps, where a stage finds steps."""
+        context = self._context
+        if not context.stages.decides("pick", pick):
             return
+        context.opens(pick.time_ns)
+        self._pending.append((pick, context.traces.of_pick(pick)))
+        if context.stages.last("step") is not None:
+            return
+        context.answers_ns.append(pick.time_ns)
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
         text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"
         self._lines.add("picks", pick.time_ns, text, "INFO")
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         import rerun as rr
 
@@ -700,25 +816,45 @@ class PickView:
         )
         self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
 
+    kinds: ClassVar = {Pick: pick}
 
-class StepView:
-    """Steps and impacts: marks on the waveform, rows of a table and log lines."""
 
-    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
-        self._timeline = timeline
-        self._lines = lines
+class StepView(View):
+    """Steps and impacts: lanes; of the stage with the last word marks, rows, lines and verdicts."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._timeline = context.timeline
+        self._lines = context.lines
         self._pending: list[tuple[StepEvent, float]] = []
+        self._steps_ns: list[int] = []
 
-    def add(self, step: StepEvent, height: float) -> None:
-        """Take a step; its mark lies at ``height`` of the waveform's plot."""
-        self._pending.append((step, height))
+    def step(self, step: StepEvent) -> None:
+        """Take a step."""
+        context = self._context
+        lane = context.lanes.of(step.stage, step.topic)
+        lane.add(step.time_ns, step.type or step.foot or step.kind)
+        if not context.stages.decides("step", step):
+            return
+        context.opens(step.time_ns)
+        context.answers_ns.append(step.time_ns)
+        self._steps_ns.append(step.time_ns)
+        self._pending.append((step, context.traces.of_step(step)))
         what = " ".join(filter(None, (step.type or step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
         text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
 
-    def flush(self) -> None:
+    def close(self) -> None:
+        """Log what became of every true step, where a stage finds steps."""
+        context = self._context
+        truth = any(x.kind == "step" for x in context.session.labels)
+        if truth and context.stages.last("step") is not None and context.replayed_ns is not None:
+            found = verdicts(context.session, self._steps_ns, context.replayed_ns)
+            log_verdicts(self._timeline, self._lines, found)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         for topic in dict.fromkeys(s.topic for s, _ in self._pending):
             self._marks(topic, [(s, height) for s, height in self._pending if s.topic == topic])
@@ -754,16 +890,18 @@ class StepView:
         )
         self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
 
+    kinds: ClassVar = {StepEvent: step}
 
-class LossView:
+
+class LossView(View):
     """Interruptions: a lane and log lines."""
 
-    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
-        self._timeline = timeline
-        self._lines = lines
-        self._lane = Lane(timeline, GAPS, GAP_COLOURS)
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
+        self._lines = context.lines
+        self._lane = Lane(context.timeline, GAPS, GAP_COLOURS)
 
-    def add(self, gap: Gap) -> None:
+    def gap(self, gap: Gap) -> None:
         """Take a gap."""
         self._lane.add(gap.start_ns, gap.reason, gap.end_ns)
         lasting = f"{(gap.end_ns - gap.start_ns) / 1e6:.1f} ms"
@@ -776,13 +914,15 @@ class LossView:
         """Log the lane up to a time."""
         self._lane.flush(before_ns)
 
+    kinds: ClassVar = {Gap: gap}
 
-class PlainView:
+
+class PlainView(View):
     """Kinds of events that have no view of their own: a lane and a line of the log each."""
 
-    def __init__(self, timeline: Timeline, lines: LogLines) -> None:
-        self._timeline = timeline
-        self._lines = lines
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
+        self._lines = context.lines
         self._lanes: dict[str, Lane] = {}
 
     def add(self, event: Any) -> None:
@@ -804,10 +944,19 @@ class PlainView:
             lane.flush(before_ns)
 
 
-def log_note(lines: LogLines, note: Note, where: str) -> None:
-    """Take a note as a line; ``where`` is its time as text."""
-    source = f" ({note.source})" if note.source else ""
-    lines.add("notes", note.time_ns, f"{where}  {note.text}{source}", note.level)
+class NoteView(View):
+    """Notes: lines of the log."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+
+    def note(self, note: Note) -> None:
+        """Take a note."""
+        source = f" ({note.source})" if note.source else ""
+        text = f"{self._context.timeline.seconds(note.time_ns)}  {note.text}{source}"
+        self._context.lines.add("notes", note.time_ns, text, note.level)
+
+    kinds: ClassVar = {Note: note}
 
 
 def lane_labels(session: ReplaySession) -> list[Label]:
@@ -938,6 +1087,30 @@ PLOTS = (
 )
 NAMES = ("pic", "nonpic", "Θ", "K")
 MASS_COLOURS = (PEAK, NO_PEAK, EITHER, CONFLICT)
+
+
+class MassViews(View):
+    """The masses of the stages that measure some, on worn sensors."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._stages: dict[tuple[str, str], MassView] = {}
+
+    fits = staticmethod(worn)
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage."""
+        key = (spec.stage, spec.topic)
+        if MassView.fits(spec) and key not in self._stages:
+            self._stages[key] = MassView(self._context.timeline, spec, self._context.span_ns)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        view = self._stages.get((block.spec.stage, block.spec.topic))
+        if view is not None:
+            view.candidates(block)
+
+    kinds: ClassVar = {StageSpec: stage, CandidateBlock: candidates}
 
 
 class MassView:

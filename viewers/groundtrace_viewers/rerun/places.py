@@ -15,21 +15,32 @@ from groundtrace.localizers.arrival_order import (
     known_regions,
     measured_signs,
 )
-from groundtrace.localizers.base import first_arrivals, outline_of
+from groundtrace.localizers.base import LocalizerParameters, first_arrivals, outline_of
 from groundtrace.pipeline.stage import LEAST_PICKS
-from groundtrace_codecs.events import SMOOTHED, Disagreement, Fix, TrackPoint
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.events import (
+    SMOOTHED,
+    Bearing,
+    Disagreement,
+    Fix,
+    Pick,
+    StageSpec,
+    StepEvent,
+    TrackPoint,
+)
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from .site import SITE, SensorMap, bounds
+from .context import View
+from .site import SITE, ArrivalSigns, bounds
+from .stations import StationViews
 from .timeline import (
     DISAGREEMENT,
     FAINT,
-    FIX_COLOURS,
     TRACK_COLOURS,
     Entity,
     GrowingLine,
     Strips,
     dimmed,
+    used,
 )
 
 if TYPE_CHECKING:
@@ -39,98 +50,12 @@ if TYPE_CHECKING:
     from rerun import ComponentColumn, ComponentColumnList
 
     from groundtrace.localizers.arrival_order import Regions
-    from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import Event, Pick, StageSpec
     from groundtrace_codecs.geometry import Geometry
 
-    from .decisions import LogLines
-    from .site import Bounds, Views
-    from .timeline import SensorColours, Timeline
+    from .context import ViewContext
+    from .timeline import Bounds, Timeline
 
     Ring = NDArray[np.float64]
-
-
-class Places:
-    """Logs the map of a site; a walker has one of its own, and without places there is none.
-
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        What is replayed.
-    colours
-        Of the sensors.
-    lines
-        Where disagreements are told.
-
-    Attributes
-    ----------
-    shown
-        What the map must show; None without a map.
-    sensors
-        The sensors on it, or None.
-    views
-        What it shows of events, by their kind.
-    """
-
-    def __init__(
-        self, timeline: Timeline, session: ReplaySession, colours: SensorColours, lines: LogLines
-    ) -> None:
-        shown = None if session.application == "walker" else bounds(session)
-        self.shown = shown
-        self.sensors = SensorMap(timeline, session, colours) if shown else None
-        on_road = session.application == "vehicle"
-        self._fixes = FixView(timeline, shown, crosses=on_road) if shown else None
-        self._tracks = TrackView(timeline, shown) if shown and not on_road else None
-        unit = session.geometry.length_unit if session.geometry is not None else "m"
-        self._disagreements = DisagreementView(timeline, lines, unit, on_map=shown is not None)
-
-    def stage(self, spec: StageSpec) -> int:
-        """Take a stage and return the colour of its places."""
-        if spec.emits != "fix" or self._fixes is None:
-            return FIX_COLOURS[0]
-        self._fixes.begin(spec.stage)
-        return self._fixes.colour(spec.stage) or FIX_COLOURS[0]
-
-    def pick(self, pick: Pick) -> None:
-        """Take an arrival of the stage that has the last word on arrivals."""
-        if self.sensors is not None:
-            self.sensors.arrival(pick.time_ns, pick.channel)
-
-    def fix(self, fix: Fix) -> None:
-        """Take a place."""
-        self._disagreements.fix(fix)
-        if self._fixes is not None:
-            self._fixes.add(fix)
-
-    def track(self, point: TrackPoint) -> None:
-        """Take a point of a track."""
-        if self._tracks is not None:
-            self._tracks.add(point)
-
-    def disagreement(self, found: Disagreement) -> None:
-        """Take a disagreement of localizers."""
-        self._disagreements.add(found)
-
-    def event(self, event: Event) -> None:
-        """Take an event; one of a kind without a view here is not shown on the map."""
-        view = self.views.get(type(event))
-        if view is not None:
-            view(self, event)
-
-    def flush(self) -> None:
-        """Log what is pending."""
-        for part in (self.sensors, self._fixes, self._tracks):
-            if part is not None:
-                part.flush()
-
-    def close(self) -> None:
-        """Log what was held back."""
-        if self._tracks is not None:
-            self._tracks.close()
-
-    views: ClassVar[Views] = {Fix: fix, TrackPoint: track, Disagreement: disagreement}
 
 
 FIXES = f"{SITE}/fixes"
@@ -138,6 +63,8 @@ POINTS, ELLIPSES = f"{FIXES}/points", f"{FIXES}/ellipses"
 #: Of fixes that come in every cycle and are crosses; and their size as a part of the map's width.
 CROSSES, CROSS_ELLIPSES, CROSS = f"{SITE}/crosses/places", f"{SITE}/crosses/ellipses", 0.013
 FIX_KEY = f"{FIXES}/key"
+#: How long places and their ellipses are seen [s].
+POINTS_S, CROSSES_S = {POINTS: 3.0, ELLIPSES: 0.5}, {CROSSES: 12.0, CROSS_ELLIPSES: 1.0}
 CORNERS = 33
 #: The key stands above the site, this far up the margin.
 FIX_MARGIN = 0.8
@@ -164,82 +91,79 @@ def ellipse(fix: Fix) -> NDArray[np.float32]:
     return line.astype(np.float32)
 
 
-class FixView:
-    """Logs fixes: those of the last seconds are shown, the layout says how many.
+class FixView(View):
+    """Logs fixes: those of the last seconds are shown; crosses beside a road, else points."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    shown
-        What of the site the map shows; the key stands in its margin.
-    crosses
-        Draw crosses, not points.
-    """
-
-    def __init__(self, timeline: Timeline, shown: Bounds, *, crosses: bool = False) -> None:
-        self._crosses = crosses
-        self._timeline = timeline
-        self._shown = shown
+    def __init__(self, context: ViewContext) -> None:
+        self._crosses = context.session.application == "vehicle"
+        self._colour = context.place_colour
+        self._timeline = context.timeline
+        self._shown = bounds(context.session)
         self._stages: list[str] = []
         self._pending: list[Fix] = []
 
-    def begin(self, stage: str) -> None:
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage."""
+        if spec.emits == "fix":
+            self._begin(spec.stage)
+
+    def _begin(self, stage: str) -> None:
         """Give a stage that finds places its colour, and name it in the key."""
         import rerun as rr
 
-        if stage in self._stages:
+        if stage in self._stages or self._shown is None:
             return
         self._stages.append(stage)
         key = rr.Points2D(
             self._shown.key(len(self._stages), FIX_MARGIN),
             labels=self._stages,
             show_labels=True,
-            colors=np.array([self.colour(s) for s in self._stages], np.uint32),
+            colors=np.array([self._colour(s) for s in self._stages], np.uint32),
             radii=-5.0,
         )
         self._timeline.static(FIX_KEY, key)
 
-    def add(self, fix: Fix) -> None:
+    def fix(self, fix: Fix) -> None:
         """Take a fix."""
-        self.begin(fix.stage)
+        self._begin(fix.stage)
         self._pending.append(fix)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         for stage in dict.fromkeys(fix.stage for fix in self._pending):
-            self._send(stage, [fix for fix in self._pending if fix.stage == stage])
+            if self._shown is not None:
+                fixes = [fix for fix in self._pending if fix.stage == stage]
+                self._send(stage, fixes, self._shown)
         self._pending = []
 
-    def _send(self, stage: str, fixes: list[Fix]) -> None:
+    def _send(self, stage: str, fixes: list[Fix], shown: Bounds) -> None:
         import rerun as rr
 
-        colours = np.full(len(fixes), self.colour(stage), np.uint32)
+        colours = np.full(len(fixes), self._colour(stage), np.uint32)
         lines = rr.LineStrips2D.columns(
             strips=np.stack([ellipse(fix) for fix in fixes]),
             colors=colours,
             radii=np.full(len(fixes), -0.8),
         )
-        shapes = self._cross(fixes, colours) if self._crosses else _points(fixes, colours)
-        paths = (CROSSES, CROSS_ELLIPSES) if self._crosses else (POINTS, ELLIPSES)
-        for root, columns in zip(paths, (shapes, lines), strict=True):
-            self._timeline.declare(Entity(f"{root}/{stage}", "map"))
+        shapes = _crosses(fixes, colours, shown) if self._crosses else _points(fixes, colours)
+        seen = CROSSES_S if self._crosses else POINTS_S
+        for (root, visible_s), columns in zip(seen.items(), (shapes, lines), strict=True):
+            self._timeline.declare(Entity(f"{root}/{stage}", "map", visible_s=visible_s))
             self._timeline.send(f"{root}/{stage}", [fix.time_ns for fix in fixes], columns)
 
-    def _cross(self, fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
-        import rerun as rr
+    kinds: ClassVar = {StageSpec: stage, Fix: fix}
 
-        size = CROSS * (self._shown.x[1] - self._shown.x[0])
-        places = np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32)
-        return rr.LineStrips2D.columns(
-            strips=places[:, np.newaxis, :] + size * TIPS,
-            colors=colours,
-            radii=np.full(len(fixes), -1.2),
-        )
 
-    def colour(self, stage: str) -> int:
-        """Return the colour of the places of a stage that has begun."""
-        return FIX_COLOURS[self._stages.index(stage) % len(FIX_COLOURS)]
+def _crosses(fixes: list[Fix], colours: NDArray[np.uint32], shown: Bounds) -> ComponentColumnList:
+    import rerun as rr
+
+    size = CROSS * (shown.x[1] - shown.x[0])
+    places = np.array([(fix.x_m, fix.y_m) for fix in fixes], np.float32)
+    return rr.LineStrips2D.columns(
+        strips=places[:, np.newaxis, :] + size * TIPS,
+        colors=colours,
+        radii=np.full(len(fixes), -1.2),
+    )
 
 
 def _points(fixes: list[Fix], colours: NDArray[np.uint32]) -> ComponentColumnList:
@@ -515,26 +439,15 @@ DISAGREEMENT_LINES = f"{SITE}/disagreements"
 MOST_FIXES = 64
 
 
-class DisagreementView:
-    """Logs disagreements.
+class DisagreementView(View):
+    """Logs disagreements: lines of the log, and of the map where there is one."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    lines
-        The log.
-    unit
-        Of lengths.
-    on_map
-        Whether there is a map.
-    """
-
-    def __init__(self, timeline: Timeline, lines: LogLines, unit: str, *, on_map: bool) -> None:
-        self._timeline = timeline
-        self._lines = lines
-        self._unit = unit
-        self._on_map = on_map
+    def __init__(self, context: ViewContext) -> None:
+        geometry = context.session.geometry
+        self._timeline = context.timeline
+        self._lines = context.lines
+        self._unit = geometry.length_unit if geometry is not None else "m"
+        self._on_map = bounds(context.session) is not None
         self._places: dict[tuple[int, str], tuple[float, float]] = {}
         self._order: deque[tuple[int, str]] = deque()
 
@@ -546,7 +459,7 @@ class DisagreementView:
         if len(self._order) > MOST_FIXES:
             self._places.pop(self._order.popleft(), None)
 
-    def add(self, found: Disagreement) -> None:
+    def disagreement(self, found: Disagreement) -> None:
         """Take a disagreement."""
         where = self._timeline.seconds(found.time_ns)
         text = (
@@ -567,8 +480,10 @@ class DisagreementView:
             colors=np.array([DISAGREEMENT], np.uint32),
             radii=np.array([-0.8], np.float32),
         )
-        self._timeline.declare(Entity(DISAGREEMENT_LINES, "map"))
+        self._timeline.declare(Entity(DISAGREEMENT_LINES, "map", visible_s=0.5))
         self._timeline.send(DISAGREEMENT_LINES, [time_ns], columns)
+
+    kinds: ClassVar = {Fix: fix, Disagreement: disagreement}
 
 
 TRACKS = f"{SITE}/tracks"
@@ -580,6 +495,33 @@ HOLD_S = 2.0
 TRACK_MARGIN = 0.55
 #: More would not fit below the site.
 MOST_NAMED = 4
+
+
+class MapTracks(View):
+    """Tracks on the map of a site; a walker has a map of its own, vehicles have courses."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._tracks = TrackView(context.timeline, bounds(context.session))
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether a map has tracks of walkers."""
+        vehicles = context.session.application == "vehicle"
+        return not vehicles and bounds(context.session) is not None
+
+    def track(self, point: TrackPoint) -> None:
+        """Take a point of a track."""
+        self._tracks.add(point)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log what is pending."""
+        self._tracks.flush()
+
+    def close(self) -> None:
+        """Log that the walkers are gone."""
+        self._tracks.close()
+
+    kinds: ClassVar = {TrackPoint: track}
 
 
 class TrackView:
@@ -696,3 +638,137 @@ def _place(point: TrackPoint) -> Fix:
 def _colour(stage: str, track: int) -> int:
     filtered, smoothed = TRACK_COLOURS[(track - 1) % len(TRACK_COLOURS)]
     return smoothed if stage.endswith(SMOOTHED) else filtered
+
+
+#: What is lit at a step goes out after this, or with the next step [ns].
+LIT_NS = NS_PER_S // 2
+#: Signal that must have come before what lies around a step is complete [ns].
+COMPLETE_NS = NS_PER_S * 7 // 20
+#: So many arrivals are remembered: a step is announced when a later arrival closes its window.
+MOST_PICKS = 1024
+#: The plugin that locates by regions.
+BY_SIGNS = "so-tdoa"
+
+
+@dataclass(frozen=True, slots=True)
+class PendingStep:
+    """A step that waits for its signal, and for arrivals that are refined after it is found."""
+
+    time_ns: int
+    topic: str
+
+
+class StepDetails(View):
+    """Lights up what belongs to single steps in a room: names, regions, hodograms and bearings.
+
+    A step is shown when its signal is complete.
+    """
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._window_s = LocalizerParameters().window_s
+        self._picks: deque[Pick] = deque(maxlen=MOST_PICKS)
+        self._due: deque[PendingStep] = deque()
+        self._lit_ns: int | None = None
+        self._regions: RegionView | None = None
+        site = context.session.geometry
+        mapped = bounds(context.session) is not None
+        self._names = ArrivalSigns(context.timeline, site if mapped else None, context.colours)
+        self._stations = {
+            stream.topic: StationViews(context.timeline, stream, site, context.colours)
+            for stream in context.session.streams
+            if site is not None and not stream.irregular and StationViews.fits(stream, site)
+        }
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether a room is replayed."""
+        return context.session.application == "room"
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage: one that locates by regions has them on the map."""
+        context, picking = self._context, self._context.stages.last("pick")
+        geometry = context.session.geometry
+        if spec.plugin != BY_SIGNS or self._regions is not None or picking is None:
+            return
+        if geometry is None or not RegionView.fits(geometry, picking):
+            return
+        found = used(context.session, spec)
+        window_s = found.parameters.window_s if found is not None else self._window_s
+        colour = context.place_colour(spec.stage)
+        self._regions = RegionView(context.timeline, geometry, picking, window_s, colour)
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+        if block.topic in self._stations:
+            self._stations[block.topic].signal(block)
+        while self._due and self._due[0].time_ns + COMPLETE_NS <= block.last_ns:
+            self._show(self._due.popleft())
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival, which may become a step."""
+        self._picks.append(pick)
+        if pick.topic in self._stations:
+            self._stations[pick.topic].expect(pick.time_ns)
+
+    def step(self, step: StepEvent) -> None:
+        """Take a step of the stage that has the last word."""
+        if self._context.stages.decides("step", step):
+            self._due.append(PendingStep(step.time_ns, step.topic))
+
+    def bearing(self, bearing: Bearing) -> None:
+        """Take a bearing; it comes with its step."""
+        for views in self._stations.values():
+            views.bearing(bearing)
+
+    def close(self) -> None:
+        """Show the last steps."""
+        while self._due:
+            self._show(self._due.popleft())
+        if self._lit_ns is not None:
+            self._put_out(self._lit_ns + LIT_NS)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log what is pending."""
+        self._names.flush()
+        if self._regions is not None:
+            self._regions.flush()
+        for views in self._stations.values():
+            views.flush()
+
+    def _show(self, due: PendingStep) -> None:
+        if self._lit_ns is not None and self._lit_ns + LIT_NS < due.time_ns:
+            self._put_out(self._lit_ns + LIT_NS)
+        self._lit_ns = due.time_ns
+        picks = self._picks_of(due)
+        self._names.step(due.time_ns, picks)
+        if self._regions is not None:
+            self._regions.step(due.time_ns, picks)
+        if due.topic in self._stations:
+            self._stations[due.topic].step(due.time_ns, picks)
+
+    def _picks_of(self, due: PendingStep) -> list[Pick]:
+        """Return the arrivals of a step, of the stage that has the last word on them."""
+        end_ns = due.time_ns + round(self._window_s * NS_PER_S)
+        picking = self._context.stages.last("pick")
+        stage = picking.stage if picking is not None else ""
+        return [
+            p
+            for p in self._picks
+            if due.time_ns <= p.time_ns <= end_ns and (p.topic, p.stage) == (due.topic, stage)
+        ]
+
+    def _put_out(self, time_ns: int) -> None:
+        self._names.clear(time_ns)
+        if self._regions is not None:
+            self._regions.clear(time_ns)
+        for views in self._stations.values():
+            views.clear(time_ns)
+
+    kinds: ClassVar = {
+        StageSpec: stage,
+        SignalBlock: signal,
+        Pick: pick,
+        StepEvent: step,
+        Bearing: bearing,
+    }

@@ -10,52 +10,46 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import cycle, pairwise
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Pick
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
+from .context import View
 from .timeline import (
     ACCEPTED,
     IMPACT,
     LEFT,
+    MARGIN,
     OUTLINE,
     RIGHT,
     ROAD,
     ROAD_SIGN,
+    SIDE,
     SILENT,
     TRACE,
     TRUTH,
     WALKER_COLOURS,
+    Bounds,
     Entity,
     GrowingLine,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import (
-        CandidateBlock,
-        Event,
-        Gap,
-        Label,
-        Pick,
-        StageSpec,
-        StepEvent,
-        TraceBlock,
-    )
+    from groundtrace_codecs.events import Label
     from groundtrace_codecs.geometry import Geometry, Sensor
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.signals import Stream
 
-    from .signals import RecentSamples
+    from .context import ViewContext
+    from .samples import Traces
     from .timeline import SensorColours, Timeline
-
-    #: What shows the events of a kind, by the kind: methods that take one event.
-    Views = Mapping[type[Any], Callable[[Any, Any], None]]
 
 #: Everything on the map hangs below this entity, which turns y upwards.
 SITE = "/map/site"
@@ -66,37 +60,10 @@ MOST_NAMES = 16
 #: Radius of a sensor in screen points, how much larger one is that a wave reaches, and the width
 #: that a map may count on.
 RADIUS, LIT, MAP_POINTS = 6.0, 1.4, 480.0
-#: Around the site, as parts of its extent: at the sides, and above and below.
-SIDE, MARGIN = 0.1, 0.16
 #: Side of a shot point's triangle and height of its name, as parts of the site's extent.
 TRIANGLE, NAME = 0.022, 0.09
 #: What is shown beyond sensors that vehicles pass: a part of their extent, and this at least [m].
 REACH, LEAST_REACH_M = 0.45, 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """What of the site to show [m], y upwards; above and below is room for the map's key."""
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-
-    def key(self, count: int, height: float) -> NDArray[np.float64]:
-        """Return places in a row beside the site, shape (count, 2) [m].
-
-        Parameters
-        ----------
-        count
-            How many.
-        height
-            How far up the margin above the site; below it where negative.
-        """
-        (left, right), (low, high) = self.x, self.y
-        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
-        margin = MARGIN * extent
-        across = left + (right - left) * (np.arange(count) + 0.5) / count
-        up = (high if height > 0 else low) + (height - np.sign(height)) * margin
-        return np.stack([across, np.full(count, up)], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +129,11 @@ def _around(known: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def bounds(session: ReplaySession) -> Bounds | None:
-    """Return what the map must show, or None where the session knows fewer than two places."""
-    return framed(places(session))
+    """Return what the map must show, or None where the session knows fewer than two places.
+
+    A walker has a map of its own.
+    """
+    return framed(places(session)) if session.application != "walker" else None
 
 
 def framed(known: NDArray[np.float64]) -> Bounds | None:
@@ -187,6 +157,11 @@ def labelled(count: int) -> list[int]:
     return [*kept, count - 1]
 
 
+def named(signs: Sequence[Sign]) -> list[Sign]:
+    """Return the signs that are named."""
+    return [signs[i] for i in labelled(len(signs))]
+
+
 def marker_radius(points: Sequence[tuple[float, float]], extent_m: float) -> float:
     """Return the radius [screen points] that keeps neighbours apart on a map of that extent."""
     if len(points) < 2:
@@ -204,40 +179,29 @@ def log_outline(timeline: Timeline, outline: Sequence[tuple[float, float]]) -> N
     timeline.static(f"{SITE}/outline", line)
 
 
-class SensorMap:
-    """Logs the map of a session and lights sensors up as waves arrive.
+class SensorMap(View):
+    """Logs the map of a session and lights sensors up as waves arrive."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        Gives geometry and truth.
-    colours
-        Of the sensors.
-
-    Attributes
-    ----------
-    signs, names
-        The sensors that are named, and what their names say over time.
-    """
-
-    def __init__(self, timeline: Timeline, session: ReplaySession, colours: SensorColours) -> None:
+    def __init__(self, context: ViewContext) -> None:
         import rerun as rr
 
+        session, timeline = context.session, context.timeline
+        self._bounds = bounds(session)
+        self._stages = context.stages
         self._timeline = timeline
-        self._colours = colours
+        self._colours = context.colours
         sensors = session.geometry.sensors if session.geometry else ()
         self._place = {s.channel: (s.x, s.y) for s in sensors}
         self._arrivals: list[tuple[int, str]] = []
-        self.signs: tuple[Sign, ...] = ()
         self._extent = float(np.ptp(places(session), axis=0).max())
         self._radius = marker_radius(list(dict.fromkeys(self._place.values())), self._extent)
         upwards = rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]])
         timeline.declare(Entity(SITE, "map"), upwards)
         if session.geometry is not None:
             self._log_geometry(session.geometry)
-        self.names = ArrivalSigns(timeline, NAMES, self.signs, session.start_ns)
+        names = ArrivalSigns(timeline, session.geometry, self._colours)
+        names.clear(session.start_ns)
+        names.flush()
         log_truth_places(timeline, placed(session))
 
     def _log_geometry(self, geometry: Geometry) -> None:
@@ -255,10 +219,9 @@ class SensorMap:
                 radii=-self._radius,
             )
             self._timeline.static(f"{SITE}/sensors", sensors)
-            self.signs = tuple(signs[i] for i in labelled(len(signs)))
             # what the names say is logged over time
             names = rr.Points2D.from_fields(
-                positions=[(s.x, s.y) for s in self.signs],
+                positions=[(s.x, s.y) for s in named(signs)],
                 show_labels=True,
                 radii=[-self._radius],
             )
@@ -288,16 +251,25 @@ class SensorMap:
             )
             self._timeline.static(f"{SITE}/sources/names", names)
 
-    def arrival(self, time_ns: int, channel: str) -> None:
-        """Take the arrival of a wave at a sensor."""
-        if channel in self._place:
-            self._arrivals.append((time_ns, channel))
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether there are places to show."""
+        return bounds(context.session) is not None
 
-    def flush(self) -> None:
+    @property
+    def bounds(self) -> Bounds | None:
+        """What the map must show."""
+        return self._bounds
+
+    def pick(self, pick: Pick) -> None:
+        """Take the arrival of a wave at a sensor, of the stage that has the last word on them."""
+        if pick.channel in self._place and self._stages.decides("pick", pick):
+            self._arrivals.append((pick.time_ns, pick.channel))
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         import rerun as rr
 
-        self.names.flush()
         if not self._arrivals:
             return
         times = [t for t, _ in self._arrivals]
@@ -307,9 +279,11 @@ class SensorMap:
             colors=np.array([self._colours.of(n) for n in names], np.uint32),
             radii=np.full(len(names), -LIT * self._radius),
         )
-        self._timeline.declare(Entity(ARRIVALS, "map"))
+        self._timeline.declare(Entity(ARRIVALS, "map", visible_s=0.25))
         self._timeline.send(ARRIVALS, times, columns)
         self._arrivals = []
+
+    kinds: ClassVar = {Pick: pick}
 
 
 def first_at(signs: Sequence[Sign], picks: Sequence[Pick]) -> dict[str, int]:
@@ -341,20 +315,18 @@ class ArrivalSigns:
     ----------
     timeline
         Where to.
-    path
-        Of the names on the map: places and sizes are there already.
-    signs
-        The names shown.
-    start_ns
-        From when on names alone are shown [ns].
+    geometry
+        Where the sensors are: places and sizes of their names are on the map already.
+    colours
+        Of the sensors.
     """
 
-    def __init__(self, timeline: Timeline, path: str, signs: Sequence[Sign], start_ns: int) -> None:
+    def __init__(
+        self, timeline: Timeline, geometry: Geometry | None, colours: SensorColours
+    ) -> None:
         self._timeline = timeline
-        self._path = path
-        self._signs = tuple(signs)
+        self._signs = named(signs_of(geometry, colours)) if geometry is not None else []
         self._rows: list[tuple[int, list[str], list[int]]] = []
-        self.clear(start_ns)
 
     def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
         """Show a step's arrivals."""
@@ -378,7 +350,7 @@ class ArrivalSigns:
             colors=np.array([colours for _, _, colours in self._rows], np.uint32).ravel(),
         )
         counts = [len(self._signs)] * len(self._rows)
-        self._timeline.send(self._path, [row[0] for row in self._rows], columns.partition(counts))
+        self._timeline.send(NAMES, [row[0] for row in self._rows], columns.partition(counts))
         self._rows = []
 
 
@@ -401,7 +373,7 @@ def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
         colors=np.array([feet.get(x.label, walkers[x.target]) for x in known], np.uint32),
         radii=np.full(len(known), -4.0),
     )
-    timeline.declare(Entity(FOOTFALLS, "map"))
+    timeline.declare(Entity(FOOTFALLS, "map", visible_s=3.0))
     timeline.send(FOOTFALLS, [x.time_ns for x in known], columns)
     for target in targets:
         walked = [x for x in known if x.kind != "impact" and x.target == target]
@@ -437,6 +409,55 @@ def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return offset + DEFLECTION * swing / np.where(peak > 0, peak, 1.0)
 
 
+class SectionViews(View):
+    """The sections of shots, of each stream that has one."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._sections: dict[str, Section | None] = {}
+        for stream in context.session.streams:
+            self._begin(stream)
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether shots are replayed."""
+        return context.session.application == "shots"
+
+    def _begin(self, stream: Stream) -> Section | None:
+        context = self._context
+        section = None
+        if len(stream.columns_of(SEISMIC_QUANTITIES)) > 1:  # that can stand side by side
+            section = Section(context.timeline, stream, context.session.labels, context.traces)
+        self._sections[stream.topic] = section
+        return section
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block: sections that end before its end are complete."""
+        if block.topic not in self._sections:
+            self._begin(block.stream)
+        section = self._sections[block.topic]
+        if section is not None:
+            section.advance(block.end_ns)
+
+    def pick(self, pick: Pick) -> None:
+        """Take a pick of the stage that has the last word on them."""
+        section = self._sections.get(pick.topic)
+        if section is not None and self._context.stages.decides("pick", pick):
+            section.add(pick)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log the pending picks."""
+        for section in filter(None, self._sections.values()):
+            section.flush()
+
+    def close(self) -> None:
+        """Log the last windows."""
+        for section in filter(None, self._sections.values()):
+            section.advance()
+
+    kinds: ClassVar = {SignalBlock: signal, Pick: pick}
+
+
 class Section:
     """Logs the section of one stream around its shots.
 
@@ -448,12 +469,12 @@ class Section:
         Its seismic channels are shown, in their order.
     labels
         Labelled impacts are shots; elsewhere a shot begins with its first pick.
-    recent
-        Holds the stream's last samples.
+    traces
+        Hold the stream's last samples.
     """
 
     def __init__(
-        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], recent: RecentSamples
+        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], traces: Traces
     ) -> None:
         self._timeline = timeline
         self._columns = stream.columns_of(SEISMIC_QUANTITIES)
@@ -461,7 +482,7 @@ class Section:
         self._topic = stream.topic
         self._path = f"/section/{stream.topic.strip('/')}"
         self._period_ns = round(stream.period_ns)
-        self._recent = recent
+        self._traces = traces
         self._pending: list[tuple[int, int]] = []
         self._windows: list[tuple[int, int]] = []
         self._picks: list[Pick] = []
@@ -470,11 +491,6 @@ class Section:
             if label.kind == "impact":
                 self._open(label.time_ns)
         self._log_truth([x for x in known if x.kind == "pick" and x.channel in self._names])
-
-    @staticmethod
-    def fits(stream: Stream) -> bool:
-        """Whether a stream has seismic channels that can stand side by side."""
-        return len(stream.columns_of(SEISMIC_QUANTITIES)) > 1
 
     def _open(self, time_ns: int) -> None:
         """Ask for the window of a shot, without what another window shows already."""
@@ -500,7 +516,7 @@ class Section:
         ready = [w for w in self._pending if end_ns is None or w[1] <= end_ns]
         self._pending = [w for w in self._pending if w not in ready]
         for start, end in sorted(ready):
-            pieces = list(self._recent.between(start, end))
+            pieces = list(self._traces.between(self._topic, start, end))
             if pieces:
                 times = np.concatenate([t for t, _ in pieces])
                 self._log_traces(times, np.concatenate([v for _, v in pieces])[:, self._columns])
@@ -615,67 +631,3 @@ def signs(
         tips += list((at[:, np.newaxis] + turned).astype(np.float32))
         gone += way
     return tips
-
-
-class ApplicationViews:
-    """Shows nothing; an application's own part overrides what it has something to show of.
-
-    Attributes
-    ----------
-    views
-        What it shows of events, by their kind.
-    """
-
-    views: ClassVar[Views] = {}
-
-    def event(self, event: Event) -> None:
-        """Take an event; one of a kind without a view here is not shown by this part."""
-        view = self.views.get(type(event))
-        if view is not None:
-            view(self, event)
-
-    def stage(self, spec: StageSpec, colour: int) -> None:
-        """Take a stage; ``colour`` is that of its places."""
-
-    def draws(self, spec: StageSpec) -> bool:  # noqa: ARG002
-        """Whether this part draws the plot of a stage's decision function."""
-        return False
-
-    def tells(self, spec: StageSpec) -> bool:  # noqa: ARG002
-        """Whether this part fills the lane of a stage's decisions."""
-        return False
-
-    def signal(self, block: SignalBlock) -> None:
-        """Take a block."""
-
-    def gap(self, gap: Gap) -> None:
-        """Take a gap."""
-
-    def trace(self, block: TraceBlock) -> None:
-        """Take a piece of a decision function."""
-
-    def candidates(self, block: CandidateBlock) -> None:
-        """Take decided candidates."""
-
-    def pick(self, pick: Pick) -> None:
-        """Take an arrival."""
-
-    def expect(self, time_ns: int) -> None:
-        """Take a moment that the signal has just come past, and that may be told of later."""
-
-    def near(self, time_ns: int) -> None:
-        """Show every sample around a moment; those of steps come after the steps."""
-
-    def step(self, step: StepEvent) -> None:
-        """Take a step of the stage that has the last word on steps."""
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """What a map of this part's own must show; None without one."""
-        return None
-
-    def flush(self, before_ns: int | None = None) -> None:
-        """Log what is pending; lanes up to a time [ns], as channels lag behind each other."""
-
-    def close(self) -> None:
-        """Log what was held back."""

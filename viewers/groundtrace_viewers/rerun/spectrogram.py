@@ -9,14 +9,16 @@ columns that can be told apart, and a second plot has columns of 50 ms around th
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
+from groundtrace_codecs.events import Pick
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
-from .signals import Excerpts
+from .context import View
+from .samples import Excerpts
 from .timeline import Entity, heat
 
 if TYPE_CHECKING:
@@ -24,10 +26,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.signals import Stream
 
-    from .signals import Plan
+    from .context import ViewContext
     from .timeline import Timeline
 
 #: Most squares of the overview, and of the plot around the cursor.
@@ -277,29 +278,33 @@ class Spectrogram:
         return times[starts], np.maximum.reduceat(levels, starts, axis=0)
 
 
-def spectrograms(
-    timeline: Timeline, session: ReplaySession, plan: Plan, channels: Sequence[str]
-) -> tuple[str, list[Spectrogram]]:
-    """Return the topic with spectrograms, and those; empty where nothing fits.
+class SpectrogramViews(View):
+    """The spectrograms of one stream: of the chosen channels, else the first seismic one."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        What is replayed.
-    plan
-        How much of it.
-    channels
-        Whose spectrograms are wanted; empty takes the first seismic channel's.
-    """
-    fitting = [s for s in session.streams if Spectrogram.fits(s)]
-    stream = next((s for s in fitting if chosen(s, channels)), next(iter(fitting), None))
-    if stream is None:
-        return "", []
-    columns: list[int | None] = [*chosen(stream, channels)] or [None]
-    duration_s = plan.duration_ns / NS_PER_S
-    return stream.topic, [Spectrogram(timeline, stream, duration_s, c) for c in columns]
+    def __init__(self, context: ViewContext) -> None:
+        fitting = [s for s in context.session.streams if Spectrogram.fits(s)]
+        asked = (s for s in fitting if chosen(s, context.channels))
+        stream = next(asked, next(iter(fitting), None))
+        self._topic = stream.topic if stream is not None else ""
+        self._parts: list[Spectrogram] = []
+        if stream is not None:
+            duration_s = context.plan.duration_ns / NS_PER_S
+            columns: list[int | None] = [*chosen(stream, context.channels)]
+            for column in columns or [None]:
+                self._parts.append(Spectrogram(context.timeline, stream, duration_s, column))
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+        if block.topic == self._topic:
+            for part in self._parts:
+                part.write(block)
+
+    def close(self) -> None:
+        """Colour and log what was taken."""
+        for part in self._parts:
+            part.close()
+
+    kinds: ClassVar = {SignalBlock: signal}
 
 
 WINDOW_S = 0.003
@@ -368,7 +373,49 @@ class FineSpectrogram:
         self._timeline.declare(Entity(self._path, "spectrum", self._title, bands, top=top), style)
 
 
-class SpectrumViews:
+class FineSpectrograms(View):
+    """The spectrograms around steps of the chosen channels, by default the first seismic one."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._parts: dict[str, StreamSpectra] = {}
+        for stream in context.session.streams:
+            seismic = not stream.irregular and stream.columns_of(SEISMIC_QUANTITIES)
+            if not seismic or stream.rate_hz < LEAST_RATE_HZ:
+                continue
+            if context.channels or not self._parts:
+                self._parts[stream.topic] = StreamSpectra(
+                    context.timeline, stream, context.channels
+                )
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether anything is shown at every sample around steps in a room."""
+        return context.session.application == "room" and context.plan.mode != "none"
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block."""
+        if block.topic in self._parts:
+            self._parts[block.topic].signal(block)
+
+    def pick(self, pick: Pick) -> None:
+        """Take an arrival, which may become a step."""
+        if pick.topic in self._parts:
+            self._parts[pick.topic].expect(pick.time_ns)
+
+    def expect(self, time_ns: int) -> None:
+        """Take a true step, which may be missed."""
+        for part in self._parts.values():
+            part.expect(time_ns)
+
+    def near(self, time_ns: int) -> None:
+        """Log the spectrograms around a moment."""
+        for part in self._parts.values():
+            part.show(time_ns)
+
+    kinds: ClassVar = {SignalBlock: signal, Pick: pick}
+
+
+class StreamSpectra:
     """The spectrograms of the chosen channels of one stream.
 
     Parameters

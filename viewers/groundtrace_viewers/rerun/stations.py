@@ -14,7 +14,7 @@ import numpy as np
 from groundtrace.localizers.bearings import PARTS, polarization, stations
 from groundtrace_codecs.signals import NS_PER_S
 
-from .signals import Excerpts
+from .samples import Excerpts
 from .site import SITE
 from .timeline import Entity, Strips, dimmed
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from .signals import ExcerptPiece
+    from .samples import ExcerptPiece
     from .timeline import SensorColours, Timeline
 
     Array = NDArray[np.float64]

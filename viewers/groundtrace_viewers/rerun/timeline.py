@@ -68,6 +68,9 @@ class Entity:
         Quantity of a signal, else empty.
     top, bottom
         Ends of the value axis where the upper one is known, else 0.
+    visible_s
+        On a map, how long it is seen after its time [s]; 0 until the next takes its place, and
+        infinite for ever.
     """
 
     path: str
@@ -78,6 +81,36 @@ class Entity:
     quantity: str = ""
     top: float = 0.0
     bottom: float = 0.0
+    visible_s: float = 0.0
+
+
+#: Around a site, as parts of its extent: at the sides, and above and below.
+SIDE, MARGIN = 0.1, 0.16
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """What of the site to show [m], y upwards; above and below is room for the map's key."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+    def key(self, count: int, height: float) -> NDArray[np.float64]:
+        """Return places in a row beside the site, shape (count, 2) [m].
+
+        Parameters
+        ----------
+        count
+            How many.
+        height
+            How far up the margin above the site; below it where negative.
+        """
+        (left, right), (low, high) = self.x, self.y
+        extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
+        margin = MARGIN * extent
+        across = left + (right - left) * (np.arange(count) + 0.5) / count
+        up = (high if height > 0 else low) + (height - np.sign(height)) * margin
+        return np.stack([across, np.full(count, up)], axis=1)
 
 
 class Timeline:
@@ -587,7 +620,7 @@ class GrowingLine:
         known = [*self._run[-1:], *passed]
         if len(known) > 1:
             segments = [[a[1], b[1]] for a, b in pairwise(known)]
-            self._log(self._path, [time_ns for time_ns, _ in known[1:]], segments)
+            self._log(self._path, [time_ns for time_ns, _ in known[1:]], segments, SEGMENTS_S)
         runs: list[list[Passed]] = []
         for time_ns, place in passed:
             run = self._run
@@ -607,9 +640,15 @@ class GrowingLine:
     def _log_runs(self, runs: list[list[Passed]]) -> None:
         if runs:
             lines = [[place for _, place in run] for run in runs]
-            self._log(f"{self._path}/{RUNS}", [run[-1][0] for run in runs], lines)
+            self._log(f"{self._path}/{RUNS}", [run[-1][0] for run in runs], lines, np.inf)
 
-    def _log(self, path: str, times_ns: list[int], lines: list[list[tuple[float, float]]]) -> None:
+    def _log(
+        self,
+        path: str,
+        times_ns: list[int],
+        lines: list[list[tuple[float, float]]],
+        visible_s: float,
+    ) -> None:
         import rerun as rr
 
         columns = rr.LineStrips2D.columns(
@@ -617,7 +656,7 @@ class GrowingLine:
             colors=np.full(len(lines), self._colour, np.uint32),
             radii=np.full(len(lines), self._radius),
         )
-        self._timeline.declare(Entity(path, "map"))
+        self._timeline.declare(Entity(path, "map", visible_s=visible_s))
         self._timeline.send(path, times_ns, columns)
 
 

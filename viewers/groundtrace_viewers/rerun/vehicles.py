@@ -12,18 +12,22 @@ import numpy as np
 from groundtrace.evaluation.positions import ignored
 from groundtrace.evaluation.vehicles import match_passes
 from groundtrace_codecs.events import (
+    CandidateBlock,
     Fix,
     LikelihoodSurface,
     LineCrossing,
     Pass,
     Presence,
+    StageSpec,
+    TraceBlock,
     TrackPoint,
 )
 from groundtrace_codecs.signals import NS_PER_S
 
+from .context import View
 from .decisions import VERDICT_COLOURS
 from .places import ellipse
-from .site import SITE, ApplicationViews, bounds, signs_of
+from .site import SITE, bounds, signs_of
 from .timeline import (
     ACCEPTED,
     COURSE_COLOURS,
@@ -54,160 +58,24 @@ if TYPE_CHECKING:
 
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence
-    from groundtrace_codecs.events import CandidateBlock, Event, Label, StageSpec, TraceBlock
+    from groundtrace_codecs.events import Event, Label
 
-    from .decisions import LogLines
-    from .site import Bounds, Views
-    from .timeline import SensorColours, StageLanes, Timeline
+    from .context import LogLines, ViewContext
+    from .timeline import Bounds, SensorColours, StageLanes, Timeline
 
     Array = NDArray[np.float64]
 
-#: What a vehicle is told by: the first opens the viewer, where nothing else does.
-TOLD = (Pass, LineCrossing)
 #: The parameter by which stages say how power falls with distance.
 EXPONENT = "exponent"
 
 
-class Vehicles(ApplicationViews):
-    """Logs everything that is particular to vehicles.
+class VehicleView(View):
+    """A view of vehicles alone."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        What is replayed.
-    colours
-        Of the sensors.
-    lanes
-        Of the stages.
-    lines
-        Of the log.
-    """
-
-    def __init__(
-        self,
-        timeline: Timeline,
-        session: ReplaySession,
-        colours: SensorColours,
-        lanes: StageLanes,
-        lines: LogLines,
-    ) -> None:
-        self._timeline = timeline
-        self._session = session
-        self._lanes = lanes
-        shown = bounds(session)
-        self._courses = CourseView(timeline, shown, lanes)
-        self._likelihood = LikelihoodView(timeline) if shown is not None else None
-        self._passes = PassView(timeline, lines, shown)
-        self._road = RoadPlot(timeline, session, colours)
-        self._lines = lines
-        self._passing = ""
-        self._found: list[Pass] = []
-        self._heard: dict[tuple[str, str], PresenceLane] = {}
-        self._ratios: dict[str, tuple[StageSpec, RatioCurves]] = {}
-        if shown is not None:
-            log_true_ways(timeline, session.labels)
-        log_true_passes(timeline, session.labels)
-
-    @property
-    def _span_ns(self) -> tuple[int, int]:
-        """What is shown of the recording [ns]."""
-        return self._session.shown_ns or (self._session.start_ns, self._session.end_ns)
-
-    def stage(self, spec: StageSpec, colour: int) -> None:  # noqa: ARG002
-        """Take a stage."""
-        key = (spec.stage, spec.topic)
-        if spec.emits == "pass":
-            self._passing = spec.stage
-        elif spec.emits == "track":
-            self._courses.stage(spec)
-        elif self.tells(spec) and key not in self._heard:
-            self._heard[key] = PresenceLane(spec, self._lanes)
-        elif self.draws(spec) and spec.topic not in self._ratios:
-            self._begin_ratios(spec)
-
-    def _begin_ratios(self, spec: StageSpec) -> None:
-        """Begin the curves of a topic's ratios: stages after the first estimate the same."""
-        session = self._session
-        curves = RatioCurves(self._timeline, spec, self._span_ns)
-        self._ratios[spec.topic] = (spec, curves)
-        known = used(session, spec)
-        exponent = getattr(known.parameters, EXPONENT, 0.0) if known is not None else 0.0
-        if exponent:
-            curves.log_truth(session, exponent)
-
-    def draws(self, spec: StageSpec) -> bool:
-        """Whether a stage's trace is of ratios, which have plots of their own."""
-        return RatioCurves.fits(spec)
-
-    def tells(self, spec: StageSpec) -> bool:
-        """Whether a stage hears vehicles: its lane puts the channels together."""
-        return spec.emits == "presence" and bool(spec.gates)
-
-    def trace(self, block: TraceBlock) -> None:
-        """Take a piece of a trace: ratios are drawn."""
-        spec, curves = self._ratios.get(block.spec.topic, (None, None))
-        if curves is not None and spec is not None and spec.stage == block.spec.stage:
-            curves.trace(block)
-
-    def candidates(self, block: CandidateBlock) -> None:
-        """Take decided candidates."""
-        lane = self._heard.get((block.spec.stage, block.spec.topic))
-        if lane is not None:
-            lane.candidates(block)
-
-    def track(self, point: TrackPoint) -> None:
-        """Take a point of a track."""
-        self._courses.add(point)
-
-    def surface(self, surface: LikelihoodSurface) -> None:
-        """Take the likelihood of places in one cycle."""
-        if self._likelihood is not None:
-            self._likelihood.add(surface)
-
-    def passed(self, one: Pass) -> None:
-        """Take a pass of a station."""
-        self._found.append(one)
-        self._passes.passed(one)
-        self._road.add(one)
-
-    def crossed(self, one: LineCrossing) -> None:
-        """Take a crossing of a line."""
-        self._passes.crossed(one, told=one.stage == self._courses.last)
-
-    def presence(self, span: Presence) -> None:
-        """Take a span in which a channel hears a vehicle: its lane has the cycles already."""
-
-    def flush(self, before_ns: int | None = None) -> None:
-        """Log what is pending; fill lanes up to a time."""
-        for lane in self._heard.values():
-            lane.flush(before_ns)
-        for _, curves in self._ratios.values():
-            curves.flush()
-        self._courses.flush()
-        self._passes.flush()
-        self._road.flush()
-        if self._likelihood is not None:
-            self._likelihood.flush()
-
-    def close(self) -> None:
-        """Log what was held back, and what became of every pass."""
-        if self._likelihood is not None:
-            self._likelihood.close()
-        if self._passing:
-            last = [p for p in self._found if p.stage == self._passing]
-            found = pass_verdicts(self._session.labels, last, self._span_ns)
-            log_pass_verdicts(self._timeline, self._lines, found)
-            self._road.missed([one for one in found if one.verdict == "missed"])
-
-    views: ClassVar[Views] = {
-        TrackPoint: track,
-        LikelihoodSurface: surface,
-        Pass: passed,
-        LineCrossing: crossed,
-        Presence: presence,
-    }
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether vehicles are replayed."""
+        return context.session.application == "vehicle"
 
 
 TRUE_WAYS = f"{SITE}/true-ways"
@@ -251,37 +119,27 @@ DASH, BROAD, THIN = 0.012, 1.6, 1.0
 MARGIN = 0.55
 
 
-class CourseView:
+class CourseView(VehicleView):
     """Logs tracks of vehicles, which are told when a vehicle has gone, at the times they are of.
 
     Courses of a stage that follow one another use two entities in turn: one may still be seen
-    when the next begins.
-
-    Parameters
-    ----------
-    timeline
-        Where to.
-    shown
-        What of the site the map shows; None where there is no map.
-    lanes
-        Of the stages: they show speeds.
+    when the next begins. Lanes show speeds.
     """
 
-    def __init__(self, timeline: Timeline, shown: Bounds | None, lanes: StageLanes) -> None:
-        self._timeline = timeline
-        self._shown = shown
-        self._lanes = lanes
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
+        self._shown = bounds(context.session)
+        self._lanes = context.lanes
+        if self._shown is not None:
+            log_true_ways(context.timeline, context.session.labels)
         self._specs: dict[str, StageSpec] = {}
         self._pending: dict[tuple[str, int], list[TrackPoint]] = {}
         self._strips: dict[tuple[str, int, str], Strips] = {}
 
-    @property
-    def last(self) -> str:
-        """The stage that has the last word; empty where none tells courses."""
-        return next(reversed(self._specs), "")
-
     def stage(self, spec: StageSpec) -> None:
-        """Take a stage that tells courses."""
+        """Take a stage; those that tell courses are named in the key."""
+        if spec.emits != "track":
+            return
         self._specs.setdefault(spec.stage, spec)
         if self._shown is not None:
             self._name(self._shown)
@@ -304,12 +162,12 @@ class CourseView:
         )
         self._timeline.static(KEY, key)
 
-    def add(self, point: TrackPoint) -> None:
+    def track(self, point: TrackPoint) -> None:
         """Take a place; those of a track come together, in the order of time."""
         if point.stage in self._specs:
             self._pending.setdefault((point.stage, point.track), []).append(point)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         for (stage, track), points in self._pending.items():
             self._span(stage, track, points)
@@ -330,7 +188,7 @@ class CourseView:
     def _log(self, stage: str, track: int, points: list[TrackPoint], shown: Bounds) -> None:
         times = np.array([p.time_ns for p in points], np.int64)
         way = Way(times, np.array([(p.x_m, p.y_m) for p in points]))
-        best, colour, turn = stage == self.last, self.colour(stage), track % 2
+        best, colour, turn = stage == next(reversed(self._specs)), self.colour(stage), track % 2
         line = dashes(way.places, DASH * (shown.x[1] - shown.x[0]))
         radii = [-(BROAD if best else THIN)] * len(line)
         drawn = self._of(stage, turn, "course")
@@ -358,6 +216,8 @@ class CourseView:
             path = f"{COURSES}/{stage}/{turn}/{what}"
             self._strips[key] = Strips(self._timeline, path, 10.0)
         return self._strips[key]
+
+    kinds: ClassVar = {StageSpec: stage, TrackPoint: track}
 
 
 CROSSINGS = f"{SITE}/crossings"
@@ -388,36 +248,36 @@ def speed_text(one: Pass | LineCrossing) -> str:
     return f"{one.speed_mps:.1f} ± {one.speed_sigma_mps:.1f} m/s"
 
 
-class PassView:
-    """Logs passes and crossings, which are told when a vehicle has gone.
+class PassView(VehicleView):
+    """Logs passes and crossings, which are told when a vehicle has gone."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    lines
-        Of the log.
-    shown
-        What of the site the map shows; None where there is no map.
-    """
-
-    def __init__(self, timeline: Timeline, lines: LogLines, shown: Bounds | None) -> None:
-        self._timeline = timeline
-        self._lines = lines
-        self._shown = shown
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._timeline = context.timeline
+        self._lines = context.lines
+        self._shown = bounds(context.session)
+        self._road = RoadPlot(context.timeline, context.session, context.colours)
+        self._found: list[Pass] = []
         self._passes: list[Pass] = []
         self._crossings: list[LineCrossing] = []
         self._lanes: dict[str, Lane] = {}
+        log_true_passes(context.timeline, context.session.labels)
 
     def passed(self, one: Pass) -> None:
         """Take a pass; those of a vehicle come together."""
+        self._context.opens(one.time_ns)
+        self._found.append(one)
+        self._road.add(one)
         self._passes.append(one)
         level = "INFO" if one.vehicle else "WARN"
         self._lines.add("passes", one.time_ns, f"{self._when(one)}  {pass_text(one)}", level)
 
-    def crossed(self, one: LineCrossing, *, told: bool) -> None:
-        """Take a crossing: a row, and if it is told a line of the log and a mark on the map."""
+    def crossed(self, one: LineCrossing) -> None:
+        """Take a crossing: a row; of the last stage a line of the log and a mark on the map."""
+        self._context.opens(one.time_ns)
         self._crossings.append(one)
+        last = self._context.stages.last("track")
+        told = last is not None and last.stage == one.stage
         if told:
             line = f"{self._when(one)}  {crossing_text(one)}"
             self._lines.add("crossings", one.time_ns, line, "INFO")
@@ -440,11 +300,23 @@ class PassView:
             colors=np.array([COURSE_COLOURS[0]] * 2, np.uint32),
             radii=[-4.0, -0.1],
         )
-        self._timeline.declare(Entity(path, "map"), rr.Points2D.from_fields(show_labels=True))
+        entity = Entity(path, "map", visible_s=10.0)
+        self._timeline.declare(entity, rr.Points2D.from_fields(show_labels=True))
         self._timeline.send(path, [one.time_ns], columns.partition([2]))
 
-    def flush(self) -> None:
+    def close(self) -> None:
+        """Log what became of every pass, where a stage finds passes."""
+        last = self._context.stages.last("pass")
+        if last is not None:
+            passes = [p for p in self._found if p.stage == last.stage]
+            span_ns = self._context.span_ns
+            found = pass_verdicts(self._context.session.labels, passes, span_ns)
+            log_pass_verdicts(self._timeline, self._lines, found)
+            self._road.missed([one for one in found if one.verdict == "missed"])
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
+        self._road.flush()
         if self._passes:
             self._rows()
             for number in dict.fromkeys(p.vehicle for p in self._passes if p.vehicle):
@@ -499,6 +371,8 @@ class PassView:
             heading_deg=np.degrees([c.heading_rad for c in found]),
         )
         self._timeline.send(CROSSED, [c.time_ns for c in found], columns)
+
+    kinds: ClassVar = {Pass: passed, LineCrossing: crossed}
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -589,6 +463,37 @@ CYCLE_NS = 500_000_000
 NONE = (0, 0, "")
 
 
+class PresenceLanes(VehicleView):
+    """The lanes of the stages that hear vehicles."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._stages: dict[tuple[str, str], PresenceLane] = {}
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage: the lane of one that hears vehicles puts its channels together."""
+        key = (spec.stage, spec.topic)
+        if spec.emits == "presence" and spec.gates and key not in self._stages:
+            self._stages[key] = PresenceLane(spec, self._context.lanes)
+            self._context.told.add(key)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Take decided candidates."""
+        lane = self._stages.get((block.spec.stage, block.spec.topic))
+        if lane is not None:
+            lane.candidates(block)
+
+    def presence(self, span: Presence) -> None:
+        """Take a span in which a channel hears a vehicle: its lane has the cycles already."""
+
+    def flush(self, before_ns: int | None = None) -> None:
+        """Fill the lanes up to a time."""
+        for lane in self._stages.values():
+            lane.flush(before_ns)
+
+    kinds: ClassVar = {StageSpec: stage, CandidateBlock: candidates, Presence: presence}
+
+
 class PresenceLane:
     """Puts the channels together: any that hears a vehicle, else the loudest above the threshold.
 
@@ -657,6 +562,42 @@ DB = 10 / np.log(10)
 APART_NS = 60_000_000
 #: A vehicle is no nearer to a sensor than this [m], as in the computations.
 NEAREST_M = 0.5
+
+
+class RatioViews(VehicleView):
+    """The ratios of each topic: stages after its first estimate the same."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._topics: dict[str, tuple[StageSpec, RatioCurves]] = {}
+
+    def stage(self, spec: StageSpec) -> None:
+        """Take a stage: a trace of ratios has plots of its own."""
+        if not RatioCurves.fits(spec):
+            return
+        context = self._context
+        context.drawn.add((spec.stage, spec.topic))
+        if spec.topic in self._topics:
+            return
+        curves = RatioCurves(context.timeline, spec, context.span_ns)
+        self._topics[spec.topic] = (spec, curves)
+        known = used(context.session, spec)
+        exponent = getattr(known.parameters, EXPONENT, 0.0) if known is not None else 0.0
+        if exponent:
+            curves.log_truth(context.session, exponent)
+
+    def trace(self, block: TraceBlock) -> None:
+        """Take a piece of a trace: ratios are drawn."""
+        spec, curves = self._topics.get(block.spec.topic, (None, None))
+        if curves is not None and spec is not None and spec.stage == block.spec.stage:
+            curves.trace(block)
+
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
+        """Log what is pending."""
+        for _, curves in self._topics.values():
+            curves.flush()
+
+    kinds: ClassVar = {StageSpec: stage, TraceBlock: trace}
 
 
 class RatioCurves:
@@ -778,23 +719,20 @@ OPACITY = 0.8
 LIKELIHOOD_HOLD_NS = 2 * NS_PER_S
 
 
-class LikelihoodView:
-    """Logs the images of all stages that locate by likelihood.
+class LikelihoodView(VehicleView):
+    """Logs the images of all stages that locate by likelihood, where there is a map."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    """
-
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
+        self._mapped = bounds(context.session) is not None
         self._pending: dict[str, list[LikelihoodSurface]] = {}
         self._begun: set[str] = set()
         self._last_ns: dict[str, int] = {}
 
-    def add(self, surface: LikelihoodSurface) -> None:
+    def surface(self, surface: LikelihoodSurface) -> None:
         """Take the surface of a cycle; those of a stage have one lattice."""
+        if not self._mapped:
+            return
         if surface.stage not in self._begun:
             self._begun.add(surface.stage)
             self._begin(surface)
@@ -811,7 +749,7 @@ class LikelihoodView:
         order = rr.SegmentationImage.from_fields(draw_order=-30.0)
         self._timeline.declare(Entity(path, "map"), place, _shades(), order)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         import rerun as rr
 
@@ -845,6 +783,8 @@ class LikelihoodView:
 
         clear = rr.SegmentationImage.columns(opacity=np.zeros(len(times_ns), np.float32))
         self._timeline.send(path, times_ns, clear)
+
+    kinds: ClassVar = {LikelihoodSurface: surface}
 
 
 def _shades() -> rr.AnnotationContext:

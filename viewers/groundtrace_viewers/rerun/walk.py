@@ -14,25 +14,18 @@ import numpy as np
 
 from groundtrace.evaluation.positions import turn_onto
 from groundtrace.inertial.steps import TangentPlane, satellite_columns, satellite_fixes
-from groundtrace_codecs.events import Disturbance, Heading, TrackPoint
+from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, TrackPoint
+from groundtrace_codecs.signals import SignalBlock
 
-from .decisions import MassView, StepCurve, step_like
+from .context import View
+from .decisions import worn
 from .places import TrackView
-from .site import (
-    MARGIN,
-    MOST_NAMES,
-    SITE,
-    TRUE,
-    ApplicationViews,
-    Bounds,
-    framed,
-    log_outline,
-    log_truth_places,
-)
+from .site import MOST_NAMES, SITE, TRUE, framed, log_outline, log_truth_places
 from .timeline import (
     DISTURBED,
     DISTURBED_SHADE,
     HEADING_COLOURS,
+    MARGIN,
     NORM,
     SATELLITE,
     TRACK_COLOURS,
@@ -44,129 +37,18 @@ from .timeline import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import CandidateBlock, Gap, Label, StageSpec
-    from groundtrace_codecs.signals import SignalBlock
+    from groundtrace_codecs.events import Label
 
-    from .site import Views
-    from .timeline import Timeline
+    from .context import ViewContext
+    from .timeline import Bounds
 
     #: Places on the map of metres [m].
     Places = list[tuple[float, float]]
-
-
-class Walk(ApplicationViews):
-    """Logs everything that is particular to walkers.
-
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        What is replayed.
-    tiles
-        Whether a street map is asked for.
-    """
-
-    def __init__(self, timeline: Timeline, session: ReplaySession, *, tiles: bool = False) -> None:
-        self._timeline = timeline
-        self._session = session
-        self._curves: dict[tuple[str, str], StepCurve] = {}
-        self._masses: dict[tuple[str, str], MassView] = {}
-        self._last: dict[str, SignalBlock] = {}  # of each topic: a stage is told after its first
-        self._headings = HeadingView(timeline, session.labels)
-        self._azimuths = AzimuthView(timeline)
-        walker = session.application == "walker"
-        self._map = WalkMap(timeline, session) if walker else None
-        self._streets = StreetMap(timeline, session) if walker and tiles else None
-
-    @property
-    def bounds(self) -> Bounds | None:
-        """What the map must show; None without one."""
-        return self._map.bounds if self._map is not None else None
-
-    def stage(self, spec: StageSpec, colour: int) -> None:  # noqa: ARG002
-        """Take a stage."""
-        session, key = self._session, (spec.stage, spec.topic)
-        span_ns = session.shown_ns or (session.start_ns, session.end_ns)
-        if step_like(spec) and spec.trace and key not in self._curves:
-            curve = StepCurve(self._timeline, session, spec, span_ns)
-            if curve.known:
-                self._curves[key] = curve
-                if spec.topic in self._last:
-                    curve.feed(self._last[spec.topic])
-        if MassView.fits(spec) and key not in self._masses:
-            self._masses[key] = MassView(self._timeline, spec, span_ns)
-
-    def draws(self, spec: StageSpec) -> bool:
-        """Whether a stage's decision function is drawn at every sample."""
-        return (spec.stage, spec.topic) in self._curves
-
-    def signal(self, block: SignalBlock) -> None:
-        """Take a block."""
-        self._last[block.topic] = block
-        for curve in self._curves.values():
-            curve.feed(block)
-        if self._map is not None:
-            self._map.signal(block)
-        if self._streets is not None:
-            self._streets.signal(block)
-
-    def gap(self, gap: Gap) -> None:
-        """Take a gap."""
-        for curve in self._curves.values():
-            curve.interrupt(gap)
-
-    def candidates(self, block: CandidateBlock) -> None:
-        """Take decided candidates."""
-        key = (block.spec.stage, block.spec.topic)
-        if key in self._curves:
-            self._curves[key].candidates(block)
-        if key in self._masses:
-            self._masses[key].candidates(block)
-        self._headings.frames(block)
-        self._azimuths.candidates(block)
-
-    def track(self, point: TrackPoint) -> None:
-        """Take a point of a track."""
-        if self._map is not None:
-            self._map.add(point)
-        if self._streets is not None:
-            self._streets.track(point)
-
-    def heading(self, heading: Heading) -> None:
-        """Take a heading."""
-        self._headings.heading(heading)
-
-    def disturbance(self, span: Disturbance) -> None:
-        """Take a span in which headings are disturbed."""
-        self._headings.disturbance(span)
-
-    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
-        """Log what is pending."""
-        for curve in self._curves.values():
-            curve.flush()
-        self._headings.flush()
-        self._azimuths.flush()
-        if self._map is not None:
-            self._map.flush()
-
-    def close(self) -> None:
-        """Log what was held back."""
-        for curve in self._curves.values():
-            curve.close()
-        self._headings.close()
-        self._azimuths.flush()
-        if self._map is not None:
-            self._map.close()
-        if self._streets is not None:
-            self._streets.close()
-
-    views: ClassVar[Views] = {TrackPoint: track, Heading: heading, Disturbance: disturbance}
 
 
 SATELLITES = f"{SITE}/satellites"
@@ -180,18 +62,11 @@ SAME = 0.01
 ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
 
 
-class WalkMap:
-    """Logs what is known about where the walker was; shows nothing where nothing is.
+class WalkMap(View):
+    """Logs what is known about where the walker was; shows nothing where nothing is."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        Gives truth, outline and start.
-    """
-
-    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
+    def __init__(self, context: ViewContext) -> None:
+        timeline, session = context.timeline, context.session
         self._timeline = timeline
         site = session.geometry
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
@@ -209,6 +84,11 @@ class WalkMap:
             log_outline(timeline, site.outline)
         self._log_truth(session)
 
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether a walker is replayed."""
+        return context.session.application == "walker"
+
     @property
     def bounds(self) -> Bounds | None:
         """What the map must show; None where fewer than two places are known."""
@@ -222,13 +102,13 @@ class WalkMap:
         for fix in satellite_fixes(block, self._plane, 0.0):
             self._log_fix(fix.time_ns, (fix.x_m, fix.y_m))
 
-    def add(self, point: TrackPoint) -> None:
+    def track(self, point: TrackPoint) -> None:
         """Take a point of a track."""
         self._reach((point.x_m, point.y_m))
         self._passed.setdefault(point.stage, []).append(point)
         self._tracks.add(point)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         self._tracks.flush()
 
@@ -334,7 +214,7 @@ class WalkMap:
         points = rr.Points2D.columns(
             positions=[place], colors=np.array([SATELLITE], np.uint32), radii=[-1.8]
         )
-        self._timeline.declare(Entity(f"{SATELLITES}/points", "map"))
+        self._timeline.declare(Entity(f"{SATELLITES}/points", "map", visible_s=np.inf))
         self._timeline.send(f"{SATELLITES}/points", [time_ns], points)
         self._between.add([(time_ns, place)])
 
@@ -382,25 +262,20 @@ class WalkMap:
         )
         self._timeline.static(f"{FRAME}/scale", bar)
 
+    kinds: ClassVar = {SignalBlock: signal, TrackPoint: track}
+
 
 ROOT = "/geo"
 FIXES, PRESENT = f"{ROOT}/satellites", f"{ROOT}/present"
 
 
-class StreetMap:
-    """Logs satellite fixes, tracks, truth and waypoints by latitude and longitude.
+class StreetMap(View):
+    """Logs satellite fixes, tracks, truth and waypoints by latitude and longitude."""
 
-    Parameters
-    ----------
-    timeline
-        Where to.
-    session
-        Gives start and truth.
-    """
-
-    def __init__(self, timeline: Timeline, session: ReplaySession) -> None:
+    def __init__(self, context: ViewContext) -> None:
+        session = context.session
         site = session.geometry
-        self._timeline = timeline
+        self._timeline = context.timeline
         self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
         self._tracks: dict[str, list[TrackPoint]] = {}
         placed = sorted(x for x in session.labels if x.x_m is not None and x.y_m is not None)
@@ -410,6 +285,11 @@ class StreetMap:
         self._truth = known.get("step") or known.get("heading", [])
         self._waypoints = known.get("waypoint", [])
 
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether a walker is replayed, and a street map asked for."""
+        return context.map_tiles and context.session.application == "walker"
+
     def signal(self, block: SignalBlock) -> None:
         """Take a block: satellite fixes are shown as they come."""
         if satellite_columns(block.stream) is None:
@@ -417,7 +297,9 @@ class StreetMap:
         fixes = satellite_fixes(block, self._plane, 0.0)
         if fixes:
             places = [(fix.x_m, fix.y_m) for fix in fixes]
-            self._log_points(FIXES, [fix.time_ns for fix in fixes], places, SATELLITE, 2.5)
+            entity = Entity(FIXES, "geo", visible_s=np.inf)
+            times_ns = [fix.time_ns for fix in fixes]
+            self._log_points(entity, times_ns, places, SATELLITE, 2.5)
 
     def track(self, point: TrackPoint) -> None:
         """Take a point of a track."""
@@ -432,7 +314,8 @@ class StreetMap:
             places = [(p.x_m, p.y_m) for p in points]
             self._log_line(f"{ROOT}/tracks/{stage}", places, colour)
             if number == 0:
-                self._log_points(PRESENT, [p.time_ns for p in points], places, colour, 6.0)
+                times_ns = [p.time_ns for p in points]
+                self._log_points(Entity(PRESENT, "geo"), times_ns, places, colour, 6.0)
         self._log_line(f"{ROOT}/truth", self._truth, TRUTH)
         if self._waypoints:
             self._log_waypoints(self._waypoints)
@@ -442,7 +325,12 @@ class StreetMap:
         return [tuple(pair) for pair in np.degrees(positions).tolist()]
 
     def _log_points(
-        self, path: str, times_ns: Iterable[int], places: Places, colour: int, radius: float
+        self,
+        entity: Entity,
+        times_ns: Iterable[int],
+        places: Places,
+        colour: int,
+        radius: float,
     ) -> None:
         """Log a point a row; radii in the viewer's points."""
         import rerun as rr
@@ -452,8 +340,8 @@ class StreetMap:
             colors=np.full(len(places), colour, np.uint32),
             radii=np.full(len(places), -radius),
         )
-        self._timeline.declare(Entity(path, "geo"))
-        self._timeline.send(path, list(times_ns), columns)
+        self._timeline.declare(entity)
+        self._timeline.send(entity.path, list(times_ns), columns)
 
     def _log_line(self, path: str, places: Places, colour: int) -> None:
         import rerun as rr
@@ -474,6 +362,8 @@ class StreetMap:
         )
         self._timeline.declare(Entity(f"{ROOT}/waypoints", "geo"), points)
 
+    kinds: ClassVar = {SignalBlock: signal, TrackPoint: track}
+
 
 HEADING = "/heading"
 DISTURBANCES = "/state/6-disturbances"
@@ -486,23 +376,17 @@ SHADE_DEG = 1e5
 ALONE = ("gyroscope", "compass")
 
 
-class HeadingView:
+class HeadingView(View):
     """Logs headings in degrees, without jumps at the full turn.
 
     The truth is unwrapped, and each heading is given the turn that is nearest to it; without
     truth, nearest to the latest heading of the first stage. Those by gyroscope or compass alone
     come with the frames of their stage.
-
-    Parameters
-    ----------
-    timeline
-        Where to.
-    labels
-        Truth; those of kind ``heading`` are drawn.
     """
 
-    def __init__(self, timeline: Timeline, labels: Sequence[Label]) -> None:
-        self._timeline = timeline
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = timeline = context.timeline
+        labels = context.session.labels
         known = sorted(x for x in labels if x.kind == "heading" and x.value is not None)
         self._true_ns = np.array([x.time_ns for x in known], np.int64)
         self._true = np.degrees(np.unwrap([x.value or 0.0 for x in known]))
@@ -514,6 +398,8 @@ class HeadingView:
         self._shown: tuple[list[NDArray[np.int64]], list[NDArray[np.float64]]] = ([], [])
         self._lane = Lane(timeline, DISTURBANCES, {"disturbed": DISTURBED})
         self._spans: list[Disturbance] = []
+
+    fits = staticmethod(worn)
 
     def heading(self, heading: Heading) -> None:
         """Take a heading; those of a stage come in the order of time."""
@@ -529,7 +415,7 @@ class HeadingView:
         self._spans.append(disturbance)
         self._lane.add(disturbance.time_ns, "disturbed", disturbance.end_ns)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log the headings that are pending."""
         for stage, headings in self._pending.items():
             if stage not in self._stages:
@@ -665,20 +551,24 @@ class HeadingView:
         )
         self._timeline.send(f"{HEADING}/disturbed", times, columns)
 
+    kinds: ClassVar = {Heading: heading, Disturbance: disturbance, CandidateBlock: frames}
+
 
 #: Columns of a reckoner's candidates that the table shows, with their names there.
 SHOWN = {"azimuth": "azimuth_deg", "length": "length_m", "mounting": "mounting_deg"}
 
 
-class AzimuthView:
+class AzimuthView(View):
     """Adds columns to the rows of steps that a reckoner took.
 
     A row of the table is a moment, so that what is logged at the time of a step stands in its row.
     """
 
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
+    def __init__(self, context: ViewContext) -> None:
+        self._timeline = context.timeline
         self._pending: list[CandidateBlock] = []
+
+    fits = staticmethod(worn)
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates; those of a reckoner are the steps, moment by moment."""
@@ -686,7 +576,7 @@ class AzimuthView:
         if block.spec.emits == "track" and SHOWN.keys() <= names:
             self._pending.append(block)
 
-    def flush(self) -> None:
+    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
         import rerun as rr
 
@@ -702,3 +592,5 @@ class AzimuthView:
             if len(times):
                 self._timeline.send("/table/steps", times, rr.AnyValues.columns(**shown))
         self._pending = []
+
+    kinds: ClassVar = {CandidateBlock: candidates}
