@@ -215,11 +215,7 @@ def mixed_moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, 
     """
     weights = np.array(WEIGHTS[: len(excess)])[:, None]
     likely = weights * np.exp(-(excess - excess.min()) / (2 * sigma_s**2))
-    share = likely.sum(axis=0) / likely.sum()
-    mean = share @ area.nodes
-    offset = area.nodes - mean
-    # nodes stand for squares
-    return mean, (offset * share[:, None]).T @ offset + area.spacing**2 / 12 * np.eye(2)
+    return tdoa.weighted_moments(area, likely.sum(axis=0) / likely.sum())
 
 
 Loss = Literal["huber", "soft-l1", "cauchy", "trimmed"]

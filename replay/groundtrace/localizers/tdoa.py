@@ -16,7 +16,7 @@ the room costs a few products of arrays, and no start value can lead astray.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -206,6 +206,8 @@ def power_law_places(
 NODES, FINER = 55, 9
 #: Passes of reweighting, and refinements about the best node, each four times as fine.
 PASSES, REFINEMENTS = 2, 2
+#: The nodes of a refinement about the best one, in its steps, shape (FINER^2, 2).
+AROUND = np.stack(np.meshgrid(*[np.linspace(-1, 1, FINER)] * 2), axis=-1).reshape(-1, 2)
 #: Losses of so many impacts times nodes are held at once.
 CELLS = 1_000_000
 
@@ -229,7 +231,7 @@ class Model:
     threshold_s: float = float("inf")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Lattice:
     """Nodes inside a room.
 
@@ -249,6 +251,16 @@ class Lattice:
     nodes: Array
     spacing: float
     u: Array
+
+    @cached_property
+    def centred(self) -> tuple[Array, Array]:
+        """What :func:`_centred` makes of u."""
+        return _centred(self.u)
+
+    @cached_property
+    def axes(self) -> Array:
+        """x and y of the nodes, each in one piece, shape (2, q) [m]."""
+        return np.ascontiguousarray(self.nodes.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -279,6 +291,13 @@ def lattice(positions: Array, outline: Array | None = None, exponent: float = 1.
 
 @lru_cache(maxsize=8)
 def _lattice(positions: bytes, outline: bytes | None, exponent: float) -> Lattice:
+    plain = _distant(positions, outline)
+    return plain if exponent == 1.0 else replace(plain, u=plain.u**exponent)
+
+
+@lru_cache(maxsize=8)
+def _distant(positions: bytes, outline: bytes | None) -> Lattice:
+    """Return the lattice whose u are the distances themselves."""
     sensors = np.frombuffer(positions).reshape(-1, 2)
     corners = None if outline is None else np.frombuffer(outline).reshape(-1, 2)
     room = outline_of(sensors, corners)
@@ -289,7 +308,7 @@ def _lattice(positions: bytes, outline: bytes | None, exponent: float) -> Lattic
     nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     shapely.prepare(room)
     nodes = nodes[shapely.intersects_xy(room, *nodes.T)]
-    return Lattice(room, nodes, spacing, distances(sensors, nodes) ** exponent)
+    return Lattice(room, nodes, spacing, distances(sensors, nodes))
 
 
 def distances(one: Array, other: Array) -> Array:
@@ -319,7 +338,7 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     """
     threshold = model.threshold_s
     if not np.isfinite(threshold):
-        return _squares(u, times_s, model.slope)
+        return _squares(*_centred(u), times_s, model.slope)
     slope = float("nan") if model.slope is None else model.slope
     nodes = u if u.ndim == 3 else u[None]
     loss = np.empty((len(times_s), nodes.shape[2]))
@@ -327,12 +346,16 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     return loss
 
 
-def _squares(u: Array, times_s: Array, slope: float | None) -> Array:
-    """Return the mean square of the residuals: without weights it needs but one product."""
+def _centred(u: Array) -> tuple[Array, Array]:
+    """Return u, shape (..., n, q), less its mean over sensors, and the sums of squares of that."""
     offset = u - u.mean(axis=-2, keepdims=True)
+    return offset, np.einsum("...nq,...nq->...q", offset, offset)
+
+
+def _squares(offset: Array, square: Array, times_s: Array, slope: float | None) -> Array:
+    """Return the mean square of the residuals: without weights it needs but one product."""
     late = times_s - times_s.mean(axis=-1, keepdims=True)
-    along = late @ offset if u.ndim == 2 else np.einsum("mn,mnq->mq", late, offset)
-    square = np.einsum("...nq,...nq->...q", offset, offset)
+    along = late @ offset if offset.ndim == 2 else np.einsum("mn,mnq->mq", late, offset)
     if slope is None:
         taken = np.maximum(along, 0.0)
         taken *= taken
@@ -365,17 +388,22 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridO
         Of the arrivals.
     """
     times = times_s - times_s.min(axis=1, keepdims=True)
-    every, row = losses(area.u, times, model), np.arange(len(times))
-    best = every.argmin(axis=1)
+    if np.isfinite(model.threshold_s):
+        every = losses(area.u, times, model)
+    else:
+        every = _squares(*area.centred, times, model.slope)
+    row, best = np.arange(len(times)), every.argmin(axis=1)
     place, loss = area.nodes[best], every[row, best]
-    step, ticks = area.spacing, np.linspace(-1, 1, FINER)
-    cross = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    step = area.spacing
     for _ in range(REFINEMENTS):
-        nodes = place[:, None] + step * cross
-        inside = shapely.intersects_xy(area.room, nodes[..., 0], nodes[..., 1])
+        nodes = place[:, None] + step * AROUND
         finer = losses(distances(sensors, nodes) ** model.exponent, times, model)
-        finer[~inside] = np.inf
         best = finer.argmin(axis=1)
+        # what lies outside matters only where it is the best
+        if not shapely.intersects_xy(area.room, *nodes[row, best].T).all():
+            inside = shapely.intersects_xy(area.room, nodes[..., 0], nodes[..., 1])
+            finer[~inside] = np.inf
+            best = finer.argmin(axis=1)
         better = finer[row, best] < loss
         place = np.where(better[:, None], nodes[row, best], place)
         loss = np.where(better, finer[row, best], loss)
@@ -417,12 +445,15 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
     sigma_s
         Standard deviation of an arrival [s].
     """
-    share = node_posterior(excess, np.asarray(sigma_s))
-    mean = share @ area.nodes
-    offset = area.nodes - mean
+    return weighted_moments(area, node_posterior(excess, np.asarray(sigma_s)))
+
+
+def weighted_moments(area: Lattice, share: Array) -> tuple[Array, Array]:
+    """Return mean, shape (2,), and covariance, shape (2, 2), of nodes that count a share each."""
+    mean = area.axes @ share
+    offset = area.axes - mean[:, None]
     # nodes stand for squares
-    covariance = (offset * share[:, None]).T @ offset + area.spacing**2 / 12 * np.eye(2)
-    return mean, covariance
+    return mean, (offset * share) @ offset.T + area.spacing**2 / 12 * np.eye(2)
 
 
 def node_posterior(excess: Array, sigma_s: Array) -> Array:
