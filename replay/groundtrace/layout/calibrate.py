@@ -221,12 +221,8 @@ def calibrate(
         Where there are too few impacts with enough arrivals, or no clocks told that must be.
     """
     impacts = _impacts(gathered, geometry, ignore_places=ignore_places)
-    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
-    room = outline if len(outline) else None
-    held = _held_out(impacts) if offsets != "no" else None
-    clocks = held is not None and held.identifiable
-    if offsets == "yes" and not clocks:
-        raise RecordingError(_wanted(held))
+    room = _room(geometry)
+    held, clocks = _clocks(impacts, offsets)
     notes = [] if clocks or offsets == "no" else [NO_OFFSETS]
     if not clocks:
         gathered = _on_stated_clocks(gathered, geometry)
@@ -236,8 +232,8 @@ def calibrate(
     notes += told
     pace_known = best.deviations[0] <= PACE_LIMIT
     notes += [] if pace_known else [_unknown_scale(best)]
-    right_s = impacts.times_s - best.floor.offsets_s
-    notes += swap_notes(gathered.channels, impacts.positions, right_s, best.places)
+    times_s = impacts.times_s - best.floor.offsets_s
+    notes += swap_notes(gathered.channels, impacts.positions, times_s, best.places)
     spread = _spread(impacts, best, held if clocks else None)
     return Calibration(
         impacts=len(impacts.times_s),
@@ -259,6 +255,21 @@ def calibrate(
         positions=place_errors(gathered, best, room),
         notes=tuple(notes),
     )
+
+
+def _room(geometry: Geometry) -> Array | None:
+    """Return the outline, shape (n, 2); None without one."""
+    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
+    return outline if len(outline) else None
+
+
+def _clocks(impacts: Impacts, offsets: str) -> tuple[HeldOut | None, bool]:
+    """Return what held-out places say of the clocks, and whether offsets are to be estimated."""
+    held = _held_out(impacts) if offsets != "no" else None
+    clocks = held is not None and held.identifiable
+    if offsets == "yes" and not clocks:
+        raise RecordingError(_wanted(held))
+    return held, clocks
 
 
 def _on_stated_clocks(gathered: Gathered, geometry: Geometry) -> Gathered:
@@ -297,8 +308,7 @@ def _clock_offsets(
 def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> Impacts:
     """Return the impacts that tell something; those of known places alone where they suffice."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
-    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
-    bounds = bounds_of(gathered.positions, outline if len(outline) else None)
+    bounds = bounds_of(gathered.positions, _room(geometry))
     placed = np.isfinite(gathered.known).all(axis=1) & (picks >= 2)
     if not ignore_places and placed.sum() >= LEAST_KNOWN:
         return Impacts(gathered.positions, gathered.times_s[placed], bounds, gathered.known[placed])
