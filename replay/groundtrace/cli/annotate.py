@@ -23,6 +23,7 @@ from ..api.files import existing, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
 from .console import print_json, print_stderr, print_table, progress
+from .options import FLAG, OUT, Texts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from ..annotate.agreement import Conflict
     from ..annotate.store import Extent, Merge
 
-FLAG = Parameter(negative="")
 _MARK = re.compile(r"(?P<kind>[a-z]+)@(?P<from>[0-9.]+)(?:-(?P<to>[0-9.]+))?")
 
 
@@ -72,19 +72,19 @@ class _Asked:
 def annotate(
     recording: Path,
     *,
-    add: Annotated[list[str] | None, Parameter(negative="")] = None,
+    add: Texts = None,
     label: str | None = None,
     channel: str | None = None,
     note: str | None = None,
     author: str = AUTHOR,
     edit: Annotated[tuple[str, str] | None, Parameter(negative="")] = None,
-    delete: Annotated[list[str] | None, Parameter(negative="")] = None,
+    delete: Texts = None,
     undo: Annotated[bool, FLAG] = False,
     merge: Annotated[list[Path] | None, Parameter(negative="", consume_multiple=True)] = None,
     list_: Annotated[bool, Parameter(name="--list", negative="")] = False,
     conflicts: Annotated[bool, FLAG] = False,
     commit: Annotated[bool, FLAG] = False,
-    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    out: Annotated[Path | None, OUT] = None,
     force: Annotated[bool, FLAG] = False,
     serve: Annotated[bool, FLAG] = False,
     results: Path | None = None,

@@ -34,6 +34,7 @@ from ..export.base import (
 )
 from ..pipeline.results import RUN, file_sha256, read_results, write_text
 from .console import annotations_to_show, print_json, print_stderr, print_table, progress, truth_of
+from .options import FLAG, OUT, Force, Json, Quiet
 from .share import recording_of
 
 if TYPE_CHECKING:
@@ -49,17 +50,17 @@ CERTAIN = 0.8
 
 def import_(
     *sources: Path,
-    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    out: Annotated[Path | None, OUT] = None,
     format_: Annotated[str | None, Parameter(name="--format")] = None,
     geometry: Path | None = None,
     truth: Path | None = None,
     map_: Annotated[Path | None, Parameter(name="--map")] = None,
     stationxml: Path | None = None,
-    guess: Annotated[bool, Parameter(negative="")] = False,
-    strict: Annotated[bool, Parameter(negative="")] = False,
-    force: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    guess: Annotated[bool, FLAG] = False,
+    strict: Annotated[bool, FLAG] = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Turn files of another tool into a recording.
 
@@ -85,12 +86,6 @@ def import_(
         with --map.
     strict
         Stop at the first thing that would be a warning.
-    force
-        Overwrite an existing file.
-    quiet
-        Show no progress bar.
-    json
-        Print one JSON document.
     """
     if not sources:
         raise RecordingError("import: expected at least one file, found none")
@@ -174,10 +169,8 @@ def _map(path: Path | None) -> Path | None:
 
 
 Compression = Literal["zstd", "lz4", "none"]
-FLAG = Parameter(negative="")
-OUT = Parameter(name=["--out", "-o"])
-POSITIVE = Parameter(validator=validators.Number(gt=0, lt=1e6))
-NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=1e9))
+SIZE = Parameter(validator=validators.Number(gt=0, lt=1e6))
+SECONDS = Parameter(validator=validators.Number(gte=0, lt=1e9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,10 +191,10 @@ def cut_(
     recording: Path,
     *,
     out: Annotated[Path, OUT],
-    from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
-    to: Annotated[float | None, NOT_NEGATIVE] = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    from_: Annotated[float | None, Parameter(name="--from"), SECONDS] = None,
+    to: Annotated[float | None, SECONDS] = None,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Copy a span of a recording, cut to the sample; labels, geometry, attachments stay.
 
@@ -215,10 +208,6 @@ def cut_(
         Where it begins [s since the first sample].
     to
         Where it ends [s since the first sample]; a sample at this time is not in it.
-    force
-        Overwrite an existing file.
-    json
-        Print one JSON document.
     """
     writable(out, force=force, sources=[existing(recording)])
     with Recording.open(recording) as opened:
@@ -258,8 +247,8 @@ def filter_(
     out: Annotated[Path, OUT],
     topic: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     without: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Copy some topics of a recording, message by message as they are.
 
@@ -275,10 +264,6 @@ def filter_(
         Topics to copy; * stands for anything. Without it, all.
     without
         Topics to leave out of these.
-    force
-        Overwrite an existing file.
-    json
-        Print one JSON document.
     """
     if not (topic or without):
         raise RecordingError("filter: expected --topic or --without, found neither")
@@ -292,11 +277,11 @@ def convert(
     *,
     out: Annotated[Path, OUT],
     compression: Compression = "zstd",
-    chunk_kb: Annotated[int, POSITIVE] = CHUNK_BYTES >> 10,
-    block_ms: Annotated[float | None, POSITIVE] = None,
-    force: Annotated[bool, FLAG] = False,
-    quiet: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    chunk_kb: Annotated[int, SIZE] = CHUNK_BYTES >> 10,
+    block_ms: Annotated[float | None, SIZE] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Copy a recording with another compression, chunks or blocks; no sample changes.
 
@@ -312,12 +297,6 @@ def convert(
         Length at which a chunk is ended, before compression [KiB].
     block_ms
         Length of the messages of fast signals [ms]; without it every message stays as it is.
-    force
-        Overwrite an existing file.
-    quiet
-        Show no progress bar.
-    json
-        Print one JSON document.
     """
     writable(out, force=force, sources=[existing(recording)])
     with progress(None, "copying", quiet=quiet) as show:
@@ -380,14 +359,14 @@ class ExportReport:
 def export_(
     source: Path,
     *,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    out: Annotated[Path, OUT],
     format_: Annotated[str | None, Parameter(name="--format")] = None,
     kind: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     stage: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     recording: Path | None = None,
     origin: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    json: Json = False,
 ) -> None:
     """Write events of a result, or signals of a recording, for other tools.
 
@@ -413,8 +392,6 @@ def export_(
         north ,AZIMUTH [deg clockwise from north].
     force
         Overwrite what was exported there before.
-    json
-        Print one JSON document.
     """
     known, troubles = exporters()
     for trouble in troubles:
