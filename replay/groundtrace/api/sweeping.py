@@ -142,9 +142,7 @@ def _measured(
     return subjects
 
 
-def _read(
-    path: Path, truth: Path | None, recordings: Sequence[Path], report: Report
-) -> Subject:
+def _read(path: Path, truth: Path | None, recordings: Sequence[Path], report: Report) -> Subject:
     from ..explain.sweep import Subject
 
     result = read_results(path, evidence=True)
