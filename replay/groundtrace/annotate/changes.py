@@ -1,4 +1,4 @@
-"""Changes of a recording's annotations, as the command line asks for them, and what came of them."""
+"""Changes of a recording's annotations, as a command asks for them, and what came of them."""
 
 from __future__ import annotations
 

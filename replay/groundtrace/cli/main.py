@@ -79,7 +79,7 @@ COMMANDS = {
         "Example: groundtrace share walk.results.mcap -o for-bea",
     ),
     "export": (
-        f"{HERE}.recordings:export_",
+        f"{HERE}.export:export_",
         "Write events of a result for other tools: CSV, Parquet, QuakeML, GeoJSON, GPX, Audacity "
         "labels; the signals of a recording as miniSEED, CSV or Parquet.\n\n"
         "Example: groundtrace export walk.results.mcap -o steps.csv --kind steps",
