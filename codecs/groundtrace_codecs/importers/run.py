@@ -126,13 +126,8 @@ def import_recording(
     from ..writer import write_recording
 
     map_ = None if map_path is None else load_map(map_path)
-    tables = {p.resolve() for p in (truth, geometry, map_path) if p is not None}
-    files = [f for f in files_of(paths) if f.resolve() not in tables] or files_of(paths)
-    if format_name is None and map_ is not None:
-        importer = choose(files, map_.format, f"{map_.file}: format")
-    else:
-        importer = choose(files, format_name)
-    files, left_out = _readable(importer, files, len(paths) == 1 and paths[0].is_dir())
+    tables = [p for p in (truth, geometry, map_path) if p is not None]
+    importer, files, left_out = _chosen(paths, tables, format_name, map_)
     if stationxml is not None:
         files = [*(f for f in files if f != stationxml), *_stations(importer, stationxml)]
     imported = _with_early_truth(_with_tables(importer.read(files, map_), geometry, truth))
@@ -152,6 +147,31 @@ def import_recording(
         attachments=imported.attachments,
         force=force,
     )
+    return _report(out, importer, files, imported, counts, left_out)
+
+
+def _chosen(
+    paths: Sequence[Path], tables: Sequence[Path], format_name: str | None, map_: ImportMap | None
+) -> tuple[Importer, list[Path], tuple[str, ...]]:
+    """Return who reads the files, those it reads, and a warning for each that it does not."""
+    others = {path.resolve() for path in tables}
+    files = [f for f in files_of(paths) if f.resolve() not in others] or files_of(paths)
+    if format_name is None and map_ is not None:
+        importer = choose(files, map_.format, f"{map_.file}: format")
+    else:
+        importer = choose(files, format_name)
+    return importer, *_readable(importer, files, len(paths) == 1 and paths[0].is_dir())
+
+
+def _report(
+    out: Path,
+    importer: Importer,
+    files: Sequence[Path],
+    imported: Imported,
+    counts: _Counts,
+    left_out: Sequence[str],
+) -> ImportReport:
+    """Return what was written."""
     kinds = [label.kind for label in imported.labels]
     return ImportReport(
         path=out,
@@ -389,6 +409,26 @@ def choose(
             f"(name one with --format)"
         )
     return known[best]
+
+
+#: An importer that is so sure of a file needs no map for it.
+CERTAIN = 0.8
+
+
+def check_needs_map(table: Path) -> None:
+    """Refuse to guess a map of a file that an importer reads without one.
+
+    Raises
+    ------
+    FormatError
+        Where one does.
+    """
+    known = choose([table])
+    if known.sniff(table) >= CERTAIN and known.name != "csv":
+        raise FormatError(
+            f"import --guess: expected a table that needs a map, found one that the importer "
+            f"{known.name} reads by itself: groundtrace import {table} -o OUT.mcap"
+        )
 
 
 def _natural(path: Path) -> list[tuple[int, int, str]]:

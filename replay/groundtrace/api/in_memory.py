@@ -10,15 +10,18 @@ from ..pipeline.config import PipelineConfig, load_pipeline
 from ..pipeline.engine import EventList
 from ..pipeline.results import Results as Decided
 from ..pipeline.results import ResultsSink, given_to, replayed_labels
-from ..pipeline.source import Source
 from .files import writable
 from .pipelines import Pipeline, default_pipeline, with_parameters
 from .recording import Recording, open_recording
-from .replay import provenance_of, run_through, session_of, shown_part, span_of
+from .replay import PlannedReplay
 from .results import Results
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+    from groundtrace_codecs.events import Event
+
+    from ..pipeline.results import Provenance
 
 
 def replay(
@@ -75,27 +78,22 @@ def replay(
         ready = prepared(config, file)
         if target is not None:
             writable(target, force=force, sources=[recording.path])
-        session = session_of(file, recording.path, ready.chain)
-        span = span_of(session, from_s, to_s)
-        origin = provenance_of(session, recording.path, ready.chain, span)
-        kept = EventList()
+        plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
+        origin, kept = plan.provenance(), EventList()
         written = [] if target is None else [ResultsSink(target, origin, force=force)]
-        run_through(
-            Source(file, start_ns=span[0], stop_ns=span[1]),
-            ready.chain,
-            [kept, *written],
-            shown_part(session, span),
-            progress=progress,
-            looked_at=ready.looked_at,
-            first=ready.notes,
-        )
+        plan.run([kept, *written], progress=progress)
     name = f"{recording.path.stem}.results.mcap" if target is None else target.name
-    labels = replayed_labels(session.labels, *span)
+    return Results(_decided(name, plan, origin, tuple(kept.events)), recording.path, target)
+
+
+def _decided(
+    name: str, plan: PlannedReplay, origin: Provenance, events: tuple[Event, ...]
+) -> Decided:
+    """Return what a results file of the replay holds."""
+    session = plan.session
+    labels = replayed_labels(session.labels, *plan.span)
     given = given_to(origin.pipeline, session.labels)
-    decided = Decided(
-        name, origin, labels, session.geometry, tuple(kept.events), session.annotations, given
-    )
-    return Results(decided, recording.path, target)
+    return Decided(name, origin, labels, session.geometry, events, session.annotations, given)
 
 
 def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:

@@ -6,7 +6,7 @@ import itertools
 import signal
 import threading
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,8 +16,14 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..explain.suitability import Prepared, prepared
-from ..pipeline.config import PipelineConfig, checked_pipeline, load_pipeline, with_settings
-from ..pipeline.engine import ReplayLoop, ReplaySession
+from ..pipeline.config import (
+    PipelineConfig,
+    build_pipeline,
+    checked_pipeline,
+    load_pipeline,
+    with_settings,
+)
+from ..pipeline.engine import Clock, ReplayLoop, ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import (
     Provenance,
@@ -31,16 +37,10 @@ from .known_truth import annotations_to_show
 from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from groundtrace_codecs.events import Note
-
-    from ..pipeline.config import Pipeline as Chain
-    from ..pipeline.engine import Clock, ReplayCounts, Sink
+    from ..pipeline.engine import ReplayCounts, Sink
     from .files import Report
-
-    #: First and last time of what is replayed [ns]; None where it begins or ends by itself.
-    Span = tuple[int | None, int | None]
 
 
 def replay_to_files(
@@ -86,26 +86,12 @@ def replay_to_files(
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with File.open(existing(recording)) as file:
         file.geometry = site or file.geometry
-        ready = prepared(asked, file)
-        session = session_of(file, recording, ready.chain, report)
-        span = span_of(session, from_s, to_s)
-        origin = provenance_of(session, recording, ready.chain, span)
-        session = shown_part(session, span)
+        plan = PlannedReplay.of(file, recording, prepared(asked, file), from_s, to_s, report)
         shown = load("sinks", "rerun")(
             rrd, spawn=False, web=False, full_rate=full_rate, map_tiles=False
         )
-        report(shown.expected(session))
-        source = Source(file, start_ns=span[0], stop_ns=span[1])
-        sinks = [ResultsSink(out, origin), shown]
-        run_through(
-            source,
-            ready.chain,
-            sinks,
-            session,
-            progress=progress,
-            looked_at=ready.looked_at,
-            first=ready.notes,
-        )
+        report(shown.expected(plan.session))
+        plan.run([ResultsSink(out, plan.provenance()), shown], progress=progress)
 
 
 def configured_for(
@@ -116,67 +102,154 @@ def configured_for(
     return prepared(config, recording)
 
 
-def session_of(
-    recording: File, path: Path, chain: Chain, report: Report = unheard
-) -> ReplaySession:
-    """Return what a replay is about.
+@dataclass(frozen=True, slots=True)
+class PlannedReplay:
+    """A replay that is checked and can begin.
 
-    Parameters
+    Attributes
     ----------
     recording, path
         The recording, open, and its file, beside which annotations are looked for.
-    chain
+    ready
         The pipeline.
-    report
-        Told what is left out of the annotations.
-
-    Raises
-    ------
-    RecordingError
-        Where there is no signal.
+    session
+        What is replayed and shown of it.
+    span
+        First and last time [ns]; None where it begins or ends by itself.
     """
-    streams = Source(recording).streams
-    if not streams:
-        raise RecordingError(f"{recording.name}: expected signals to replay, found none")
-    return ReplaySession(
-        name=path.name,
-        application=chain.config.application,
-        start_ns=recording.start_ns,
-        end_ns=recording.end_ns,
-        streams=streams,
-        geometry=recording.geometry,
-        labels=recording.labels,
-        pipeline=chain.recipe(),
-        annotations=annotations_to_show(recording, path, report),
-    )
+
+    recording: File
+    path: Path
+    ready: Prepared
+    session: ReplaySession
+    span: tuple[int | None, int | None]
+
+    @classmethod
+    def of(
+        cls,
+        recording: File,
+        path: Path,
+        ready: Prepared,
+        from_s: float | None = None,
+        to_s: float | None = None,
+        report: Report = unheard,
+    ) -> PlannedReplay:
+        """Check a replay.
+
+        Parameters
+        ----------
+        recording, path, ready
+            What is replayed, and through what.
+        from_s, to_s
+            Replay from <= time < to alone [s since the first sample].
+        report
+            Told what is left out of the annotations.
+
+        Raises
+        ------
+        RecordingError
+            Where there is no signal, or none in that span.
+        """
+        streams = Source(recording).streams
+        if not streams:
+            raise RecordingError(f"{recording.name}: expected signals to replay, found none")
+        session = ReplaySession(
+            name=path.name,
+            application=ready.chain.config.application,
+            start_ns=recording.start_ns,
+            end_ns=recording.end_ns,
+            streams=streams,
+            geometry=recording.geometry,
+            labels=recording.labels,
+            pipeline=ready.chain.recipe(),
+            annotations=annotations_to_show(recording, path, report),
+        )
+        start_ns, end_ns = _span(session, from_s, to_s)
+        if (start_ns, end_ns) != (None, None):
+            first_ns = session.start_ns if start_ns is None else start_ns
+            last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
+            session = replace(session, shown_ns=(first_ns, last_ns))
+        return cls(recording, path, ready, session, (start_ns, end_ns))
+
+    def again(self) -> PlannedReplay:
+        """Return the same with a pipeline that has seen nothing yet."""
+        chain = build_pipeline(
+            self.ready.chain.config, self.recording.geometry, self.recording.labels
+        )
+        return replace(self, ready=Prepared(chain, self.ready.asked, (), ()))
+
+    def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
+        """Return where its results come from; ``arguments`` are those of the command."""
+        session = self.session
+        return Provenance(
+            recording=session.name,
+            sha256=file_sha256(self.path),
+            start_ns=session.start_ns,
+            end_ns=session.end_ns,
+            pipeline=session.pipeline,
+            arguments=arguments,
+            versions=package_versions(),
+            from_ns=self.span[0],
+            to_ns=self.span[1],
+            placements={s.topic: s.placement for s in session.streams if s.placement},
+        )
+
+    def run(
+        self,
+        sinks: Sequence[Sink],
+        *,
+        rate: float = 0.0,
+        progress: Callable[[float], None] | None = None,
+    ) -> ReplayCounts:
+        """Replay into sinks, from opening to closing them.
+
+        A replay that is stopped leaves no output under its name.
+
+        Parameters
+        ----------
+        sinks
+            Where to.
+        rate
+            Recorded seconds per second; 0 is as fast as possible.
+        progress
+            Called with the part that is done, 0 to 1.
+        """
+        # what filters is not imported before there is something to filter
+        from ..inertial.placement import noted
+        from ..inertial.worn_sensor_faults import judged
+
+        session = self.session
+        first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
+        length_ns = max(last_ns - first_ns, 1)
+
+        def reached(time_ns: int) -> None:
+            if progress is not None:
+                progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
+
+        start_ns, stop_ns = self.span
+        block_s = 0.0 if rate else None
+        source = Source(self.recording, start_ns=start_ns, stop_ns=stop_ns, block_s=block_s)
+        for sink in sinks:
+            sink.open(session)
+        done = False
+        try:
+            clock = Clock(rate) if rate else None
+            loop = ReplayLoop(self.ready.chain, sinks, clock=clock, progress=reached)
+            placed = noted(source, dict.fromkeys(self.ready.looked_at))
+            items = judged(placed, source.streams)
+            tally = loop.through(itertools.chain(self.ready.notes, items))
+            done = True
+            return tally
+        finally:
+            with ExitStack() as closing:  # each is closed, whatever comes of the others
+                for sink in reversed(sinks):
+                    closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))
 
 
-def provenance_of(
-    session: ReplaySession, path: Path, chain: Chain, span_ns: Span, arguments: tuple[str, ...] = ()
-) -> Provenance:
-    """Return where the results of a replay come from; ``arguments`` are those of the command."""
-    return Provenance(
-        recording=session.name,
-        sha256=file_sha256(path),
-        start_ns=session.start_ns,
-        end_ns=session.end_ns,
-        pipeline=chain.recipe(),
-        arguments=arguments,
-        versions=package_versions(),
-        from_ns=span_ns[0],
-        to_ns=span_ns[1],
-        placements={s.topic: s.placement for s in session.streams if s.placement},
-    )
-
-
-def span_of(session: ReplaySession, from_s: float | None, to_s: float | None) -> Span:
-    """Return a span given in seconds since the first sample [ns].
-
-    Raises
-    ------
-    RecordingError
-        Where it ends before it begins, or begins after the recording.
-    """
+def _span(
+    session: ReplaySession, from_s: float | None, to_s: float | None
+) -> tuple[int | None, int | None]:
+    """Return a span given in seconds since the first sample [ns]."""
 
     def at(seconds: float | None) -> int | None:
         return None if seconds is None else session.start_ns + round(seconds * NS_PER_S)
@@ -191,16 +264,6 @@ def span_of(session: ReplaySession, from_s: float | None, to_s: float | None) ->
     return at(from_s), at(to_s)
 
 
-def shown_part(session: ReplaySession, span_ns: Span) -> ReplaySession:
-    """Return the session with the part of it that is replayed."""
-    if span_ns == (None, None):
-        return session
-    start_ns, end_ns = span_ns
-    first_ns = session.start_ns if start_ns is None else start_ns
-    last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
-    return replace(session, shown_ns=(first_ns, last_ns))
-
-
 @contextmanager
 def terminable() -> Iterator[None]:
     """End as with Ctrl-C where the system asks for it, so that what was begun is cleared away."""
@@ -212,57 +275,3 @@ def terminable() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
-
-
-def run_through(
-    source: Source,
-    chain: Chain,
-    sinks: Sequence[Sink],
-    session: ReplaySession,
-    *,
-    clock: Clock | None = None,
-    progress: Callable[[float], None] | None = None,
-    looked_at: Iterable[str] = (),
-    first: Sequence[Note] = (),
-) -> ReplayCounts:
-    """Replay into sinks, from opening to closing them.
-
-    A replay that is stopped leaves no output under its name.
-
-    Parameters
-    ----------
-    source, chain, sinks, session
-        What is replayed, through what, and where to.
-    clock
-        Paces the replay; None means as fast as possible.
-    progress
-        Called with the part that is done, 0 to 1.
-    looked_at
-        Topics whose placement is known, so that none is guessed.
-    first
-        What is to be said of the recording before anything else.
-    """
-    # what filters is not imported before there is something to filter
-    from ..inertial.placement import noted
-    from ..inertial.worn_sensor_faults import judged
-
-    first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
-    length_ns = max(last_ns - first_ns, 1)
-
-    def reached(time_ns: int) -> None:
-        if progress is not None:
-            progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
-
-    for sink in sinks:
-        sink.open(session)
-    done = False
-    try:
-        loop = ReplayLoop(chain, sinks, clock=clock, progress=reached)
-        placed = noted(source, dict.fromkeys(looked_at))
-        tally = loop.through(itertools.chain(first, judged(placed, source.streams)))
-        done = True
-        return tally
-    finally:
-        with ExitStack() as closing:  # each is closed, whatever comes of the others
-            for sink in reversed(sinks):
-                closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))

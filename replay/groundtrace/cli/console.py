@@ -6,12 +6,13 @@ import os
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from ..api import known_truth
-from ..api.files import writable
+from ..api.files import recording_beside, writable
+from ..api.progress import unseen
 from ..api.tables import plain_document
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Label
     from groundtrace_codecs.recording import Recording
 
+    from ..api.progress import Show
     from ..evaluation.truth import ScoredTruth
     from ..pipeline.results import Results
     from ..pipeline.warned import Warned
@@ -59,16 +61,9 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         print(line.rstrip())
 
 
-class Show(Protocol):
-    """Shows how much is done."""
-
-    def __call__(self, done: float, total: float | None = None, /) -> None:
-        """Take what is done, and of how much where that was not known before."""
-
-
 @contextmanager
 def progress(
-    total: float | None, what: str, unit: str = "s", *, quiet: bool = False
+    total: float | None, what: str, unit: str = "s", /, *, quiet: bool = False
 ) -> Iterator[Show]:
     """Show how much of ``total`` is done, how fast, and the time left, on a terminal only.
 
@@ -84,7 +79,8 @@ def progress(
         Show nothing.
     """
     if quiet or not sys.stderr.isatty():
-        yield lambda _done, _total=None: None
+        with unseen(total, what, unit) as show:
+            yield show
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
@@ -119,7 +115,7 @@ def scored_truth_of(
     result: Results, path: Path, truth: Path | None, author: str | None = None
 ) -> ScoredTruth:
     """Return the truth of a result; annotations are looked for beside its file, ``path``."""
-    recording = path.parent / Path(result.provenance.recording).name
+    recording = recording_beside(path, result.provenance)
     return known_truth.scored_truth_of(result, recording, truth, author, print_stderr)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shlex
 import sys
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from ..api.files import writable
 from ..errors import RecordingError
@@ -33,6 +32,7 @@ from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_p
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import write_text
 from .console import print_json, print_stderr, print_table, progress
+from .options import AT_LEAST_ONE, FLAG, OUT, Json, Texts, Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -40,9 +40,6 @@ if TYPE_CHECKING:
     from ..fleet.report import Change
     from ..fleet.run import Task
     from ..fleet.table import FleetTable
-
-FLAG = Parameter(negative="")
-POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +63,18 @@ class FleetReport:
 
 def fleet(
     *recordings: str,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
-    pipeline: Annotated[list[str] | None, Parameter(negative="")] = None,
+    out: Annotated[Path, OUT],
+    pipeline: Texts = None,
     set_: Annotated[list[str] | None, Parameter(name="--set", negative="")] = None,
     truth: Path | None = None,
-    tolerance: Annotated[float, POSITIVE] = 0.12,
+    tolerance: Tolerance = 0.12,
     engine: str = "local",
-    workers: Annotated[int | None, Parameter(validator=validators.Number(gte=1))] = None,
+    workers: Annotated[int | None, AT_LEAST_ONE] = None,
     shard: str = "",
     join_: Annotated[bool, Parameter(name="--join", negative="")] = False,
     resume: Annotated[bool, FLAG] = False,
     force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    json: Json = False,
 ) -> None:
     """Take many recordings through some pipelines, into one table.
 
@@ -98,8 +95,6 @@ def fleet(
         A parameter of a stage of every pipeline, as stage.param=value; may be given several times.
     truth
         Truth instead of that of the one recording; or a folder with NAME.csv for NAME.mcap.
-    tolerance
-        Largest distance between a step and its detection [s].
     engine
         Where to compute: local, dask, dask:ADDRESS, ray, ray:ADDRESS.
     workers
@@ -112,8 +107,6 @@ def fleet(
         Leave out what is done already: same recording, truth, pipeline and versions.
     force
         Overwrite an existing table.
-    json
-        Print one JSON document.
     """
     began = time.perf_counter()
     part = shard_of(shard) if shard else None
@@ -228,10 +221,10 @@ class FleetReportInfo:
 def fleet_report(
     table: Path,
     *,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    out: Annotated[Path, OUT],
     against: Path | None = None,
     force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    json: Json = False,
 ) -> None:
     """Show a fleet's table as a page that opens in any browser, offline.
 
@@ -249,8 +242,6 @@ def fleet_report(
         both have.
     force
         Overwrite an existing page.
-    json
-        Print one JSON document.
     """
     writable(out, force=force, sources=[table])
     fleet = read_table(table)

@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
-
 from groundtrace_codecs.mcap.byte_source import is_url
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
@@ -16,6 +14,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..api.files import existing
 from ..api.inspection import examine, summary
 from .console import annotations_to_show, print_json, print_table, progress
+from .options import FLAG, Json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 def info(
     recording: Path,
     *,
-    quick: Annotated[bool, Parameter(negative="")] = False,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    quick: Annotated[bool, FLAG] = False,
+    json: Json = False,
 ) -> None:
     """Say what a recording holds: topics, rates, gaps, units, faults, geometry, truth, damage.
 
@@ -38,8 +37,6 @@ def info(
     quick
         Read the summary and no signal: nothing is said of gaps, units, faults and placements. So
         it is for a URL.
-    json
-        Print one JSON document.
     """
     existing(recording)
     with Recording.open(recording) as opened:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,38 +11,21 @@ import msgspec
 from cyclopts import Parameter, validators
 
 from groundtrace_codecs.geometry import Geometry
-from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S
 
+from ..api.calibration import attenuation_of, calibration_of
 from ..api.files import existing, writable
-from ..errors import RecordingError
-from ..layout.attenuation import Attenuation, amplitudes, fit_attenuation, impacts_of
 from ..layout.report import NAMES, assumed, findings, report
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
-from ..pipeline.results import RUN, read_results, write_text
-from .console import (
-    print_json,
-    print_stderr,
-    print_table,
-    progress,
-    truth_of,
-    truth_of_recording,
-    where_to_show,
-)
+from ..pipeline.results import write_text
+from .console import print_json, print_stderr, print_table, progress, where_to_show
+from .options import FLAG, POSITIVE, Force, ForceOutputs, Json, Spawn
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from groundtrace_codecs.events import Event, Label
-
     from ..layout.analysis import RoomAnalysis
+    from ..layout.attenuation import Attenuation
     from ..layout.calibrate import Calibration
     from ..layout.report import RoomReport
-    from ..pipeline.config import PipelineConfig
-
-FLAG = Parameter(negative="")
-POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
 
 
 def room(
@@ -56,9 +39,9 @@ def room(
     seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
     png: Path | None = None,
     rrd: Path | None = None,
-    spawn: Annotated[bool, FLAG] = False,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    spawn: Spawn = False,
+    force: ForceOutputs = False,
+    json: Json = False,
 ) -> None:
     """Tell how well a layout of sensors will locate, before anyone records.
 
@@ -82,12 +65,6 @@ def room(
         Write the figure here, as PNG.
     rrd
         Write a viewer's file with the maps.
-    spawn
-        Open the viewer with the same.
-    force
-        Overwrite existing outputs.
-    json
-        Print one JSON document.
     """
     from ..layout.analysis import Settings, analyze_room, layout_of
 
@@ -144,7 +121,7 @@ def attenuation(
     *,
     geometry: Path | None = None,
     truth: Path | None = None,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json: Json = False,
 ) -> None:
     """Fit how amplitude falls with distance, out of impacts whose places are known.
 
@@ -156,30 +133,12 @@ def attenuation(
         Another geometry than the recording's.
     truth
         Places as CSV: time_s, kind (step or impact), x_m, y_m.
-    json
-        Print one JSON document.
     """
-    path = existing(recording)
-    with Recording.open(path) as opened:
-        site = Geometry.from_toml(existing(geometry, "a geometry")) if geometry else opened.geometry
-        impacts = impacts_of(truth_of_recording(opened, path, truth))
-        if site is None or len(site.sensors) < 2:
-            raise RecordingError(f"{path.name}: expected a geometry with sensors, found none")
-        if not impacts:
-            raise RecordingError(
-                f"{path.name}: expected steps or impacts of known place (its truth, or --truth "
-                f"FILE), found none"
-            )
-        found = fit_attenuation(*amplitudes(opened, site, impacts))
-    if found is None:
-        raise RecordingError(
-            f"{path.name}: expected two sensors or more above the noise at several distances, "
-            f"found {len(impacts)} impacts that tell too little"
-        )
+    impacts, law = attenuation_of(recording, geometry, truth, print_stderr)
     if json:
-        print_json({"recording": path.name, "impacts": len(impacts), **asdict(found)})
+        print_json({"recording": recording.name, "impacts": impacts, **asdict(law)})
     else:
-        _print_attenuation(path.name, len(impacts), found)
+        _print_attenuation(recording.name, impacts, law)
 
 
 def _print_attenuation(name: str, impacts: int, law: Attenuation) -> None:
@@ -192,28 +151,6 @@ def _print_attenuation(name: str, impacts: int, law: Attenuation) -> None:
         print("  n and alpha are hard to tell apart here: they hold together, not each alone")
 
 
-@dataclass(frozen=True, slots=True)
-class _Subject:
-    """What is calibrated: events and truth of a recording, and its geometry.
-
-    ``replayed`` gives the events with a geometry; where they come out of results, always the same.
-    """
-
-    name: str
-    replayed: Callable[[Geometry], Sequence[Event]]
-    again: bool
-    pipeline: PipelineConfig
-    geometry: Geometry | None
-    labels: Sequence[Label]
-
-    def exponent(self) -> float:
-        """Return the exponent that the pipeline's localizers reckon with."""
-        given = [
-            s.parameters["exponent"] for s in self.pipeline.stage if "exponent" in s.parameters
-        ]
-        return float(given[-1]) if given else 4 / 3
-
-
 def calibrate(
     source: Path,
     *,
@@ -224,8 +161,8 @@ def calibrate(
     offsets: Literal["auto", "yes", "no"] = "auto",
     exponent: Annotated[float | None, Parameter(validator=validators.Number(gt=0, lte=2))] = None,
     geometry_out: Path | None = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Estimate from all impacts how waves travel over the floor and how far the clocks differ.
 
@@ -251,78 +188,32 @@ def calibrate(
         arrivals that are corrected for dispersion. Without it that of the pipeline's localizers.
     geometry_out
         Write the geometry with what was found here, as TOML for groundtrace replay --geometry.
-    force
-        Overwrite an existing file.
-    json
-        Print one JSON document.
     """
-    from ..layout.calibrate import Choices, calibrate_once, calibrate_replaying, calibrated_geometry
-
     checked_pipeline(pipeline)
     if geometry_out is not None:
         sources = [path for path in (source, geometry, truth) if path is not None]
         writable(geometry_out, force=force, sources=sources)
-    subject = _subject(existing(source), pipeline, truth)
-    site = subject.geometry if geometry is None else Geometry.from_toml(geometry)
-    if site is None:
-        raise RecordingError(
-            f"{subject.name}: geometry: expected one in the recording or --geometry FILE, "
-            f"found none"
-        )
-    presumed = subject.exponent() if exponent is None else exponent
-    choices = Choices(ignore_places, offsets, presumed)
-    if subject.again:
-        found, site = calibrate_replaying(subject.replayed, site, subject.labels, choices)
-    else:
-        found = calibrate_once(subject.replayed(site), site, subject.labels, choices)
+    done = calibration_of(
+        source,
+        pipeline,
+        geometry,
+        truth,
+        ignore_places=ignore_places,
+        offsets=offsets,
+        exponent=exponent,
+        report=print_stderr,
+        progress=progress,
+    )
     if geometry_out is not None:
-        text = calibrated_geometry(site, found).to_toml()
-        write_text(geometry_out, text)
+        write_text(geometry_out, done.geometry.to_toml())
     if json:
         written = None if geometry_out is None else str(geometry_out)
-        document = msgspec.to_builtins(found)
-        print_json({"recording": subject.name} | document | {"geometry": written})
+        document = msgspec.to_builtins(done.found)
+        print_json({"recording": done.name} | document | {"geometry": written})
         return
-    _print_calibration(found)
+    _print_calibration(done.found)
     if geometry_out is not None:
         print(f"geometry: {geometry_out} (use it with: groundtrace replay --geometry)")
-
-
-def _subject(path: Path, pipeline: str, truth: Path | None) -> _Subject:
-    from ..pipeline.config import load_pipeline, parse_pipeline
-
-    with Recording.open(path) as opened:
-        if RUN not in opened.metadata:
-            labels = truth_of_recording(opened, path, truth)
-            config, site = load_pipeline(pipeline), opened.geometry
-            return _Subject(path.name, _replayer(path, config), True, config, site, labels)
-    result = read_results(path)
-    labels = truth_of(result, path, truth)
-    config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
-    return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)
-
-
-def _replayer(path: Path, config: PipelineConfig) -> Callable[[Geometry], Sequence[Event]]:
-    """Return what replays a recording with a geometry."""
-    from ..pipeline.config import build_pipeline
-    from ..pipeline.engine import EventList, replay
-    from ..pipeline.source import Source
-
-    def replayed(geometry: Geometry) -> Sequence[Event]:
-        kept = EventList()
-        with Recording.open(path) as opened:
-            chain = build_pipeline(config, geometry)
-            first = opened.start_ns
-            with progress((opened.end_ns - first) / NS_PER_S, "replaying") as show:
-                replay(
-                    Source(opened),
-                    chain,
-                    [kept],
-                    progress=lambda time_ns: show((time_ns - first) / NS_PER_S),
-                )
-        return kept.events
-
-    return replayed
 
 
 def _print_calibration(c: Calibration) -> None:

@@ -46,13 +46,13 @@ COMMANDS = {
         "Example: groundtrace why walk.results.mcap --step 30 --rrd step30.rrd",
     ),
     "compare": (
-        f"{HERE}.score:compare",
+        f"{HERE}.compare:compare",
         "Compare two results of one recording, decision by decision: the gate that set each "
         "difference, the parameters that differ, and whether chance explains as much.\n\n"
         "Example: groundtrace compare before.results.mcap after.results.mcap",
     ),
     "sweep": (
-        f"{HERE}.score:sweep",
+        f"{HERE}.sweep:sweep",
         "Try many settings of the gates, without the signal, and say which are best, how sure that "
         "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
         "again. With several recordings each is left out in turn.\n\n"
@@ -79,7 +79,7 @@ COMMANDS = {
         "Example: groundtrace share walk.results.mcap -o for-bea",
     ),
     "export": (
-        f"{HERE}.recordings:export_",
+        f"{HERE}.export:export_",
         "Write events of a result for other tools: CSV, Parquet, QuakeML, GeoJSON, GPX, Audacity "
         "labels; the signals of a recording as miniSEED, CSV or Parquet.\n\n"
         "Example: groundtrace export walk.results.mcap -o steps.csv --kind steps",

@@ -1,11 +1,8 @@
-"""``groundtrace import``, ``export``, ``cut``, ``filter`` and ``convert``."""
+"""``groundtrace import``, ``cut``, ``filter`` and ``convert``."""
 
 from __future__ import annotations
 
-import math
-from contextlib import ExitStack
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,53 +10,36 @@ from cyclopts import CycloptsError, Parameter, validators
 
 from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.copies import convert as convert_file
-from groundtrace_codecs.copies import cut, filter_topics
-from groundtrace_codecs.importers.run import choose, import_recording
+from groundtrace_codecs.copies import filter_topics
+from groundtrace_codecs.importers.run import check_needs_map, import_recording
 from groundtrace_codecs.mcap.writer import CHUNK_BYTES
-from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.schemas.event_messages import events_of
-from groundtrace_codecs.signals import NS_PER_S
 
+from ..api.cutting import cut_span
 from ..api.files import existing, writable
 from ..errors import RecordingError
-from ..export.base import (
-    Material,
-    Origin,
-    chosen_kinds,
-    export,
-    exporter_of,
-    exporters,
-    is_folder,
-    stage_of,
-)
-from ..pipeline.results import RUN, file_sha256, read_results, write_text
-from .console import annotations_to_show, print_json, print_stderr, print_table, progress, truth_of
-from .share import recording_of
+from ..pipeline.results import write_text
+from .console import print_json, print_stderr, print_table, progress
+from .options import FLAG, OUT, Force, Json, Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from groundtrace_codecs.copies import Copied
 
-    from ..pipeline.results import Evidence, Results
-
-#: An importer that is so sure of a file needs no map for it.
-CERTAIN = 0.8
-
 
 def import_(
     *sources: Path,
-    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    out: Annotated[Path | None, OUT] = None,
     format_: Annotated[str | None, Parameter(name="--format")] = None,
     geometry: Path | None = None,
     truth: Path | None = None,
     map_: Annotated[Path | None, Parameter(name="--map")] = None,
     stationxml: Path | None = None,
-    guess: Annotated[bool, Parameter(negative="")] = False,
-    strict: Annotated[bool, Parameter(negative="")] = False,
-    force: Annotated[bool, Parameter(negative="")] = False,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    guess: Annotated[bool, FLAG] = False,
+    strict: Annotated[bool, FLAG] = False,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Turn files of another tool into a recording.
 
@@ -85,12 +65,6 @@ def import_(
         with --map.
     strict
         Stop at the first thing that would be a warning.
-    force
-        Overwrite an existing file.
-    quiet
-        Show no progress bar.
-    json
-        Print one JSON document.
     """
     if not sources:
         raise RecordingError("import: expected at least one file, found none")
@@ -145,14 +119,8 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
 
     if len(sources) != 1:
         raise RecordingError(f"import --guess: expected one table, found {len(sources)} files")
-    (table,) = sources
-    existing(table)
-    known = choose([table])
-    if known.sniff(table) >= CERTAIN and known.name != "csv":
-        raise RecordingError(
-            f"import --guess: expected a table that needs a map, found one that the importer "
-            f"{known.name} reads by itself: groundtrace import {table} -o OUT.mcap"
-        )
+    table = existing(sources[0])
+    check_needs_map(table)
     written = out or table.with_name(f"{table.name}.map.toml")
     writable(written, force=force, sources=sources)
     found = guess_map(table)
@@ -174,10 +142,8 @@ def _map(path: Path | None) -> Path | None:
 
 
 Compression = Literal["zstd", "lz4", "none"]
-FLAG = Parameter(negative="")
-OUT = Parameter(name=["--out", "-o"])
-POSITIVE = Parameter(validator=validators.Number(gt=0, lt=1e6))
-NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=1e9))
+SIZE = Parameter(validator=validators.Number(gt=0, lt=1e6))
+SECONDS = Parameter(validator=validators.Number(gte=0, lt=1e9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,10 +164,10 @@ def cut_(
     recording: Path,
     *,
     out: Annotated[Path, OUT],
-    from_: Annotated[float | None, Parameter(name="--from"), NOT_NEGATIVE] = None,
-    to: Annotated[float | None, NOT_NEGATIVE] = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    from_: Annotated[float | None, Parameter(name="--from"), SECONDS] = None,
+    to: Annotated[float | None, SECONDS] = None,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Copy a span of a recording, cut to the sample; labels, geometry, attachments stay.
 
@@ -215,41 +181,10 @@ def cut_(
         Where it begins [s since the first sample].
     to
         Where it ends [s since the first sample]; a sample at this time is not in it.
-    force
-        Overwrite an existing file.
-    json
-        Print one JSON document.
     """
     writable(out, force=force, sources=[existing(recording)])
-    with Recording.open(recording) as opened:
-        if RUN in opened.metadata:
-            raise RecordingError(
-                f"{recording.name}: expected a recording, found results; cut their recording and "
-                f"replay it"
-            )
-        start_ns, stop_ns = _span(opened, from_ or 0.0, to)
-        origin = {
-            "recording": recording.name,
-            "sha256": file_sha256(recording),
-            "from_ns": str(start_ns),
-            "to_ns": str(stop_ns),
-        }
-        found = cut(opened, out, start_ns, stop_ns, origin=origin, force=force)
+    found = cut_span(recording, out, from_ or 0.0, to, force=force)
     _report(recording, out, found, json=json)
-
-
-def _span(recording: Recording, from_s: float, to_s: float | None) -> tuple[int, int]:
-    """Return the half-open span that is asked for [ns]."""
-    duration_s = (recording.end_ns - recording.start_ns) / NS_PER_S
-    if from_s > duration_s or (to_s is not None and to_s <= from_s):
-        found = f"{from_s:g} s to " + ("the end" if to_s is None else f"{to_s:g} s")
-        raise RecordingError(
-            f"{recording.name}: --from, --to: expected a span of 0 to {duration_s:.3f} s, "
-            f"found {found}"
-        )
-    start_ns = recording.start_ns + round(from_s * NS_PER_S)
-    stop_ns = recording.end_ns + 1 if to_s is None else recording.start_ns + round(to_s * NS_PER_S)
-    return start_ns, stop_ns
 
 
 def filter_(
@@ -258,8 +193,8 @@ def filter_(
     out: Annotated[Path, OUT],
     topic: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     without: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    force: Force = False,
+    json: Json = False,
 ) -> None:
     """Copy some topics of a recording, message by message as they are.
 
@@ -275,10 +210,6 @@ def filter_(
         Topics to copy; * stands for anything. Without it, all.
     without
         Topics to leave out of these.
-    force
-        Overwrite an existing file.
-    json
-        Print one JSON document.
     """
     if not (topic or without):
         raise RecordingError("filter: expected --topic or --without, found neither")
@@ -292,11 +223,11 @@ def convert(
     *,
     out: Annotated[Path, OUT],
     compression: Compression = "zstd",
-    chunk_kb: Annotated[int, POSITIVE] = CHUNK_BYTES >> 10,
-    block_ms: Annotated[float | None, POSITIVE] = None,
-    force: Annotated[bool, FLAG] = False,
-    quiet: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
+    chunk_kb: Annotated[int, SIZE] = CHUNK_BYTES >> 10,
+    block_ms: Annotated[float | None, SIZE] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+    json: Json = False,
 ) -> None:
     """Copy a recording with another compression, chunks or blocks; no sample changes.
 
@@ -312,12 +243,6 @@ def convert(
         Length at which a chunk is ended, before compression [KiB].
     block_ms
         Length of the messages of fast signals [ms]; without it every message stays as it is.
-    force
-        Overwrite an existing file.
-    quiet
-        Show no progress bar.
-    json
-        Print one JSON document.
     """
     writable(out, force=force, sources=[existing(recording)])
     with progress(None, "copying", quiet=quiet) as show:
@@ -363,186 +288,3 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
     topics = dict.fromkeys((*found.messages, *found.left))
     rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)
-
-
-@dataclass(frozen=True, slots=True)
-class ExportReport:
-    """What an export wrote, as JSON."""
-
-    path: str
-    source: str
-    format: str
-    counts: dict[str, int]
-    remarks: list[str]
-    damage: list[str]
-
-
-def export_(
-    source: Path,
-    *,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
-    format_: Annotated[str | None, Parameter(name="--format")] = None,
-    kind: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
-    stage: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
-    recording: Path | None = None,
-    origin: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    force: Annotated[bool, FLAG] = False,
-    json: Annotated[bool, FLAG] = False,
-) -> None:
-    """Write events of a result, or signals of a recording, for other tools.
-
-    Parameters
-    ----------
-    source
-        Results MCAP that groundtrace replay wrote, or a recording.
-    out
-        The file to write; a name without suffix is a folder that takes a table of each kind.
-    format_
-        csv, parquet, quakeml, geojson, gpx, audacity, miniseed or that of a plugin; by default as
-        the file's name ends.
-    kind
-        steps, picks, fixes, tracks, bearings, headings, disturbances, disagreements, presence,
-        passes, crossings, gaps, notes, truth, annotations, misses, candidates, signals; by default
-        all that the format takes, but for signals.
-    stage
-        Only events of these stages of the pipeline.
-    recording
-        The recording of results, where it does not lie beside them.
-    origin
-        Where the site's zero lies: LATITUDE,LONGITUDE [deg], then where its y axis does not point
-        north ,AZIMUTH [deg clockwise from north].
-    force
-        Overwrite what was exported there before.
-    json
-        Print one JSON document.
-    """
-    known, troubles = exporters()
-    for trouble in troubles:
-        print_stderr(f"warning: {trouble}")
-    exporter = exporter_of(known, out, format_)
-    folder = is_folder(exporter, out)
-    existing(source, "results or a recording")
-    _check_target(out, [source, *([recording] if recording else [])], folder=folder, force=force)
-    with ExitStack() as stack:
-        opened = stack.enter_context(Recording.open(source))
-        material = _material(stack, opened, source, recording, _origin(origin))
-        material = _of_stages(material, stage or ())
-        kinds = chosen_kinds(exporter, material, kind or (), folder=folder)
-        written = export(exporter, material, kinds, out, folder=folder)
-        damage = [d.reason for d in opened.damage]
-    _export_report(
-        ExportReport(
-            str(out), source.name, exporter.name, written.counts, list(written.remarks), damage
-        ),
-        json=json,
-    )
-
-
-def _check_target(out: Path, sources: Sequence[Path], *, folder: bool, force: bool) -> None:
-    """Refuse to overwrite what is read, or what was not asked for."""
-    if not folder:
-        writable(out, force=force, sources=sources)
-        return
-    if not out.resolve().parent.is_dir():
-        raise RecordingError(f"{out}: expected an existing folder to write it in, found none")
-    if out.exists() and not out.is_dir():
-        raise RecordingError(f"{out}: expected a folder, found a file")
-    if out.exists() and not force:
-        raise RecordingError(f"{out}: expected a new folder, found an existing one; see --force")
-
-
-def _origin(text: str | None) -> Origin | None:
-    """Read ``LATITUDE,LONGITUDE[,AZIMUTH]``."""
-    if text is None:
-        return None
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    fits = len(numbers) in (2, 3) and all(map(math.isfinite, numbers))
-    if not fits or abs(numbers[0]) > 89.9 or abs(numbers[1]) > 360:
-        raise RecordingError(
-            f"--origin: expected LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,AZIMUTH [deg], "
-            f"found {text!r}"
-        )
-    return Origin(*map(math.radians, numbers))
-
-
-def _material(
-    stack: ExitStack, opened: Recording, source: Path, given: Path | None, origin: Origin | None
-) -> Material:
-    """Return what there is to be exported; what needs more reading is read when asked for."""
-    if RUN in opened.metadata:
-        return _of_results(stack, read_results(source), source, given, origin)
-    if given is not None:
-        raise RecordingError(f"--recording: expected results to go with it, found {source.name}")
-    return Material(
-        source.name,
-        opened.start_ns,
-        tuple(events_of(opened.file)),
-        opened.labels,
-        annotations_to_show(opened, source),
-        opened.geometry,
-        origin=origin,
-        recording=lambda: opened,
-    )
-
-
-def _of_results(
-    stack: ExitStack, result: Results, source: Path, given: Path | None, origin: Origin | None
-) -> Material:
-    @cache
-    def recording() -> Recording | None:
-        path = recording_of(source, given)
-        return None if path is None else stack.enter_context(Recording.open(path))
-
-    @cache
-    def evidence() -> Evidence:
-        from ..explain.unfiltered import beside, with_recording
-        from ..pipeline.results import evidence_of
-
-        name, sha256 = result.provenance.recording, result.provenance.sha256
-        places = [beside(source, name), *([] if given is None else [given])]
-        return with_recording(evidence_of(result, truth_of(result, source, None)), sha256, places)
-
-    return Material(
-        result.name,
-        result.provenance.start_ns,
-        result.events,
-        result.labels,
-        result.annotations,
-        result.geometry,
-        result.provenance.from_ns,
-        origin,
-        recording,
-        evidence,
-    )
-
-
-def _of_stages(material: Material, stages: Sequence[str]) -> Material:
-    """Return what there is with the events of some stages only."""
-    if not stages:
-        return material
-    named = [(stage_of(event), event) for event in material.events]
-    known = dict.fromkeys(name for name, _ in named if name)
-    for stage in stages:
-        if stage not in known:
-            found = ", ".join(known) or "none"
-            raise RecordingError(
-                f"{material.name}: --stage: expected one of {found}, found {stage!r}"
-            )
-    return replace(material, events=tuple(e for name, e in named if name in stages))
-
-
-def _export_report(report: ExportReport, *, json: bool) -> None:
-    """Say what was written, and what the format does not hold."""
-    for reason in report.damage:
-        print_stderr(f"warning: {report.source}: damage, not exported: {reason}")
-    if json:
-        print_json(report)
-        return
-    words = {"signals": "samples"}
-    counts = ", ".join(f"{n} {words.get(kind, kind)}" for kind, n in report.counts.items())
-    print(f"wrote {report.path}: {report.format}, {counts}")
-    for remark in report.remarks:
-        print(f"  {remark}")

@@ -13,14 +13,13 @@ from ..errors import RecordingError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
 from .console import print_stderr, print_warnings
-
-FLAG = Parameter(negative="")
+from .options import FLAG, OUT, Results
 
 
 def share(
-    results: Path,
+    results: Results,
     *,
-    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    out: Annotated[Path, OUT],
     zip_: Annotated[bool, Parameter(name="--zip", negative="")] = False,
     single_file: Annotated[bool, FLAG] = False,
     light: Annotated[bool, FLAG] = False,
@@ -35,8 +34,6 @@ def share(
 
     Parameters
     ----------
-    results
-        Results MCAP that groundtrace replay wrote.
     out
         The folder to write.
     zip_

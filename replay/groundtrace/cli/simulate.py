@@ -32,13 +32,10 @@ from ..simulate.room_plan import (
 )
 from ..simulate.vehicle import simulate_vehicle
 from ..simulate.walk import ClockError, Walked, simulate_same_walk, simulate_walk
+from .options import FLAG, OUT, Force, Texts
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-OUT = Parameter(name=["--out", "-o"])
-FLAG = Parameter(negative="")
-NAMES = Parameter(negative="")
 
 
 def room(
@@ -61,13 +58,13 @@ def room(
     path: PathName | None = None,
     walkers: int | None = None,
     impacts: Annotated[bool, FLAG] = False,
-    clock_offset_ms: Annotated[list[str] | None, NAMES] = None,
+    clock_offset_ms: Texts = None,
     clock_spread_ms: float | None = None,
-    dead: Annotated[list[str] | None, NAMES] = None,
-    clipped: Annotated[list[str] | None, NAMES] = None,
+    dead: Texts = None,
+    clipped: Texts = None,
     triaxial: Annotated[bool, FLAG] = False,
     random: Annotated[bool, FLAG] = False,
-    force: Annotated[bool, FLAG] = False,
+    force: Force = False,
 ) -> None:
     """Make footsteps on a floor with seismic sensors; steps, places and arrivals known.
 
@@ -121,8 +118,6 @@ def room(
         Make every sensor G1 a station of three channels, G1x, G1y and G1z.
     random
         Draw what is not given of room, sensors, floor, shoe, walls and path from the seed.
-    force
-        Overwrite an existing file.
     """
     options = RoomOptions(
         seed=seed,
@@ -170,7 +165,7 @@ def walk(
     steps_of: Path | None = None,
     clock_ahead_s: float = 0.0,
     clock_drift_ppm: float = 0.0,
-    force: Annotated[bool, FLAG] = False,
+    force: Force = False,
 ) -> None:
     """Make a walker with an IMU, with steps, walking spans, headings and places known.
 
@@ -213,8 +208,6 @@ def walk(
     clock_ahead_s, clock_drift_ppm
         With --steps-of: how far the sensor's clock is ahead of the recording's at its start [s],
         and how much faster it runs [1e-6].
-    force
-        Overwrite an existing file.
     """
     options = WalkOptions(
         seed=seed,
@@ -316,7 +309,7 @@ def vehicle(
     geophone_hz: float | None = None,
     walkers: int = 0,
     impacts: int = 0,
-    force: Annotated[bool, FLAG] = False,
+    force: Force = False,
 ) -> None:
     """Make vehicles that pass sensors beside a road; passes, ways, speeds and levels known.
 
@@ -382,8 +375,6 @@ def vehicle(
         How many people walk by.
     impacts
         How many single impacts there are.
-    force
-        Overwrite an existing file.
     """
     options = VehicleOptions(
         seed=seed,

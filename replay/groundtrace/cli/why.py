@@ -17,6 +17,7 @@ from ..explain.why_vehicles import VehicleAccount, VehicleMoment
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
 from .console import print_json, print_stderr, print_table, print_warnings, truth_of, where_to_show
+from .options import AT_LEAST_ONE, FLAG, ForceOutput, Json, Results, Tolerance, Truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,35 +31,33 @@ if TYPE_CHECKING:
     from ..explain.why_places import Figures, FixAccount, PlaceCause, PlaceRemedy, SensorFault
     from ..pipeline.results import Evidence
 
-Count = Annotated[int | None, Parameter(validator=validators.Number(gte=1))]
+Count = Annotated[int | None, AT_LEAST_ONE]
 Positive = Annotated[float, Parameter(validator=validators.Number(gt=0))]
 
 
 def why(
-    results: Path,
+    results: Results,
     *,
     kind: Kind | None = None,
     step: Count = None,
     fix: Count = None,
     pick: Count = None,
     at: float | None = None,
-    truth: Path | None = None,
-    recording: Annotated[list[Path] | None, Parameter(negative="")] = None,
-    tolerance: Positive = 0.12,
+    truth: Truth = None,
+    recording: Annotated[list[Path] | None, FLAG] = None,
+    tolerance: Tolerance = 0.12,
     tolerance_m: Positive = 1.0,
     tolerance_ms: Positive = 2.0,
     stage: str = "",
     rrd: Path | None = None,
-    spawn: Annotated[bool, Parameter(negative="")] = False,
-    force: Annotated[bool, Parameter(negative="")] = False,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    spawn: Annotated[bool, FLAG] = False,
+    force: ForceOutput = False,
+    json: Json = False,
 ) -> None:
     """Explain every missed and false step, bad pick or bad place, and the change that mends it.
 
     Parameters
     ----------
-    results
-        Results MCAP that groundtrace replay wrote.
     kind
         What to explain: steps (the default), picks, fixes, the places of steps, or vehicles, the
         passes or courses of a pipeline for them (the default there).
@@ -70,13 +69,9 @@ def why(
         Show everything about the bad pick of this number.
     at
         Show everything about this moment [s since the first sample]; needs no truth.
-    truth
-        Truth instead of the recording's own: CSV, .sgt hand picks, or MCAP.
     recording
         The recording, where it is not beside its results: by measuring again without a filter it
         tells whether the filter took a step out.
-    tolerance
-        Largest distance between a step and its detection [s].
     tolerance_m
         Largest error of a right place [m].
     tolerance_ms
@@ -88,10 +83,6 @@ def why(
         Write a viewer's file of every gate's values and thresholds, around the moment.
     spawn
         Open the viewer with the same, its cursor at the moment.
-    force
-        Overwrite an existing output.
-    json
-        Print one JSON document.
     """
     asked = Question(kind, step, fix, pick, at, tolerance, tolerance_m, tolerance_ms / 1e3, stage)
     asked.checked_kind()

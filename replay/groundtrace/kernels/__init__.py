@@ -36,7 +36,8 @@ class _Telling(Listener):  # type: ignore[misc]  # numba has no types
         self._began = now if self._began is None else self._began
         if now - self._began > NOTABLE_S and not self._told and sys.stderr.isatty():
             self._told = True
-            print("compiling once: later runs start at once", file=sys.stderr)
+            # of whichever call compiles: there is no report to give it to
+            print("compiling once: later runs start at once", file=sys.stderr)  # noqa: T201
 
     def on_end(self, event: Any) -> None:
         """Do nothing: the next start tells the time."""

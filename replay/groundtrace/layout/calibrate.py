@@ -221,33 +221,20 @@ def calibrate(
         Where there are too few impacts with enough arrivals, or no clocks told that must be.
     """
     impacts = _impacts(gathered, geometry, ignore_places=ignore_places)
-    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
-    room = outline if len(outline) else None
-    held = _held_out(impacts) if offsets != "no" else None
-    clocks = held is not None and held.identifiable
-    if offsets == "yes" and not clocks:
-        raise RecordingError(_wanted(held))
+    room = _room(geometry)
+    held, clocks = _clocks(impacts, offsets)
     notes = [] if clocks or offsets == "no" else [NO_OFFSETS]
-    if not clocks:  # the clocks are as the geometry has them
-        ahead = {s.channel: s.clock_offset_s for s in geometry.sensors}
-        stated_s = np.array([ahead.get(name, 0.0) for name in gathered.channels])
-        gathered = replace(gathered, times_s=gathered.times_s - stated_s)
-        impacts = replace(impacts, times_s=impacts.times_s - stated_s)
+    if not clocks:
+        gathered = _on_stated_clocks(gathered, geometry)
+        impacts = _impacts(gathered, geometry, ignore_places=ignore_places)
     base = _begun(impacts, room, exponent, clocks=clocks)
     best, told = _exponent(impacts, base)
     notes += told
-    again = _bootstrap(impacts, best)
     pace_known = best.deviations[0] <= PACE_LIMIT
     notes += [] if pace_known else [_unknown_scale(best)]
-    right_s = impacts.times_s - best.floor.offsets_s
-    notes += swap_notes(gathered.channels, impacts.positions, right_s, best.places)
-    free = best.free
-    velocity = _velocity(impacts, best) if pace_known else None
-    spread = np.maximum(again.std(axis=0), _deviations(best))
-    if clocks and held is not None:  # another law of distance tells other clocks
-        spread[2:] = np.maximum(spread[2:], np.abs(held.offsets_s - best.floor.offsets_s))
-    if not free.exponent:
-        spread[1] = np.nan
+    times_s = impacts.times_s - best.floor.offsets_s
+    notes += swap_notes(gathered.channels, impacts.positions, times_s, best.places)
+    spread = _spread(impacts, best, held if clocks else None)
     return Calibration(
         impacts=len(impacts.times_s),
         sensors=len(impacts.positions),
@@ -255,12 +242,12 @@ def calibrate(
         known_places=impacts.known is not None,
         unit=geometry.length_unit,
         scale=Estimate(best.floor.scale, float(spread[0]), bool(pace_known)),
-        exponent=Estimate(best.floor.exponent, float(spread[1]), free.exponent),
+        exponent=Estimate(best.floor.exponent, float(spread[1]), best.free.exponent),
         reference=best.floor.reference_m,
         pace_s=best.floor.pace_s,
-        velocity=velocity,
+        velocity=_velocity(impacts, best) if pace_known else None,
         arrival_sigma_s=best.sigma_s,
-        offsets_estimated=free.offsets,
+        offsets_estimated=best.free.offsets,
         held_out_gain=None if held is None else held.gain,
         held_out_error=None if held is None else held.error,
         offsets=_clock_offsets(gathered.channels, best, spread[2:]) if clocks else (),
@@ -268,6 +255,38 @@ def calibrate(
         positions=place_errors(gathered, best, room),
         notes=tuple(notes),
     )
+
+
+def _room(geometry: Geometry) -> Array | None:
+    """Return the outline, shape (n, 2); None without one."""
+    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
+    return outline if len(outline) else None
+
+
+def _clocks(impacts: Impacts, offsets: str) -> tuple[HeldOut | None, bool]:
+    """Return what held-out places say of the clocks, and whether offsets are to be estimated."""
+    held = _held_out(impacts) if offsets != "no" else None
+    clocks = held is not None and held.identifiable
+    if offsets == "yes" and not clocks:
+        raise RecordingError(_wanted(held))
+    return held, clocks
+
+
+def _on_stated_clocks(gathered: Gathered, geometry: Geometry) -> Gathered:
+    """Return arrivals with the clocks as the geometry has them."""
+    ahead = {s.channel: s.clock_offset_s for s in geometry.sensors}
+    stated_s = np.array([ahead.get(name, 0.0) for name in gathered.channels])
+    return replace(gathered, times_s=gathered.times_s - stated_s)
+
+
+def _spread(impacts: Impacts, best: JointCalibration, held: HeldOut | None) -> Array:
+    """Return the deviations of scale, exponent and offsets, shape (2 + n,)."""
+    spread: Array = np.maximum(_bootstrap(impacts, best).std(axis=0), _deviations(best))
+    if held is not None:  # another law of distance tells other clocks
+        spread[2:] = np.maximum(spread[2:], np.abs(held.offsets_s - best.floor.offsets_s))
+    if not best.free.exponent:
+        spread[1] = np.nan
+    return spread
 
 
 def _unknown_scale(best: JointCalibration) -> str:
@@ -289,8 +308,7 @@ def _clock_offsets(
 def _impacts(gathered: Gathered, geometry: Geometry, *, ignore_places: bool) -> Impacts:
     """Return the impacts that tell something; those of known places alone where they suffice."""
     picks = np.isfinite(gathered.times_s).sum(axis=1)
-    outline = np.array(geometry.outline, np.float64).reshape(-1, 2)
-    bounds = bounds_of(gathered.positions, outline if len(outline) else None)
+    bounds = bounds_of(gathered.positions, _room(geometry))
     placed = np.isfinite(gathered.known).all(axis=1) & (picks >= 2)
     if not ignore_places and placed.sum() >= LEAST_KNOWN:
         return Impacts(gathered.positions, gathered.times_s[placed], bounds, gathered.known[placed])

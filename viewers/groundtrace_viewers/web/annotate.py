@@ -10,7 +10,7 @@ import secrets
 import tempfile
 import threading
 import webbrowser
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from groundtrace.annotate.agreement import Item, item_of, label_of
 from groundtrace.annotate.store import Annotations, named
 from groundtrace.api.files import unheard
 from groundtrace.api.pipelines import fitting_pipeline
+from groundtrace.api.progress import unseen
 from groundtrace.api.replay import replay_to_files, terminable
 from groundtrace.errors import AnnotationError
 from groundtrace.explain.suitability import SIGNALS
@@ -46,17 +47,8 @@ if TYPE_CHECKING:
     from starlette.requests import Request
 
     from groundtrace.api.files import Report
+    from groundtrace.api.progress import Progress
     from groundtrace_codecs.annotations import Annotation
-
-    #: Shows how much of a total, in a unit, is done of what is named.
-    Progress = Callable[[float, str, str], AbstractContextManager[Callable[[float], None]]]
-
-
-def unseen(
-    _total: float, _what: str, _unit: str
-) -> AbstractContextManager[Callable[[float], None]]:
-    """Show nothing of how much is done."""
-    return nullcontext(lambda _done: None)
 
 
 def serve(

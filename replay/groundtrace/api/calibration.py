@@ -1,0 +1,195 @@
+"""What a recording's impacts tell of its floor and clocks: calibration, and how amplitude falls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+
+from ..errors import RecordingError
+from ..layout.attenuation import Attenuation, amplitudes, fit_attenuation, impacts_of
+from ..pipeline.results import RUN, read_results
+from .files import existing, recording_beside, unheard
+from .known_truth import scored_truth_of, truth_of_recording
+from .progress import unseen
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from groundtrace_codecs.events import Event, Label
+
+    from ..layout.calibrate import Calibration
+    from ..pipeline.config import PipelineConfig
+    from .files import Report
+    from .progress import Progress
+
+
+def attenuation_of(
+    path: Path, geometry: Path | None, truth: Path | None, report: Report = unheard
+) -> tuple[int, Attenuation]:
+    """Fit how amplitude falls with distance.
+
+    Parameters
+    ----------
+    path
+        A recording with impacts of known place.
+    geometry, truth
+        In the place of the recording's own.
+    report
+        Told what a person should know of the truth.
+
+    Returns
+    -------
+    How many impacts there are, and the law.
+
+    Raises
+    ------
+    RecordingError
+        Where there are no sensors, no impacts of known place, or they tell too little.
+    """
+    with Recording.open(existing(path)) as opened:
+        site = Geometry.from_toml(existing(geometry, "a geometry")) if geometry else opened.geometry
+        impacts = impacts_of(truth_of_recording(opened, path, truth, report=report))
+        if site is None or len(site.sensors) < 2:
+            raise RecordingError(f"{path.name}: expected a geometry with sensors, found none")
+        if not impacts:
+            raise RecordingError(
+                f"{path.name}: expected steps or impacts of known place (its truth, or --truth "
+                f"FILE), found none"
+            )
+        found = fit_attenuation(*amplitudes(opened, site, impacts))
+    if found is None:
+        raise RecordingError(
+            f"{path.name}: expected two sensors or more above the noise at several distances, "
+            f"found {len(impacts)} impacts that tell too little"
+        )
+    return len(impacts), found
+
+
+@dataclass(frozen=True, slots=True)
+class CalibratedRecording:
+    """A calibration: of which recording or results, and the geometry that is then right."""
+
+    name: str
+    found: Calibration
+    geometry: Geometry
+
+
+def calibration_of(
+    source: Path,
+    pipeline: str,
+    geometry: Path | None = None,
+    truth: Path | None = None,
+    *,
+    ignore_places: bool = False,
+    offsets: str = "auto",
+    exponent: float | None = None,
+    report: Report = unheard,
+    progress: Progress = unseen,
+) -> CalibratedRecording:
+    """Calibrate a recording, which is replayed until its clocks settle, or results as they are.
+
+    Parameters
+    ----------
+    source
+        Recording or results.
+    pipeline
+        What a recording is replayed with.
+    geometry, truth
+        In the place of its own.
+    ignore_places, offsets
+        As of :func:`~.layout.calibrate.calibrate`.
+    exponent
+        The same; None takes that of the pipeline's localizers.
+    report, progress
+        Told what a person should know of the truth, and how far a replay is.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no geometry, or there are too few impacts.
+    """
+    from ..layout.calibrate import Choices, calibrate_once, calibrate_replaying, calibrated_geometry
+
+    subject = _subject(existing(source), pipeline, truth, report, progress)
+    site = subject.geometry if geometry is None else Geometry.from_toml(geometry)
+    if site is None:
+        raise RecordingError(
+            f"{subject.name}: geometry: expected one in the recording or --geometry FILE, "
+            f"found none"
+        )
+    presumed = _exponent(subject.pipeline) if exponent is None else exponent
+    choices = Choices(ignore_places, offsets, presumed)
+    if subject.again:
+        found, site = calibrate_replaying(subject.replayed, site, subject.labels, choices)
+    else:
+        found = calibrate_once(subject.replayed(site), site, subject.labels, choices)
+    return CalibratedRecording(subject.name, found, calibrated_geometry(site, found))
+
+
+@dataclass(frozen=True, slots=True)
+class _Subject:
+    """What is calibrated: events and truth of a recording, and its geometry.
+
+    ``replayed`` gives the events with a geometry; where they come out of results, always the same.
+    """
+
+    name: str
+    replayed: Callable[[Geometry], Sequence[Event]]
+    again: bool
+    pipeline: PipelineConfig
+    geometry: Geometry | None
+    labels: Sequence[Label]
+
+
+def _exponent(config: PipelineConfig) -> float:
+    """Return the exponent that a pipeline's localizers reckon with."""
+    given = [s.parameters["exponent"] for s in config.stage if "exponent" in s.parameters]
+    return float(given[-1]) if given else 4 / 3
+
+
+def _subject(
+    path: Path, pipeline: str, truth: Path | None, report: Report, progress: Progress
+) -> _Subject:
+    from ..pipeline.config import load_pipeline, parse_pipeline
+
+    with Recording.open(path) as opened:
+        if RUN not in opened.metadata:
+            labels = truth_of_recording(opened, path, truth, report=report)
+            config, site = load_pipeline(pipeline), opened.geometry
+            replayed = _replayer(path, config, progress)
+            return _Subject(path.name, replayed, True, config, site, labels)
+    result = read_results(path)
+    recording = recording_beside(path, result.provenance)
+    labels = scored_truth_of(result, recording, truth, report=report).labels
+    config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
+    return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)
+
+
+def _replayer(
+    path: Path, config: PipelineConfig, progress: Progress
+) -> Callable[[Geometry], Sequence[Event]]:
+    """Return what replays a recording with a geometry."""
+    from ..pipeline.config import build_pipeline
+    from ..pipeline.engine import EventList, replay
+    from ..pipeline.source import Source
+
+    def replayed(geometry: Geometry) -> Sequence[Event]:
+        kept = EventList()
+        with Recording.open(path) as opened:
+            chain = build_pipeline(config, geometry)
+            first = opened.start_ns
+            with progress((opened.end_ns - first) / NS_PER_S, "replaying") as show:
+                replay(
+                    Source(opened),
+                    chain,
+                    [kept],
+                    progress=lambda time_ns: show((time_ns - first) / NS_PER_S),
+                )
+        return kept.events
+
+    return replayed

@@ -1,0 +1,111 @@
+"""``groundtrace compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from ..pipeline.plugins import load
+from ..pipeline.results import evidence_of, read_results
+from .console import print_json, print_stderr, print_table, truth_of, where_to_show
+from .options import FLAG, ForceOutput, Json, Tolerance, Truth
+
+if TYPE_CHECKING:
+    from ..explain.compare import ComparedResult, Comparison, Decision, PlaceComparison
+
+
+def compare(
+    a: Path,
+    b: Path,
+    *,
+    truth: Truth = None,
+    tolerance: Tolerance = 0.12,
+    rrd: Path | None = None,
+    spawn: Annotated[bool, FLAG] = False,
+    force: ForceOutput = False,
+    json: Json = False,
+) -> None:
+    """Compare two results of one recording, decision by decision.
+
+    Parameters
+    ----------
+    a
+        Results MCAP that groundtrace replay wrote.
+    b
+        Another one, of the same recording.
+    rrd
+        Write a viewer's file with the decisions of both.
+    spawn
+        Open the viewer with the same, its cursor at the first difference.
+    """
+    from ..explain.compare import compare as compared
+    from ..explain.unfiltered import beside
+    from .why import comparison_page
+
+    fallback = Path(f"{a.stem}-{b.stem}.compare.rrd")
+    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
+    one, other = read_results(a), read_results(b)
+    labels = truth_of(one, a, truth) or truth_of(other, b, truth)
+    places = [beside(path, one.provenance.recording) for path in (a, b)]
+    found = compared(one, other, labels, tolerance, places)
+    if json:
+        print_json(found)
+    else:
+        _print_comparison(found)
+    if rrd is not None or spawn:
+        sides = evidence_of(one, labels), evidence_of(other, labels)
+        load("views", "compare")(*sides, found, comparison_page(found), path=rrd, spawn=spawn)
+    if rrd is not None:
+        print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
+
+
+def _print_comparison(found: Comparison) -> None:
+    print(f"{found.recording}: A {_side(found.a)}; B {_side(found.b)}")
+    for change in found.parameters:
+        values = ("absent" if v is None else v for v in (change.a, change.b))
+        print(f"  {change.stage}.{change.parameter}: A {{}}, B {{}}".format(*values))
+    print(", ".join(f"{n} {verdict}" for verdict, n in found.verdicts.items()) or "no decisions")
+    if found.p_value is not None:
+        print(
+            f"McNemar's exact test: p = {found.p_value:.2g} "
+            f"({'more' if found.p_value < 0.05 else 'no more'} than chance explains)"
+        )
+    if found.places is not None:
+        _print_places(found.places)
+    rows = [_comparison_row(d) for d in found.decisions if d.obstacle is not None]
+    if rows:
+        print()
+        print_table(("time [s]", "step", "verdict", "without it", "why"), rows)
+
+
+def _side(side: ComparedResult) -> str:
+    if side.counts is None:
+        return f"{side.name}, {side.steps} steps"
+    c = side.counts
+    return f"{side.name}, {c.tp} right, {c.fn} missed, {c.fp} false"
+
+
+def _comparison_row(decision: Decision) -> tuple[str, ...]:
+    lacks = decision.obstacle
+    step = "-" if decision.step is None else str(decision.step)
+    side, why = ("", "") if lacks is None else (lacks.side, lacks.text)
+    for side_pair in decision.pairs:
+        pair = side_pair.pair
+        if pair.found_s == decision.time_s:
+            why = f"{why}; {side_pair.side}'s step {pair.text}"
+        elif side_pair.side == side:
+            why = f"{why} (the step found at {pair.found_s:.3f} s)"
+    return (f"{decision.time_s:.3f}", step, decision.verdict, side, why)
+
+
+def _print_places(places: PlaceComparison) -> None:
+    if places.median_apart_m is None or places.largest_apart_m is None:
+        print(f"places: {places.a} by A, {places.b} by B, none at the same moment")
+        return
+    text = (
+        f"places: {len(places.pairs)} moments fixed by both, median "
+        f"{places.median_apart_m:.2f} m apart, largest {places.largest_apart_m:.2f} m"
+    )
+    if places.rmse_a_m is not None and places.rmse_b_m is not None:
+        text += f"; RMSE A {places.rmse_a_m:.2f} m, B {places.rmse_b_m:.2f} m"
+    print(text)
