@@ -26,10 +26,11 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: How a step leads to the next, (6.2), and what of the state is observed, (6.3). By hand: the
-#: kinematic filters of filterpy observe sums of the coordinates.
+#: kinematic filters of filterpy observe sums of the coordinates. Source: thesis, equations (6.2)
+#: and (6.3).
 F = np.kron(np.array([[0.0, 1.0], [-1.0, 2.0]]), np.eye(2))
 H = np.kron(np.array([[0.0, 1.0]]), np.eye(2))
-#: Usual distance between two steps [m], section 6.2.1 of the thesis.
+#: Usual distance between two steps [m], section 6.2.1 of the thesis. Source: thesis, section 6.2.1.
 PACE_M = 0.35
 
 
