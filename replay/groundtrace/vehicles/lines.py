@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Loss = Literal["squares", "huber", "tukey"]
+#: Reweightings at most. Chosen by judgement: far more than it takes.
 _ROUNDS = 50
 
 
