@@ -21,6 +21,7 @@ from groundtrace_codecs.merge import DeviceClock, robust_line
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
+from ..dsp.robust import MAD_SIGMA
 from ..errors import RecordingError
 from ..explain.suitability import with_placements
 from ..pipeline.config import build_pipeline, load_pipeline
@@ -51,7 +52,6 @@ _LONGEST_S = 2.0
 _CHANCE = 8.0
 #: Scatter of moments that is taken for known before any are compared [s], and its weight.
 _USUAL_S, _USUAL_WEIGHT = 0.015, 4
-_MAD_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,7 +246,7 @@ def _runs_alone(inside: NDArray[np.bool_], partnered: NDArray[np.intp]) -> NDArr
 def _scatter(residual: Array) -> float:
     """Return the deviation of residuals (n,), few of them wrong, drawn to the usual one [s]."""
     residual = residual - np.median(residual)
-    limit = 3 * _MAD_SIGMA * float(np.median(np.abs(residual)))
+    limit = 3 * MAD_SIGMA * float(np.median(np.abs(residual)))
     square = float(np.mean(residual[np.abs(residual) <= limit] ** 2))
     count, prior = len(residual), _USUAL_WEIGHT
     return float(np.sqrt((count * square + prior * _USUAL_S**2) / (count + prior)))

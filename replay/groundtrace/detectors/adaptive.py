@@ -46,8 +46,11 @@ else:
 
 #: Placements at which the sensor moves with the body's mass, and hardly ever without steps.
 TRUNK = frozenset({"waist", "trunk"})
-#: At the trunk a few steps are a walk; a hand or pocket must keep its rhythm for longer.
+#: At the trunk a few steps are a walk; a hand or pocket must keep its rhythm for longer. Chosen by
+#: judgement: weak on purpose, no short walk is lost (docs/steps.md, "What it does not reach").
 _TRUNK_SCALES = (Scale(4.0, 2),)
+#: Windows [s] and how many of them must agree: a hand or a pocket must keep its rhythm for longer
+#: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "What was chosen on what").
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
 
 
@@ -206,14 +209,19 @@ class _UnfilteredDetector(AdaptiveDetector):
     in_band = False
 
 
-#: Step times that have a filter of their own; between them, the filtered signals are mixed.
+#: Step times that have a filter of their own; between them, the filtered signals are mixed. Chosen
+#: by judgement: eight are a factor of 1.2 apart, finer than the band is wide.
 _NODES_S = np.geomspace(*PERIODS_S, 8)
 #: Standard deviations of the band's two Gaussians as parts of the step time: the first takes out
-#: the second peak of a step, the second what is slower than a step.
+#: the second peak of a step, the second what is slower than a step. Chosen by trial on oxford-step
+#: validation and rieck-stepcounter: a coarser band of 0.3 or 0.25 instead of 0.4 loses F1 and steps
+#: (docs/steps.md, "What was tried").
 _FINE, _COARSE = 0.16, 0.4
 #: Standard deviation of the Gaussian whose average is taken away before the rhythm is told [s].
+#: Chosen by judgement: longer than half a step, so that sway and turning go and the step stays.
 _TREND_S = 0.4
-#: Low-pass in which a rise is timed: corner [Hz] and half length [s].
+#: Low-pass in which a rise is timed: corner [Hz] and half length [s]. Chosen by judgement: it keeps
+#: the rise of a step and takes out the shaking of its impact.
 _TIMED_HZ, _TIMED_S = 3.0, 0.5
 
 
@@ -332,16 +340,19 @@ class StepBand:
         return Followed(*found)
 
 
-#: A valley belongs to the peak that follows it within this many step times.
+#: A valley belongs to the peak that follows it within this many step times. Chosen by judgement: a
+#: fifth more than a step, so that an uneven one has its valley.
 _VALLEY_STEPS = 1.2
-#: How far a higher peak is looked for, in step times.
+#: How far a higher peak is looked for, in step times. Chosen by judgement: farther away a peak is
+#: of another step.
 REACH_STEPS = 1.0
-#: Longest look ahead, a reach at the longest step time [points of the grid].
+#: Longest look ahead, a reach at the longest step time [points of the grid]. Source: definition.
 _AHEAD = round(REACH_STEPS * PERIODS_S[1] * GRID_HZ)
-#: Longest look back [points of the grid].
+#: Longest look back [points of the grid]. Source: definition.
 _BACK = round(_VALLEY_STEPS * PERIODS_S[1] * GRID_HZ) + 1
-#: A rise is looked for this long before and after the peak of the band [s], its valley within
-#: this part of a step.
+#: A rise is looked for this long before and after the peak of the band [s], its valley within this
+#: part of a step. Chosen by judgement: low-passed at 3 Hz the rise ends within 0.1 s of the band's
+#: peak, and begins after the valley of the step.
 _RISE_NEAR_S, _RISE_STEPS = 0.1, 0.6
 
 

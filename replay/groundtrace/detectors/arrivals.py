@@ -255,11 +255,14 @@ class ArrivalTracker:
         return np.asarray(index[np.arange(len(stop)), drive.argmax(axis=1)])
 
 
-#: Samples at both ends of the window where a variance means nothing.
+#: Samples at both ends of the window where a variance means nothing. Chosen by judgement: of one or
+#: two samples a variance is nothing, of three it is a poor one.
 EDGE = 3
-#: Least variance, so that there is a logarithm.
+#: Least variance, so that there is a logarithm. Chosen by judgement: the variance of a dead
+#: channel; no signal in SI units comes near it.
 LEAST = 1e-300
-#: A weight below exp(-WEIGHTLESS) changes no sum of weights, of which the largest is 1.
+#: A weight below exp(-WEIGHTLESS) changes no sum of weights, of which the largest is 1. Source:
+#: definition: exp(-60) is below 2^-53, the last bit of a double near 1.
 WEIGHTLESS = 60.0
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal
 
-from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
+from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, UNKNOWN_UNITS
 
 from ..dsp.filters import StreamingFilter, UnbiasedMean, corner, phase_delay_s, planar
 from ..dsp.resample import CentredFilter, ColumnBuffer, GridPart, UniformResampler, gaussian
@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from ..pipeline.gates import Candidates, GateState
 
 #: Corners that leave every step as it was recorded [Hz]: the low-pass as high as the rate allows,
-#: the high-pass so low that it takes out gravity alone, of which 20 s of it leave 0.2 %.
+#: the high-pass so low that it takes out gravity alone, of which 20 s of it leave 0.2 %. Source:
+#: definition of the first, arithmetic for the second.
 OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ = 1e9, 0.05
-#: Step frequency at which the filter's delay is taken out of the times [Hz].
+#: Step frequency at which the filter's delay is taken out of the times [Hz]. Chosen by judgement:
+#: steps of a usual walk, 0.55 s each.
 NOMINAL_CADENCE_HZ = 1.8
 
 
@@ -97,11 +99,13 @@ class Activity:
         self.first += cut
 
 
-GRAVITY_MPS2 = 9.80665
 #: Standard deviation of the Gaussian that averages the movement away [s]: a walker's stride takes
-#: about a second, a sensor turns in its pocket more slowly.
+#: about a second, a sensor turns in its pocket more slowly. Chosen by trial on mobgap: over half
+#: and over twice the time F1 falls from 0.945 to 0.929 and stays (HA/001), 0.886 to 0.888 and 0.881
+#: (MS/001; docs/steps.md, "What was tried").
 AVERAGE_S = 1.0
-#: Memory of the mean that gives an uncalibrated sensor its scale [s].
+#: Memory of the mean that gives an uncalibrated sensor its scale [s]. Chosen by judgement: several
+#: strides, so that no step moves the scale, and short beside a walk.
 SCALE_S = 10.0
 
 
@@ -169,7 +173,7 @@ class CountScale:
         """Return the force in m/s2: all axes, or the magnitude alone, shape (n_axes, n)."""
         length = force if len(force) == 1 else np.sqrt(np.einsum("cn,cn->n", force, force))[None, :]
         mean = self._mean(length)
-        return np.divide(GRAVITY_MPS2 * force, mean, out=np.zeros_like(force), where=mean > 0)
+        return np.divide(G0_MPS2 * force, mean, out=np.zeros_like(force), where=mean > 0)
 
 
 FORCE = frozenset({"acceleration"})

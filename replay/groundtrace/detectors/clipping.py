@@ -36,24 +36,30 @@ if TYPE_CHECKING:
 
     from .signal_faults import Window
 
-#: The samples of one top spread by no more than this part of the channel's swing.
+#: The samples of one top spread by no more than this part of the channel's swing. Chosen by
+#: judgement: noise on a limit moves its samples by so much (docs/faults.md, noise of 0.05 %).
 WITHIN = 0.006
-#: Tops of one sign are of one limit within this part of half the swing.
+#: Tops of one sign are of one limit within this part of half the swing. Chosen by judgement: more
+#: than noise moves a limit, less than two limits differ by.
 WANDERS = 0.05
 #: Slope beside a flat top in those of a parabola (1), and at least this part of the swing a sample,
-#: which noise on a slow signal does not reach. Chosen on 250 simulated rooms of 4 channels, 150 of
-#: them with seeds from 0 and 100 drawn at random: the second of one side has up to 6.2 by chance,
-#: those of a rail hundreds. Near the full scale of a worn sensor, which few signals come to, less
-#: is enough: 3.7 to 34 in llio-pyshoe's gyroscopes of 500 deg/s, below 3 twice on one side in all
-#: else. bench/corrupted_inputs.py reports other rooms and recordings.
+#: which noise on a slow signal does not reach. Chosen by trial on 250 simulated rooms of 4
+#: channels, 150 of them with seeds from 0 and 100 drawn at random: the second of one side has up to
+#: 6.2 by chance, those of a rail hundreds. Near the full scale of a worn sensor, which few signals
+#: come to, less is enough: 3.7 to 34 in llio-pyshoe's gyroscopes of 500 deg/s, below 3 twice on one
+#: side in all else. bench/corrupted_inputs.py reports other rooms and recordings.
 CORNER, STEEP = 10.0, 0.015
 CORNER_NEAR_SCALE, STEEP_NEAR_SCALE = 3.0, 0.01
 #: Samples of a flat top, how many of them, and which part of the tops that come so high are flat.
+#: Chosen by judgement: two equal samples are rounding, one flat top is chance, and a rail stops at
+#: least a tenth of what comes so high.
 SHORTEST, TOPS, PART = 3, 2, 0.1
 #: Limits of worn sensors are the same on both sides but for an offset: tops lower than this part of
-#: the largest value of either sign are none.
+#: the largest value of either sign are none. Chosen by judgement: what is lower is a top of the
+#: signal and not its limit, whatever the offset.
 SAME = 0.8
-#: So many tops of one side are kept.
+#: So many tops of one side are kept. Chosen by judgement: it bounds memory; far more than a limit
+#: needs to be told.
 MOST = 2048
 
 
@@ -244,19 +250,25 @@ def _middle(flat: Sequence[_Top]) -> float:
     return float(np.median([top.level for top in flat]))
 
 
-#: Chance that the highest value comes again so often, at most.
+#: Chance that the highest value comes again so often, at most. Chosen by judgement: once in a
+#: million channels (docs/faults.md).
 CHANCE = 1e-6
 #: So many of the highest values are kept, and those count that are so near the highest, as a part
-#: of the swing.
+#: of the swing. Chosen by judgement: they bound memory and leave enough values below the highest to
+#: tell what is usual.
 KEPT, BAND = 64, 0.01
-#: Values nearer to each other are the same but for rounding, as a part of the value.
+#: Values nearer to each other are the same but for rounding, as a part of the value. Chosen by
+#: judgement: over what float32 rounds by (6e-8), under the step of a digitiser of 16 bits (3e-5).
 ROUNDING = 1e-6
-#: Finer steps than this part of the swing are not believed.
+#: Finer steps than this part of the swing are not believed. Chosen by judgement: 16 bits over the
+#: swing have steps of 1.5e-5; smaller ones are of arithmetic.
 FINEST = 1e-5
 #: Where another value comes in more than this part of as many tops, the signal is coarse or repeats
-#: itself.
+#: itself. Chosen by judgement: a limit comes at least twice as often as any other value
+#: (docs/faults.md).
 USUAL = 0.5
-#: A value that is kept longer is no top [s].
+#: A value that is kept longer is no top [s]. Chosen by judgement: the swing of a foot or hand is
+#: near its extreme for less.
 LONGEST_S = 0.2
 
 

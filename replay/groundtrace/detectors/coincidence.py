@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 NOTHING = Candidates.empty(3)
 #: Part of the channels that a sharp front reaches: of the onsets of a toe, some are sharp as well.
+#: Chosen by judgement.
 MOST = 0.8
 
 

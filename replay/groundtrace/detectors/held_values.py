@@ -30,17 +30,25 @@ if TYPE_CHECKING:
     Row = NDArray[np.floating]
 
 #: Context looked at on each side of a run, and the least of it that tells anything [samples].
+#: Chosen by judgement: a corner shows in few samples, and later ones belong to what follows.
 NEAR, LEAST_NEAR = 8, 4
 #: A corner is so many times steeper than a smooth signal can be next to its rest, and at least so
-#: many steps of the digitiser a sample.
+#: many steps of the digitiser a sample. Chosen by judgement: a margin over the bound of a smooth
+#: signal, 2 / n + 16 / n^2 steps a sample (docs/faults.md).
 CORNER, LEAST_SLOPE = 1.7, 1.0
-#: Shorter runs are no flat top; from here on a channel is constant rather than dropped out.
+#: Shorter runs are no flat top; from here on a channel is constant rather than dropped out. Chosen
+#: by judgement: two equal samples are rounding; no wave stands still for a second, nor at slow
+#: rates for 20 samples.
 SHORTEST, CONSTANT_S, CONSTANT_SAMPLES = 3, 1.0, 20
 #: Smaller changes are rounding, as a part of the value; nearly the smallest change: this quantile.
+#: Chosen by judgement: over what a double rounds by; a tenth leaves room for rare differences
+#: smaller than a step of the digitiser.
 ROUNDING, STEP_PART = 1e-12, 0.1
-#: Chance that samples next to each other are equal all along a dropout, as a power of ten.
+#: Chance that samples next to each other are equal all along a dropout, as a power of ten. Chosen
+#: by judgement: an hour at 20 kHz has 7e7 samples.
 CHANCE = -9.0
 #: Short rests tell how often that is by chance, where there are so many; never taken for more.
+#: Chosen by judgement: fewer rests tell no rate, and near 1 no run would be too long.
 ENOUGH, MOST_EQUAL = 8, 0.9
 
 
@@ -397,6 +405,8 @@ FULL_SCALES = {
         (f"{n} deg/s", math.radians(n)) for n in (125, 250, 300, 450, 500, 1000, 2000, 4000)
     ],
 }
+#: How far from a full scale calibration and offset bring a limit, as a part of it. Chosen by
+#: judgement: both are per cents, scales are mostly a factor of two apart.
 SCALE_TOLERANCE = 0.08
 
 

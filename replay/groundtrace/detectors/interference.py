@@ -37,21 +37,31 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Frequencies of mains. Source: definition, those of public grids.
 MAINS_HZ = (50.0, 60.0)
-#: Length of a spectrum [s], and the rate to which a faster signal is averaged [Hz].
+#: Length of a spectrum [s], and the rate to which a faster signal is averaged [Hz]. Chosen by
+#: judgement: 0.5 Hz tells 50 from 60 Hz and a line from its neighbours; 1 kHz holds the first
+#: harmonics.
 SPECTRUM_S, RATE_HZ = 2.0, 1000.0
-#: Rates below this do not show 60 Hz, spectra fewer than this no steadiness.
+#: Rates below this do not show 60 Hz, spectra fewer than this no steadiness. Chosen by judgement:
+#: 150 Hz leaves room above 60 Hz, and of three spectra no deviation is told.
 LEAST_RATE_HZ, LEAST_SPECTRA = 150.0, 4
-#: Where a fundamental is looked for [Hz]: rates that are a quarter off.
+#: Where a fundamental is looked for [Hz]: rates that are a quarter off. Source: definition: 50 Hz
+#: less and 60 Hz more a quarter.
 LOW_HZ, HIGH_HZ = 37.5, 75.0
-#: The neighbourhood of a line, without the line itself [Hz].
+#: The neighbourhood of a line, without the line itself [Hz]. Chosen by judgement: 3 and 16 bins of
+#: a spectrum.
 NEAR_HZ, LINE_HZ = 8.0, 1.5
 #: A line stands over it by so much [dB], a harmonic by so much; both besides chance: so many
-#: standard deviations of a mean of logarithms, each 5.6 dB.
+#: standard deviations of a mean of logarithms, each 5.6 dB. The last is pi / sqrt(6) of a natural
+#: logarithm. Source: definition; the others chosen by judgement: ten times the power is seen by
+#: eye, and three deviations are chance once in 700 times.
 LINE_DB, HARMONIC_DB, SURE, LOG_DB = 10.0, 6.0, 3.0, 5.6
-#: Hum below this part of the quiet power does nothing.
+#: Hum below this part of the quiet power does nothing. Chosen by judgement: it adds 1 % to the
+#: noise's amplitude.
 MATTERS = 0.02
-#: Mains keep their frequency within this [Hz]; so many harmonics make a line one of mains.
+#: Mains keep their frequency within this [Hz]; so many harmonics make a line one of mains. Chosen
+#: by judgement: EN 50160 allows grids 1 % of 50 Hz; one harmonic may be another machine's.
 KEPT_HZ, HARMONICS = 0.5, 2
 
 
@@ -208,11 +218,12 @@ def _share(mean: Array, orders: Sequence[int], frequency: float) -> float:
     return lines / float(power[2:].sum())
 
 
+#: Chosen by judgement: longer than a period of hum or a step's impact, short beside SIDE of them.
 FRAME_S = 0.3
-#: Frames on each side of a step: 3 s, longer than any step rings.
+#: Frames on each side of a step: 3 s, longer than any step rings. Chosen by judgement.
 SIDE = 10
 #: A step is so many times the range of the means on either side, and of the frames' own deviation:
-#: less is neither sure nor matters.
+#: less is neither sure nor matters. Chosen by judgement: three deviations.
 STEP_SURE, STEP_MATTERS = 3.0, 1.0
 
 
@@ -318,18 +329,24 @@ def _shift(mean: Array, own: Array) -> Array:
     return np.where((np.abs(shift) >= least) & (own[:, 0] > 0), shift, 0.0)
 
 
-#: Second differences are looked at from so many times their mean in the window on.
+#: Second differences are looked at from so many times their mean in the window on. Chosen by
+#: judgement: white noise has such three times in a million samples.
 LOUD = 6.0
 #: And so many times their mean within so many samples: a window may be silent for the most part.
+#: Chosen by judgement: a quarter of a second at 1 kHz, less than from step to step.
 LOCAL = 256
-#: The same between two and so many samples away, of which at least so many are there.
+#: The same between two and so many samples away, of which at least so many are there. Chosen by
+#: judgement: a spike is one sample, what rings is seen in the next eight.
 NEAR, LEAST_NEAR = 8, 8
 #: So many times the largest and the median of those: the first leaves out what rings, the second
 #: what is only the largest of its noise (4 standard deviations of white noise are 6 medians).
+#: Chosen by judgement.
 ALONE, FAR = 4.0, 12.0
 #: Worn sensors see hits of a heel shorter than a sample: only what stands so much higher counts.
+#: Chosen by judgement: of 60 public recordings no foot sensor has a spike then (docs/faults.md).
 WORN = 2.0
-#: The two neighbours differ by no more than this part of the spike's height.
+#: The two neighbours differ by no more than this part of the spike's height. Chosen by judgement:
+#: before and after a spike the signal is what it was.
 BACK = 0.25
 
 

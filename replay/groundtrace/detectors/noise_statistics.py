@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..dsp.noise import NoiseLevel
 
 #: Lengths of the stretches after an arrival [s], and the parts of them beyond the threshold.
+#: Source: thesis, section 3.4.1 b.
 STRETCHES = ((0.01, 0.5), (0.001, 0.75), (0.0005, 0.5))
 
 

@@ -100,9 +100,11 @@ def times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-#: Samples of context on both sides of a window.
+#: Samples of context on both sides of a window. Chosen by judgement: more than the 8 samples of
+#: context that is looked at beside a run or a spike.
 MARGIN = 16
-#: A window is so long, whatever the blocks: the mean of so many samples is not moved by one.
+#: A window is so long, whatever the blocks: the mean of so many samples is not moved by one. Chosen
+#: by judgement.
 LENGTH_S, LEAST_SAMPLES = 2.0, 512
 
 
@@ -241,13 +243,17 @@ def _floats(block: SignalBlock) -> NDArray[np.floating]:
     return values
 
 
-#: Flat tops so near to each other are of the same rail, as a part of the channel's range.
+#: Flat tops so near to each other are of the same rail, as a part of the channel's range. Chosen by
+#: judgement: a rail is one value but for noise (docs/faults.md).
 SAME = 0.002
-#: So many flat tops, or one of so many samples, are no chance.
+#: So many flat tops, or one of so many samples, are no chance. Chosen by judgement: a smooth signal
+#: has one flat top of three samples now and then.
 TOPS, LONG_TOP = 2, 5
-#: A channel of fewer steps of its digitiser from end to end rests at its extremes by nature.
+#: A channel of fewer steps of its digitiser from end to end rests at its extremes by nature. Chosen
+#: by judgement: a sinusoid of 32 steps is within half a step of its maximum for 8 % of its period.
 LEAST_STEPS = 32
-#: A signal that goes beyond in more than this part of its flat tops is not held back there.
+#: A signal that goes beyond in more than this part of its flat tops is not held back there. Chosen
+#: by judgement: spikes and rounding go beyond a rail, a signal does not.
 BEYOND = 0.1
 
 
@@ -327,8 +333,10 @@ class Rails:
 
 
 #: Clocks of digitisers are within this of each other, cheap ones too [ppm]; more is another rate.
+#: Chosen by judgement: crystals are sold with up to 100 ppm.
 TOLERANCE_PPM = 200.0
 #: A rate is told by so long a run, and by times so much further off than they may jitter [s].
+#: Chosen by judgement: blocks are stamped by an operating system, as unevenly as that.
 LEAST_S, JITTER_S = 5.0, 0.005
 
 

@@ -18,6 +18,8 @@ from ..pipeline.stage import Frames
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+#: Length of a frame, and memory of the quiet swing and the noise [s]. Chosen by judgement: frames
+#: resolve a step and cost little; in 5 s there is quiet between steps.
 FRAME_S = 0.05
 NOISE_S = 5.0
 

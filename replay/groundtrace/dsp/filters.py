@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock
 
 #: Highest usable corner as a part of the sampling rate: a corner at Nyquist cannot be designed.
+#: Chosen by judgement: a tenth below Nyquist.
 HIGHEST_CORNER = 0.45
 
 

@@ -22,6 +22,7 @@ from ..kernels.picker import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+#: Length of a cell [s]. Chosen by judgement: a wave's onset takes some milliseconds.
 CELL_S = 0.001
 #: Gives the noise level up to and including each cell, from the cells' levels; keeps its state.
 NoiseLevel = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]

@@ -20,10 +20,11 @@ from groundtrace_codecs.events import CandidateBlock, Fix, Pick, StepEvent
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..dsp.robust import HUBER, MAD_SIGMA
 from ..evaluation.picks import ANSWER_S
 from ..evaluation.positions import found_places, match_places, true_places
 from ..localizers import tdoa
-from ..localizers.base import PlacedSensors, first_arrivals, place_candidate
+from ..localizers.base import EXPONENT, PlacedSensors, first_arrivals, place_candidate
 from ..localizers.tdoa import distances
 from ..pipeline.gates import Candidates, decided_block
 from ..pipeline.parameters import build
@@ -368,13 +369,11 @@ def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
     return found
 
 
-EXPONENTS = (1.0, 7 / 6, tdoa.EXPONENT)
+EXPONENTS = (1.0, 7 / 6, EXPONENT)
 #: Passes of reweighting.
 PASSES = 8
 #: The least error of an arrival reckoned with [s]: no picker is better.
 LEAST_NOISE_S = 5e-5
-#: Turns a median of absolute values into a standard deviation.
-NORMAL = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -435,7 +434,7 @@ def fit_curve(sources: Array, positions: Array, times_s: Array) -> Curve | None:
 
 
 def _fitted(apart: Array, times_s: Array, known: NDArray[np.bool_], exponent: float) -> Curve:
-    """Fit by reweighting: residuals beyond 1.345 standard deviations count linearly."""
+    """Fit by reweighting: residuals beyond :data:`HUBER` standard deviations count linearly."""
     u = np.where(known, apart, 0.0) ** exponent
     t = np.where(known, times_s, 0.0)
     weight = known.astype(np.float64)
@@ -445,8 +444,8 @@ def _fitted(apart: Array, times_s: Array, known: NDArray[np.bool_], exponent: fl
         t_off = t - (weight * t).sum(axis=1, keepdims=True) / whole
         slope = float((weight * u_off * t_off).sum() / max((weight * u_off**2).sum(), 1e-12))
         left = t_off - slope * u_off
-        noise_s = max(NORMAL * float(np.median(np.abs(left[known]))), LEAST_NOISE_S)
-        bound = tdoa.HUBER * noise_s
+        noise_s = max(MAD_SIGMA * float(np.median(np.abs(left[known]))), LEAST_NOISE_S)
+        bound = HUBER * noise_s
         weight = known * np.minimum(1.0, bound / np.maximum(np.abs(left), bound))
     heard = known.any(axis=1)
     origin = np.where(heard, (t - slope * u - left)[:, 0], np.nan)

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..dsp.robust import HUBER
 from ..localizers import tdoa
-from ..localizers.tdoa import HUBER
 from .relocate import LEAST_NOISE_S, Arrivals, blind_sources, fit_curve
 
 if TYPE_CHECKING:

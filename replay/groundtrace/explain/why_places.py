@@ -25,6 +25,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..dsp.robust import MAD_SIGMA
 from ..errors import PipelineError, RecordingError
 from ..evaluation.matching import match_steps
 from ..evaluation.picks import RIGHT_S
@@ -37,7 +38,6 @@ from .reasons import GateReading, below, locating, missing_channels, readings, t
 from .redecide import OfflineDecider
 from .relocate import (
     LEAST_NOISE_S,
-    NORMAL,
     Curve,
     Located,
     Reference,
@@ -446,7 +446,7 @@ class PositionErrorCause:
         first, second = np.triu_indices(late.shape[1], 1)
         apart = np.abs(late[:, first] - late[:, second])
         known = apart[np.isfinite(apart)] / np.sqrt(2)
-        found_s = NORMAL * float(np.median(known)) if len(known) else stated_s
+        found_s = MAD_SIGMA * float(np.median(known)) if len(known) else stated_s
         return min(max(found_s, LEAST_NOISE_S), max(stated_s, LEAST_NOISE_S))
 
     def _travel_s(self, places: Array, positions: Array) -> Array:

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, overload
 
 import numpy as np
 
+from groundtrace_codecs.signals import G0_MPS2
+
 from ..later import Later
 from ..pipeline.parameters import measured
 from .rotations import levelled, matrix
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
 else:
     attitude_kernels = Later("groundtrace.kernels.attitude")
 
-GRAVITY_MPS2 = 9.80665
 #: Rows of the error state: rotation in the earth frame, velocity, bias in the body frame, field of
 #: the iron that turns with the body, and the earth's field: north and up.
 TURN, SPEED, BIAS, IRON, EARTH = (
@@ -40,6 +41,7 @@ TURN, SPEED, BIAS, IRON, EARTH = (
     slice(9, 12),
     slice(12, 14),
 )
+#: Source: definition.
 SIZE = 14
 _ONE = np.eye(SIZE)
 _PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
@@ -87,7 +89,7 @@ class AttitudeNoise:
         """As compiled functions lay the beginning of their settings out, and gravity after it."""
         noise = (self.walk, self.scale, self.bias_walk, self.force_walk, self.speed)
         walks = (self.rest_rate, self.iron_walk, self.earth_walk)
-        return np.array([*noise, *walks, *[0.0] * 5, GRAVITY_MPS2])
+        return np.array([*noise, *walks, *[0.0] * 5, G0_MPS2])
 
 
 @dataclass(slots=True)

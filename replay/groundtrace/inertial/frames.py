@@ -146,12 +146,15 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
 
 #: What a sensor may measure; only the last may be missing.
 QUANTITIES = ("angular_velocity", "acceleration", "magnetic_field")
-#: After this long without a field the sensor goes on without one [ns].
+#: After this long without a field the sensor goes on without one [ns]. Chosen by judgement:
+#: magnetometers come at 1 Hz and faster.
 PATIENCE_NS = 2 * NS_PER_S
-#: A field is not interpolated over more than this, nor held for longer [ns].
+#: A field is not interpolated over more than this, nor held for longer [ns]. Chosen by judgement: a
+#: walker turns by up to 20 degrees in it.
 HOLD_NS = NS_PER_S // 5
 #: Of a field in unknown units, the median length over its first second is taken for this [ns, T]:
-#: the earth's is 22 to 67 uT (IGRF-13), 50 at middle latitudes.
+#: the earth's is 22 to 67 uT (IGRF-13), 50 at middle latitudes. Source: IGRF-13 for the field; the
+#: second chosen by judgement.
 UNIT_NS, EARTH_T = NS_PER_S, 50e-6
 
 

@@ -55,6 +55,7 @@ else:
     attitude_kernels = Later("groundtrace.kernels.attitude")
 
 #: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
+#: Chosen by judgement: two samples at 100 Hz.
 DELAY_PRIOR = (TESLA / 0.02) ** 2
 
 
@@ -279,9 +280,10 @@ def _scalar_filter(parameters: HeadingParameters) -> ScalarFilter | None:
     return None
 
 
-#: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s].
+#: A sensor rests that turns and shakes by less than this for a time [rad/s], [m/s2], [s]. Chosen by
+#: judgement: over the offset and noise of cheap sensors, under what a person who stands does.
 REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
-#: Velocity left at rest [m/s].
+#: Velocity left at rest [m/s]. Chosen by judgement: who stands sways by some 0.01 m/s.
 REST_SPEED = 0.02
 
 

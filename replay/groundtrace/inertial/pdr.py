@@ -48,13 +48,16 @@ if TYPE_CHECKING:
 else:
     navigation_kernels = Later("groundtrace.kernels.navigation")
 
-#: Time of a step that follows none [s].
+#: Time of a step that follows none [s]. Chosen by judgement: of a usual walk.
 USUAL_STEP_S = 0.55
-#: Direction of a step against the way the walker looks, counter-clockwise [rad].
+#: Direction of a step against the way the walker looks, counter-clockwise [rad]. Source:
+#: definition.
 ASIDE = {"backward": math.pi, "left": math.pi / 2, "right": -math.pi / 2}
-#: How fast a walker may have come from where they were seen first [m/s].
+#: How fast a walker may have come from where they were seen first [m/s]. Chosen by judgement: a
+#: brisk walk.
 WALK_MPS = 1.5
 #: An azimuth that the compass alone is to tell may have changed by this since the last step [rad].
+#: Chosen by judgement: half a right angle and a little, as a deviation.
 ANYHOW = 0.9
 
 
@@ -284,9 +287,11 @@ class BodyWornSensor:
 
 #: A step counts satellite fixes up to so long after it.
 LATE_NS = NS_PER_S
-#: It waits until the signal is so far beyond it: streams come in portions, and late.
+#: It waits until the signal is so far beyond it: streams come in portions, and late. Chosen by
+#: judgement: twice a slow step.
 WAIT_NS = 3 * NS_PER_S // 2
-#: Fixes from so long ago are remembered.
+#: Fixes from so long ago are remembered. Chosen by judgement: it bounds memory; a receiver's fix
+#: comes later by less.
 KEPT_NS = 60 * NS_PER_S
 #: Axis that looks ahead where none is named, by placement; elsewhere the walk tells it.
 AXES: dict[str, Ahead] = {"phone": "y", "foot": "x", "wrist": "x"}
@@ -447,9 +452,11 @@ def _has_pressure(stream: Stream) -> bool:
     return any(c.quantity == "pressure" and c.unit == "Pa" for c in stream.channels)
 
 
-#: Weight of a step's field in the usual one, once there were some.
+#: Weight of a step's field in the usual one, once there were some. Chosen by judgement: fifty
+#: steps.
 NEWEST = 0.02
-#: The earth's field has a horizontal part of at least about this, where a compass works [T].
+#: The earth's field has a horizontal part of at least about this, where a compass works [T]. Chosen
+#: by judgement: below 6 uT the World Magnetic Model cautions against compasses.
 LEAST_T = 5e-6
 
 

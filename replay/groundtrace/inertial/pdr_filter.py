@@ -210,10 +210,13 @@ class Track:
 
 Array = NDArray[np.float64]
 
-#: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale.
+#: Rows of the state: place [m], offset [rad], its drift [rad/s], mount [rad], scale. Source:
+#: definition.
 PLACE, OFFSET, DRIFT, MOUNT, SCALE = slice(0, 2), 2, 3, 4, 5
+#: Source: definition.
 SIZE = 6
 #: An offset less sure than this is not known at all: nothing can be linearised about it [rad].
+#: Chosen by judgement: sin and its tangent then differ by a fifth.
 LOST_RAD = 1.0
 
 
@@ -356,7 +359,8 @@ def _room() -> Array:
 
 
 _MATRIX = (SIZE, SIZE)
-#: Rows that there is room for at least, once there is for any.
+#: Rows that there is room for at least, once there is for any. Chosen by judgement: it bounds how
+#: often arrays grow.
 _LEAST = 64
 
 

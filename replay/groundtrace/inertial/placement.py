@@ -83,14 +83,17 @@ PLACEMENTS: dict[Site, str] = {
 #: A guess less sure than this contradicts nobody. Without a gyroscope, neither does it stand in for
 #: a placement that nobody states: an upper arm and a pouch on the breast (oxford-step, 0.64 and
 #: 0.53) then pass for the waist, which they are not timed like; the lower backs of mobgap have 0.71
-#: and 0.90 without theirs. Chosen on these; reported on back-steps (bench/unstated_placement.py).
+#: and 0.90 without theirs. Chosen by trial on these; reported on back-steps
+#: (bench/unstated_placement.py).
 SURE = 0.7
-#: With a gyroscope a guess stands in where it is likelier than all others together.
+#: With a gyroscope a guess stands in where it is likelier than all others together. Source:
+#: definition.
 LIKELIER = 0.5
 #: Thresholds: spread of the force's length [m/s2], root mean square of the angular velocity of a
 #: foot and of a swinging limb [rad/s], part of the time that a foot does not turn, of the felt
 #: vertical's angle [deg], part of the movement that comes once a stride, and how far up the face
-#: looks [cosine].
+#: looks [cosine]. Chosen by trial on the recordings looked at in docs/placement.md, which has the
+#: reason of each.
 SWING_MPS2, FOOT_RADPS, LIMB_RADPS, RESTS = 5.0, 2.0, 1.0, 0.15
 TILT_DEG, ONCE, FACE = 15.0, 0.5, 0.7
 
@@ -209,18 +212,23 @@ def _passed(*ratios: float, power: int = 4) -> float:
 
 #: Who says it in a replay.
 SOURCE = "placement"
-#: What turns slower than this part of nearly the fastest does not turn.
+#: What turns slower than this part of nearly the fastest does not turn. Chosen by judgement: a foot
+#: stands for a third of the stride, a pendulum is as slow for a tenth (docs/placement.md).
 _SLOW, _NEARLY = 0.15, 95
 #: Walking is looked at in windows of this length, half a window apart, so many in which somebody
-#: walks (two minutes) of so many at all (ten minutes) [s].
+#: walks (two minutes) of so many at all (ten minutes) [s]. Chosen by judgement: four strides and
+#: more; they bound the cost.
 WINDOW_S, MOST_WALKED, MOST_HEARD = 5.0, 47, 240
-#: Movements above this frequency are not looked at, so that slow sensors see the same [Hz].
+#: Movements above this frequency are not looked at, so that slow sensors see the same [Hz]. Chosen
+#: by judgement: 15 Hz sees them too, and steps have their strength below.
 CUTOFF_HZ = 6.0
 #: A window is a walk where it repeats itself so well, moves so much [m/s2], and in both halves.
+#: Chosen by trial on the recordings looked at in docs/placement.md.
 _RHYTHM, _MOVES_MPS2, _EVEN = 0.5, 0.3, 0.5
-#: Fewer windows tell nothing.
+#: Fewer windows tell nothing. Chosen by judgement: of two, no median is told.
 _FEWEST = 3
-#: A rhythm slower than this is that of strides [s].
+#: A rhythm slower than this is that of strides [s]. Chosen by judgement: steps of 0.75 s are slow,
+#: and so are strides of 1.5 s.
 _STRIDE_S = 0.75
 
 

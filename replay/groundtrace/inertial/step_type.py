@@ -78,6 +78,7 @@ else:
     steps_kernels = Later("groundtrace.kernels.steps")
 
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
+#: Chosen by judgement: many steps, and less than an offset drifts in.
 _OFFSET_S = 20.0
 
 
@@ -155,24 +156,30 @@ class BodyAxes:
 
 
 #: Points of the grid per step time; how far it reaches before and after the contact [steps]. With
-#: the two steps that follow it, a step is then known within four.
+#: the two steps that follow it, a step is then known within four. Chosen by judgement: 32 points
+#: have 16 harmonics of a step; the two steps on either side are what late corrections look at.
 POINTS, BEFORE, AFTER = 32, 2.5, 1.5625
-#: Phase of the points of the grid, in steps about the contact.
+#: Phase of the points of the grid, in steps about the contact. Source: definition.
 PHASE: Array = np.arange(-BEFORE * POINTS, AFTER * POINTS + 1) / POINTS
 #: Place of the contact on the grid.
 CONTACT = round(BEFORE * POINTS)
-#: Standard deviation of the Gaussian that smooths a strip [steps].
+#: Standard deviation of the Gaussian that smooths a strip [steps]. Chosen by judgement: three
+#: harmonics of a step are left.
 _SMOOTH = 0.1
-#: The vertical maximum of a step lies in this span of its contact [steps].
+#: The vertical maximum of a step lies in this span of its contact [steps]. Chosen by judgement: one
+#: step long, as the contact comes shortly before the maximum.
 _TOP = (-0.35, 0.65)
-#: The frontal maximum of a step is looked for this near to its vertical maximum [steps].
+#: The frontal maximum of a step is looked for this near to its vertical maximum [steps]. Chosen by
+#: judgement: farther away it is a neighbour's.
 _NEAR = 0.5
-#: Lateral minima and maxima lie in this part of the range, from its ends.
+#: Lateral minima and maxima lie in this part of the range, from its ends. Chosen by judgement: less
+#: deep ones are ripples of a lobe.
 _DEEP = 0.3
-#: Where ranges are compared, and where the vertical mean is taken: first and last place.
+#: Where ranges are compared, and where the vertical mean is taken: first and last place. Chosen by
+#: judgement: a step and its neighbours' halves.
 _NEAR_CONTACT = (CONTACT - round(1.5 * POINTS), CONTACT + round(1.5 * POINTS))
 _ABOUT = (CONTACT - POINTS, CONTACT + POINTS)
-#: Weights of a point's neighbours.
+#: Weights of a point's neighbours. Source: definition: three deviations of the Gaussian.
 _HALF = round(3 * _SMOOTH * POINTS)
 _WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINTS)) ** 2)
 
@@ -264,10 +271,12 @@ def lateral(strip: Array) -> LateralShape:
     return LateralShape(*found)
 
 
-#: Steps further apart than this many step times are of two walks.
+#: Steps further apart than this many step times are of two walks. Chosen by judgement: a missed
+#: step is two step times apart.
 LINKED = 1.8
-#: Slopes confirm an order where they differ by at least this logarithm; not that of a maximum
-#: about half a step away, which may be a neighbour's [steps].
+#: Slopes confirm an order where they differ by at least this logarithm; not that of a maximum about
+#: half a step away, which may be a neighbour's [steps]. Chosen by judgement: a third steeper is
+#: seen, less is noise.
 _CONFIRMS, _FAR = 0.3, 0.4
 
 
@@ -356,11 +365,13 @@ def _sign(value: float) -> int:
     return (value > 0) - (value < 0)
 
 
-#: Order of the low-pass (EPFL).
+#: Order of the low-pass. Source: EPFL, section on preprocessing.
 ORDER = 3
-#: Steps nearer or further apart say nothing of the step time [s].
+#: Steps nearer or further apart say nothing of the step time [s]. Chosen by judgement: nobody runs
+#: faster or walks slower without a pause.
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.2, 2.0
-#: Step time before anything tells it [s].
+#: Step time before anything tells it [s]. Chosen by judgement: of side steps, back steps and a
+#: walk.
 USUAL_STEP_S = 0.6
 
 
@@ -517,6 +528,7 @@ class StepWindowCollector:
 
 
 TYPES = ("forward", "backward", "left", "right")
+#: Source: definition.
 FRONTAL, LATERAL = frozenset({0, 1}), frozenset({2, 3})
 
 

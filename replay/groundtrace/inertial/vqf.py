@@ -19,15 +19,16 @@ from ..pipeline.gates import Level
 from ..pipeline.parameters import measured
 from .attitude import HeadingFrame
 from .heading import HeadingStage, axis_of, joined
+from .magnetometer import TESLA
 from .rotations import headings_of, product
 
 if TYPE_CHECKING:
     from .frames import Samples
     from .rotations import Array
 
-#: How long the field at the start is averaged for a reference [s].
+#: How long the field at the start is averaged for a reference [s]. Chosen by judgement: long
+#: against noise, short against a walk; VQF itself wants several seconds of turning.
 REFERENCE_S = 1.0
-TESLA = 1e-6
 
 
 @dataclass(frozen=True, slots=True)

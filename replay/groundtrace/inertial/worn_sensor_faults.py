@@ -55,15 +55,18 @@ if TYPE_CHECKING:
 FORCE, TURNING, FIELD = "acceleration", "angular_velocity", "magnetic_field"
 #: Who says it in a replay.
 SOURCE = "health"
-#: Windows [s] and the blocks in each: gravity stands still for good, a field indoors for some
-#: steps only.
+#: Windows [s] and the blocks in each: gravity stands still for good, a field indoors for some steps
+#: only. Chosen by those who asked for the check.
 FORCE_WINDOW_S, FORCE_BLOCKS = 8.0, 4
 FIELD_WINDOW_S, FIELD_BLOCKS = 3.0, 6
-#: The field is brought to about the size of gravity, above the floor of spreads [1/T].
+#: The field is brought to about the size of gravity, above the floor of spreads [1/T]. Source:
+#: definition: 50 uT become 5.
 _FIELD_SCALE = 1e5
-#: A gyroscope that is slower than this is not integrated [Hz].
+#: A gyroscope that is slower than this is not integrated [Hz]. Chosen by judgement: slower, a turn
+#: between two samples is not small.
 LEAST_HZ = 15.0
-#: Told apart from fewer of the 47 other axis maps, what is stated is not called confirmed.
+#: Told apart from fewer of the 47 other axis maps, what is stated is not called confirmed. Source:
+#: definition: half of them.
 MOST_RIVALS = 24
 EFFECT = "headings, tracks and step types go astray"
 
@@ -454,20 +457,22 @@ def judged(
 
 
 #: A rival fits better whose spread is smaller by this mean of logarithms, so many standard errors
-#: from nothing, in so many windows at least. Named by issue with the windows' lengths; on 7 trials
-#: of BROAD and 2 recordings of mobgap no rival at the stated scale comes near (0.12 at most), on
-#: the recordings that bench/corrupted_inputs.py reports none is told.
+#: from nothing, in so many windows at least. Chosen by those who asked for the check, as the
+#: windows' lengths; on 7 trials of BROAD and 2 recordings of mobgap no rival at the stated scale
+#: comes near (0.12 at most), on the recordings that bench/corrupted_inputs.py reports none is told.
 RATIO, ERRORS, LEAST_WINDOWS = 0.2, 3.0, 5
 #: What fits worse than the best by less than this, or by fewer standard errors, fits as well.
-#: Chosen on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
+#: Chosen by trial on BROAD and mobgap (bench/corrupted_inputs.py), where more names other axes.
 EQUAL, EQUAL_ERRORS = 0.1, 2.0
 #: Stated in deg/s and called rad/s, a gyroscope turns so much for 8 s [rad/s, root mean square
 #: about its mean], or e times this farther than gravity turns. What is worn reaches 6 rad/s (the
-#: foot and the swung board of BROAD and LLIO); what hardly moves reaches 57 times 0.2 rad/s.
+#: foot and the swung board of BROAD and LLIO); what hardly moves reaches 57 times 0.2 rad/s. Chosen
+#: by trial on these.
 TOO_FAST_RADPS, TOO_FAR = 10.0, 1.0
 #: Stated in rad/s and called deg/s, it turns by less than this for each m/s2 that a walker shakes
 #: it [rad/s per m/s2]: waist and board of mobgap and BROAD lie from 0.3 to 1.3, 57 times less is
 #: 0.023 at most. Looked at where the length of acceleration has such a standard deviation [m/s2].
+#: Chosen by trial on these.
 LEAST_TURN, SHAKEN_MPS2 = 0.06, 0.8
 
 
@@ -733,7 +738,7 @@ def too_slow(spreads: Spreads) -> tuple[float, float, int] | None:
 
 
 #: The signed permutations that are rotations, shape (24, 3, 3), the identity first. Rival i of all
-#: 48 is the i-th of these, or minus the (i - 24)-th.
+#: 48 is the i-th of these, or minus the (i - 24)-th. Source: definition.
 ROTATIONS: Array = np.array(
     sorted(
         (
@@ -747,21 +752,25 @@ ROTATIONS: Array = np.array(
 )
 RIVALS: Array = np.concatenate([ROTATIONS, -ROTATIONS])
 #: What the stated angular velocity is multiplied by: taken as stated, and as if rad/s had been
-#: called deg/s, or the other way round.
+#: called deg/s, or the other way round. Source: definition.
 SCALES = (1.0, 180 / math.pi, math.pi / 180)
 #: Samples are averaged down to no less than this [Hz]: in one, a foot turns by 0.3 rad at most.
+#: Chosen by judgement: a foot turns by up to 30 rad/s.
 RATE_HZ = 100.0
 #: So many windows are kept before every second one is passed over, and so on: an hour costs little
-#: more than ten minutes, and memory hardly grows.
+#: more than ten minutes, and memory hardly grows. Chosen by judgement.
 KEPT = 32
 #: The median over the windows so far of the means of a gyroscope is its offset and taken out, if it
 #: is no more than this [rad/s]: 20 deg/s, the zero-rate tolerance of a cheap one (InvenSense
 #: MPU-6050, product specification). More is turning. What is worn turns back, or not, in most
-#: windows; and an offset is no reason to change axes.
+#: windows; and an offset is no reason to change axes. Source: InvenSense MPU-6050, product
+#: specification.
 OFFSET_RADPS = 0.35
-#: The units are tried in every so-many-th window that is kept: they are told by far more.
+#: The units are tried in every so-many-th window that is kept: they are told by far more. Chosen by
+#: judgement.
 UNITS_EVERY = 4
-#: Spreads are kept this far above nothing, so that a signal without noise has a logarithm.
+#: Spreads are kept this far above nothing, so that a signal without noise has a logarithm. Chosen
+#: by judgement: far below the noise of any sensor.
 _FLOOR = 1e-9
 
 

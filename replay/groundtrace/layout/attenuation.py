@@ -9,6 +9,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
+from ..dsp.robust import HUBER, MAD_SIGMA
 from ..pipeline.source import Source
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 PASSES = 20
-#: Residuals beyond so many standard deviations count linearly (Huber's loss).
-HUBER = 1.345
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def fit_attenuation(distances_m: Array, amplitudes: Array) -> Attenuation | None
             return None
         law = np.linalg.solve(information, x.T @ (weights * y))
         off = y - x @ law
-        scatter = max(1.4826 * float(np.median(np.abs(off))), 1e-9)
+        scatter = max(MAD_SIGMA * float(np.median(np.abs(off))), 1e-9)
         scatter *= float(np.sqrt(len(logs) / (free + 2)))
         weights = np.minimum(1.0, HUBER * scatter / np.maximum(np.abs(off), 1e-12))
     covariance = np.linalg.inv(information) * scatter**2

@@ -23,6 +23,7 @@ import numpy as np
 from groundtrace_codecs.events import Pick, StageSpec, StepEvent
 from groundtrace_codecs.signals import NS_PER_S
 
+from ..dsp.robust import HUBER
 from ..errors import PipelineError, RecordingError
 from ..explain.sensors import swap_notes
 from ..localizers import tdoa
@@ -39,7 +40,7 @@ from ..localizers.joint_calibration import (
     places_on,
     start,
 )
-from ..localizers.tdoa import HUBER, calibrated_velocity, distances
+from ..localizers.tdoa import calibrated_velocity, distances
 from ..pipeline.stage import LEAST_PICKS
 
 if TYPE_CHECKING:
@@ -744,7 +745,7 @@ def place_errors(
     times, true = gathered.times_s[rows], gathered.known[rows]
     before = [tdoa.locate_power_law(gathered.positions, row, room) for row in times]
     impacts = Impacts(gathered.positions, times, bounds_of(gathered.positions, room))
-    after = places_on(impacts, found.floor, room, tdoa.HUBER * found.sigma_s)
+    after = places_on(impacts, found.floor, room, HUBER * found.sigma_s)
     return PlaceErrors(
         len(rows), _rms(np.array([(p.x, p.y) for p in before]) - true), _rms(after - true)
     )

@@ -36,9 +36,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Regions count less by this factor for every sign more that contradicts them; for the covariance.
-#: The more signs contradict even the best region, the less one more sign says.
+#: The more signs contradict even the best region, the less one more sign says. Chosen by judgement:
+#: two signs more count a sixteenth, so that the covariance covers the best regions and their
+#: neighbours.
 NEAR = 0.25
-#: Distances of so many impacts times regions are held at once.
+#: Distances of so many impacts times regions are held at once. Chosen by judgement: 16 MB of
+#: doubles.
 CELLS = 2_000_000
 
 
@@ -153,9 +156,11 @@ def spread(regions: Regions, weight: Array, about: Array) -> Array:
     return covariance
 
 
-#: Points nearer to a line than this part of the room's extent lie on it.
+#: Points nearer to a line than this part of the room's extent lie on it. Chosen by judgement: above
+#: the rounding of doubles (1e-16), far below any region.
 TOLERANCE = 1e-9
-#: Rows compared at once where regions are compared with each other.
+#: Rows compared at once where regions are compared with each other. Chosen by judgement: it bounds
+#: memory.
 ROWS = 512
 
 

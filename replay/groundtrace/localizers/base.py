@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Without an outline the sensors' rectangle is searched, widened by this part of its longer side.
+#: Chosen by judgement: steps are heard from a little beyond the sensors too.
 MARGIN = 0.1
 
 
@@ -66,7 +67,9 @@ def outline_of(
     return room
 
 
-#: Places looked back on, and how many of them the value given beforehand counts as.
+#: Places looked back on, and how many of them the value given beforehand counts as. Chosen by
+#: judgement: a minute of steps follows a slow change, and four hold the value while little is
+#: known.
 MEMORY, PRIOR_COUNT = 64, 4
 
 
@@ -103,7 +106,7 @@ class RunningSigma:
         self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
 
 
-#: Of a thin plate, from the thesis on footstep localisation, equation (4.24).
+#: How arrival times grow with distance on a thin plate. Source: thesis, equation (4.24).
 EXPONENT = 4 / 3
 
 
@@ -175,6 +178,7 @@ def reference_distance(positions: Array) -> float:
 
 
 #: Arrivals older than this before the newest are forgotten: a step is announced well before [ns].
+#: Chosen by judgement: it bounds memory.
 KEEP_NS = 10 * NS_PER_S
 
 

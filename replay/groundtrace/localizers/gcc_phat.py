@@ -49,7 +49,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Spectra = NDArray[np.complex128]
 
-#: Signal right before the first arrival that is not taken for noise [s].
+#: Signal right before the first arrival that is not taken for noise [s]. Chosen by judgement: an
+#: onset may begin so long before it is picked.
 GUARD_S = 0.004
 COLUMNS = (
     Quantity("height", "1"),
@@ -277,13 +278,16 @@ def _loudness(values: Array, noise: Array) -> Array:
     return np.asarray(np.minimum(loud, 1e6))
 
 
-#: Frequency at which delays are given [Hz].
+#: Frequency at which delays are given [Hz]. Chosen by judgement: in a footstep's band, as low as it
+#: is strong.
 REFERENCE_HZ = 100.0
 #: Noise spectra are averaged over so much [Hz] and, since spectra scatter, taken so many times; the
-#: samples of a window's ends fade over [s].
+#: samples of a window's ends fade over [s]. Chosen by judgement: few milliseconds of noise have
+#: bins that wide, and the fade is short beside a window.
 SMOOTH_HZ, NOISE_FACTOR, FADE_S = 150.0, 2.0, 0.003
 #: Points of the search per shortest period, passes of reweighting, and the misfit that halves a
-#: pair's weight [s].
+#: pair's weight [s]. Chosen by judgement: eight points of a period find its maximum, passes end
+#: when nothing moves, and a pair on the wrong period (some ms) counts little.
 POINTS, PASSES, MISFIT_S = 8.0, 12, 6e-4
 
 

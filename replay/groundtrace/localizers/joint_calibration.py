@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..dsp.robust import CAUCHY, HUBER
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
 from .base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
@@ -37,18 +38,24 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: An impact tells of the floor what its own three unknowns leave over.
+#: An impact tells of the floor what its own three unknowns leave over. Source: definition, one more
+#: than those.
 TELLING = 4
-#: Reweightings with each impact: the fit goes on from the one before.
+#: Reweightings with each impact: the fit goes on from the one before. Chosen by judgement: a second
+#: one changes little and costs as much.
 ROUNDS_EACH = 1
-#: The floor is estimated anew when one in so many of the impacts is new.
+#: The floor is estimated anew when one in so many of the impacts is new. Chosen by judgement: it
+#: bounds the cost of an impact however many there are.
 RENEWAL = 8
-#: A pace known to this is taken as it is.
+#: A pace known to this is taken as it is. Chosen by judgement: three paces are then not worth three
+#: times the work.
 SURE = 0.05
 #: The paces a place is averaged over: three points that have the moments of a normal law, by
-#: deviations from the best one, and their weights.
+#: deviations from the best one, and their weights. Source: definition: Gauss-Hermite quadrature of
+#: three points.
 ABSCISSA, WEIGHTS = 3**0.5, (2 / 3, 1 / 6, 1 / 6)
 #: How far a floor may stray from the one that the geometry names, of the logarithm of its pace.
+#: Chosen by judgement: what is stated is trusted, but not against many arrivals.
 KNOWN_DEVIATION = 0.1
 
 
@@ -143,7 +150,7 @@ def running_arrival_model(
 
 
 def locate(
-    running: RunningFloor, times_s: Array, sigma_s: float = 5e-4, huber: float = tdoa.HUBER
+    running: RunningFloor, times_s: Array, sigma_s: float = 5e-4, huber: float = HUBER
 ) -> LocationEstimate:
     """Return the place of an impact on the floor that is known by now, and learn from it.
 
@@ -220,17 +227,20 @@ def mixed_moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, 
 
 Loss = Literal["huber", "soft-l1", "cauchy", "trimmed"]
 LOSSES: tuple[Loss, ...] = ("huber", "soft-l1", "cauchy", "trimmed")
-#: Weight of a residual, in standard deviations; the constants give 95 % efficiency, the trimmed
-#: loss drops what a normal law gives once in 150.
+#: Weight of a residual, in standard deviations; the trimmed loss drops what a normal law gives once
+#: in 144. Source: those of groundtrace.dsp.robust; the rest chosen by judgement: soft-l1 is Huber's
+#: loss rounded off, and few arrivals are trimmed that are right.
 LOSS_WEIGHTS: dict[Loss, Callable[[Array], Array]] = {
-    "huber": lambda z: 1.345 / np.maximum(np.abs(z), 1.345),
-    "soft-l1": lambda z: 1 / np.sqrt(1 + (z / 1.345) ** 2),
-    "cauchy": lambda z: 1 / (1 + (z / 2.385) ** 2),
+    "huber": lambda z: HUBER / np.maximum(np.abs(z), HUBER),
+    "soft-l1": lambda z: 1 / np.sqrt(1 + (z / HUBER) ** 2),
+    "cauchy": lambda z: 1 / (1 + (z / CAUCHY) ** 2),
     "trimmed": lambda z: (np.abs(z) <= 2.7).astype(np.float64),
 }
-#: Reweightings, steps within each, and the relative gain below which steps end.
+#: Reweightings, steps within each, and the relative gain below which steps end. Chosen by
+#: judgement: fits settle in fewer.
 ROUNDS, STEPS, GAIN = 12, 6, 1e-6
-#: A sigma is never estimated below this [s].
+#: A sigma is never estimated below this [s]. Chosen by judgement: far below a sample at 20 kHz, so
+#: that arrivals without error can be fitted.
 LEAST_SIGMA_S = 1e-7
 
 
@@ -419,11 +429,14 @@ def _covariance(
     return out
 
 
-#: Paces tried, and the largest of them over the smallest.
+#: Paces tried, and the largest of them over the smallest. Chosen by judgement: a factor of 1.24
+#: apart, within reach of the fit that follows.
 PACES, SPAN = 14, 16.0
-#: Impacts that the trial of paces looks at, and those that the first fit does, out of all.
+#: Impacts that the trial of paces looks at, and those that the first fit does, out of all. Chosen
+#: by judgement: they bound the cost of a start that is refined with all.
 TRIED, STARTED = 24, 40
-#: With unknown clocks: factors of the pace tried, and how often places are sought anew.
+#: With unknown clocks: factors of the pace tried, and how often places are sought anew. Chosen by
+#: judgement: a factor of two to either side of the first pace, which clocks bend.
 FACTORS, ALTERNATIONS = (0.5, 0.7, 1.0, 1.4, 2.0), 4
 
 
@@ -553,7 +566,7 @@ def _first_floor(
     for floor in tried:
         current = fit(impacts, floor, places_on(impacts, floor, outline), free=still, rounds=3)
         for _ in range(ALTERNATIONS if offsets else 0):
-            again = places_on(impacts, current.floor, outline, 1.345 * current.sigma_s)
+            again = places_on(impacts, current.floor, outline, HUBER * current.sigma_s)
             current = fit(impacts, current.floor, again, free=still, rounds=3)
         found.append(current)
     return min(found, key=lambda one: one.sigma_s).floor
@@ -586,9 +599,11 @@ def _scatter(rows: Array) -> tuple[Array, float]:
     return column, float(np.nanmedian(np.abs(left - column)))
 
 
-#: Exponents a fit may try.
+#: Exponents a fit may try. Chosen by judgement: 1 is a constant velocity, 4/3 a thin plate (thesis,
+#: equation (4.24)); both have room about them.
 EXPONENTS = (0.4, 2.5)
 #: Distances count as at least this part of the reference: beside a sensor the slope has no limit.
+#: Chosen by judgement.
 NEAREST = 1e-3
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
+from ..dsp.robust import HUBER
 from ..pipeline.parameters import gate, measured
 from . import arrival_order, joint_calibration, tdoa
-from .base import ArrivalLocalizer, LocalizerParameters, RunningSigma, columns, gates
+from .base import EXPONENT, ArrivalLocalizer, LocalizerParameters, RunningSigma, columns, gates
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     Times = NDArray[np.float64]
 
 #: Time scale of the velocity law where the geometry names none [s]: that of the thesis's floor.
+#: Source: thesis, chapters 5 and 6, where it is 5e-6 to 5e-5.
 THETA_S = 1e-5
 
 
@@ -108,13 +110,13 @@ class PowerLawParameters(LocalizerParameters):
     ] = 0.003
     exponent: Annotated[
         float, measured("1", "Power of distance that arrivals grow with.", gt=0, le=2)
-    ] = tdoa.EXPONENT
+    ] = EXPONENT
     sigma_s: Annotated[
         float, measured("s", "Error of an arrival until the places found tell it.", gt=0)
     ] = 5e-4
     huber: Annotated[
         float, measured("1", "Residuals beyond so many sigma_s, as given, count linearly.", gt=0)
-    ] = tdoa.HUBER
+    ] = HUBER
 
 
 class PowerLaw(ArrivalLocalizer):
@@ -156,7 +158,7 @@ class SelfCalibratingParameters(LocalizerParameters):
     memory: Annotated[int, measured("1", "Impacts looked back on.", ge=6)] = 64
     exponent: Annotated[
         float, measured("1", "Exponent where the geometry names none.", gt=0, le=2)
-    ] = tdoa.EXPONENT
+    ] = EXPONENT
     exponent_deviation: Annotated[
         float, measured("1", "How far the exponent may stray; 0 keeps it.", ge=0)
     ] = 0.1
@@ -165,7 +167,7 @@ class SelfCalibratingParameters(LocalizerParameters):
     ] = 5e-4
     huber: Annotated[
         float, measured("1", "Residuals beyond so many deviations count linearly.", gt=0)
-    ] = tdoa.HUBER
+    ] = HUBER
 
 
 class SelfCalibrating(ArrivalLocalizer):

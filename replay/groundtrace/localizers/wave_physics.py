@@ -346,7 +346,7 @@ class Solid:
         return 2 * self.s_mps * float(np.sqrt(1 - (self.s_mps / self.p_mps) ** 2))
 
 
-#: 8 a^2 of (4.24), with the thesis's a = 183 m^2/s.
+#: 8 a^2 of (4.24), with the thesis's a = 183 m^2/s. Source: thesis, equation (4.24).
 PLATE = 8 * 183.0**2
 
 
@@ -420,7 +420,8 @@ def onset_s(
     return onset
 
 
-_HALVINGS = 60  # more than the bits of a double
+#: More than the bits of a double. Source: definition.
+_HALVINGS = 60
 
 
 def bisect(function: Callable[[Array], Array], low: Array, high: Array) -> Array:
@@ -445,8 +446,11 @@ def bisect(function: Callable[[Array], Array], low: Array, high: Array) -> Array
     return 0.5 * (low + high)
 
 
-_PLATE_STEP = 0.01  # of the table over k r: the phase turns 0.01 rad between two entries
-_TOP = 1600.0  # end of that table: 3 kHz at 157 m on the default plate
+#: Of the table over k r: the phase turns 0.01 rad between two entries. Chosen by judgement.
+_PLATE_STEP = 0.01
+#: End of that table: 3 kHz at 157 m on the default plate. Chosen by judgement: farther and faster
+#: than any step is heard.
+_TOP = 1600.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,9 @@ stands still makes no step, so that the clock stands still too. The thesis does 
 filter starts: here both positions are the first fix, and the one before is unknown within a pace.
 Nor does it follow a walker whose step is missed, or who turns about: see :class:`Motion`.
 
-A finished track is smoothed (:func:`.dsp.kalman.smoothed`): every step is estimated from all steps
-after it as well.
+A finished track is smoothed: every step is estimated from all steps after it as well. Source: H. E.
+Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic systems, AIAA Journal
+3 (1965), on the model of a walk by steps.
 """
 
 from __future__ import annotations
@@ -17,17 +18,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..dsp.kalman import KalmanFilter
-
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-#: How a step leads to the next, (6.2), and what of the state is observed, (6.3).
+#: How a step leads to the next, (6.2), and what of the state is observed, (6.3). By hand: the
+#: kinematic filters of filterpy observe sums of the coordinates. Source: thesis, equations (6.2)
+#: and (6.3).
 F = np.kron(np.array([[0.0, 1.0], [-1.0, 2.0]]), np.eye(2))
 H = np.kron(np.array([[0.0, 1.0]]), np.eye(2))
-#: Usual distance between two steps [m], section 6.2.1 of the thesis.
+#: Usual distance between two steps [m], section 6.2.1 of the thesis. Source: thesis, section 6.2.1.
 PACE_M = 0.35
 
 
@@ -121,23 +124,28 @@ class StepFilter:
     """
 
     def __init__(self, model: WalkModel, place: Array, spread: Array) -> None:
-        self._filter = KalmanFilter(np.concatenate([place, place]), spread)
+        from filterpy.kalman import KalmanFilter
+
+        self._filter = KalmanFilter(dim_x=4, dim_z=2)
+        self._filter.x = np.concatenate([place, place])
+        self._filter.P = np.array(spread, np.float64)
+        self._filter.H = H
         self._straight = Motion.ahead(model)
 
     @property
     def state(self) -> Array:
         """Place before and present place, shape (4,) [m]."""
-        return self._filter.x
+        return np.array(self._filter.x, np.float64)
 
     @property
     def spread(self) -> Array:
         """Covariance of the state, shape (4, 4) [m^2]."""
-        return self._filter.p
+        return np.array(self._filter.P, np.float64)
 
     @property
     def gain(self) -> Array:
         """What a metre of innovation moved the state by in the last step, shape (4, 2)."""
-        return self._filter.gain
+        return np.array(self._filter.K, np.float64)
 
     def distance(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Return the Mahalanobis distance of a fix from the predicted next step.
@@ -165,13 +173,42 @@ class StepFilter:
     def step(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Predict the next step and take its fix in; return the NIS (2 degrees of freedom)."""
         motion = motion or self._straight
-        self._filter.predict(motion.f, motion.q)
-        # by the distance, so that results are what they were to the last bit
-        return float(np.sqrt(self._filter.update(place, H, noise)) ** 2)
+        self._filter.predict(F=motion.f, Q=motion.q)
+        self._filter.update(place, R=noise)
+        return float(self._filter.mahalanobis**2)
 
     def _innovation(self, place: Array, noise: Array, motion: Motion | None) -> tuple[Array, Array]:
         """Return how far off the prediction a fix is, shape (2,), and the covariance of that."""
         motion = motion or self._straight
-        spread = motion.f @ self._filter.p @ motion.f.T + motion.q
+        spread = motion.f @ self._filter.P @ motion.f.T + motion.q
         innovation: Array = place - H @ motion.f @ self._filter.x
         return innovation, H @ spread @ H.T + noise
+
+
+def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[Array, Array]:
+    """Return the states of a track as all of its fixes tell them.
+
+    Parameters
+    ----------
+    states
+        Shape (n, 4): the filter's after each step [m].
+    spreads
+        Shape (n, 4, 4): their covariances [m^2].
+    motions
+        How each was predicted; the first is none of them, so that its motion does not count.
+
+    Returns
+    -------
+    States, shape (n, 4) [m], and their covariances, shape (n, 4, 4) [m^2]; the last are the
+    filter's own.
+    """
+    from filterpy.kalman import KalmanFilter
+
+    n = len(states)
+    if n < 2:
+        return states.copy(), spreads.copy()
+    smoother = KalmanFilter(dim_x=4, dim_z=2)
+    found, covariances, _, _ = smoother.rts_smoother(
+        states, spreads, [motion.f for motion in motions], [motion.q for motion in motions]
+    )
+    return np.asarray(found, np.float64), np.asarray(covariances, np.float64)

@@ -40,9 +40,11 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: How improbable a turn is, as minus twice the logarithm of 5 %.
+#: How improbable a turn is, as minus twice the logarithm of 5 %. Chosen by judgement: the usual 5 %
+#: of a test.
 TURN_SURPRISE = 6.0
-#: A walker can only turn when his next step is due: from this part of his pace on.
+#: A walker can only turn when his next step is due: from this part of his pace on. Chosen by
+#: judgement: paces of one walker scatter by some per cent, hardly by a fifth.
 TURN_DUE = 0.8
 
 
@@ -209,7 +211,8 @@ def nearest(
     return min(found)
 
 
-#: The pace of a walker is known from so many intervals on, and judged by the last of them.
+#: The pace of a walker is known from so many intervals on, and judged by the last of them. Chosen
+#: by judgement: one interval may be of two walkers; older ones may be of another speed.
 LEAST_PACES, PACES = 2, 5
 
 
@@ -334,7 +337,8 @@ class TrackerParameters:
     ] = 0.1
 
 
-#: A track counts from its second fix on, which must be among three that could be its own.
+#: A track counts from its second fix on, which must be among three that could be its own. Chosen by
+#: judgement: a single false fix starts no track, a single missed step stops none.
 START_FIXES, START_CHANCES = 2, 3
 
 

@@ -65,7 +65,7 @@ _Fast = Annotated[float, gate("m/s", "Highest speed.", gt=0)]
 _Cycles = Annotated[float, gate("1", "Fewest cycles with a place.", ge=4)]
 
 #: Log-likelihood that a mirror image lacks at least where powers tell it from the course: it is
-#: then 20 times less likely.
+#: then 20 times less likely. Source: definition, exp(3).
 _TOLD = 3.0
 _SPEED, _PLACE = Quantity("speed", "m/s"), Quantity("sigma", "m")
 _MOTION = (
@@ -272,13 +272,17 @@ class CurveFinder(RunWorker):
 
 #: One strength of the vehicle for all cycles, one for each, or what the powers speak for.
 Strength = Literal["one", "each", "auto"]
-#: Fewest places of single cycles that make a course or start a path.
+#: Fewest places of single cycles that make a course or start a path. Chosen by judgement: two make
+#: any line, a third one may be chance.
 _LEAST_PLACES = 4
-#: Nodes along the longer side of the lattice of single cycles.
+#: Nodes along the longer side of the lattice of single cycles. Chosen by judgement: finer than the
+#: error of a single cycle.
 _NODES = 60
-_MARGIN = 0.75  # of the stations' longer side
+#: Of the stations' longer side. Chosen by judgement: farther away powers tell no place.
+_MARGIN = 0.75
 #: Power over the noise from which a station counts in a single cycle [1], and the standard
-#: deviation along the longer axis from which a place does not [m].
+#: deviation along the longer axis from which a place does not [m]. Chosen by judgement: a power
+#: scatters by a third, so that noise alone seldom reaches it.
 _CLEAR, _UNSURE_M = 1.5, 15.0
 
 
@@ -512,7 +516,8 @@ def _undelayed(fit: CourseFit, observed: Observed, velocity_mps: float) -> Cours
     return replace(course, time_s=course.time_s - delay_s)
 
 
-#: Sine of the angle at which a line has to be crossed: along it, place and time are unknown.
+#: Sine of the angle at which a line has to be crossed: along it, place and time are unknown. Chosen
+#: by judgement: 17 degrees.
 _STEEP = 0.3
 
 

@@ -21,6 +21,8 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .lines import Course
 from .medium import (
+    CYCLE_POINTS,
+    CYCLE_WEIGHTS,
     EXPONENT,
     Fitted,
     PowerLaw,
@@ -41,14 +43,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Points of Gauss's quadrature within a cycle: a vehicle at speed is not in one place.
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _LAW = PowerLaw(1.0, EXPONENT)
-#: Courses nearer than this many standard deviations, and 0.1 m, are one.
+#: Courses nearer than this many standard deviations, and 0.1 m, are one. Chosen by judgement: what
+#: errors cannot tell apart is one.
 _ALIKE, _ALIKE_M = 0.5, 0.1
 #: What is known of the noise's factor: that this power of it is 1, as surely as a power is known.
+#: Chosen by trial on simulated roads: held more tightly, courses were better or worse by no more
+#: than by the vehicles (docs/vehicles.md).
 _FACTOR_WEIGHT = 0.2
-#: Log-likelihood that a rival may lack.
+#: Log-likelihood that a rival may lack. Source: definition: 22000 times less likely.
 _MOST_LOST = 10.0
 
 
@@ -281,7 +284,7 @@ class _Model:
     def _quadrature(self) -> tuple[Array, Array]:
         if self.observed.cycle_s <= 0:
             return np.zeros(1), np.full(1, 2.0)
-        return _POINTS * self.observed.cycle_s / 2, _WEIGHTS
+        return CYCLE_POINTS * self.observed.cycle_s / 2, CYCLE_WEIGHTS
 
     def _repeated(self, fit: Fitted) -> float:
         """Return of how many cycles one tells as much as an independent one: a fade may last."""
@@ -308,7 +311,7 @@ class _Model:
         return CourseFit(course, log_mu, sigma, likely, evidence, scatter, samples)
 
 
-#: Courses scored at once, times powers.
+#: Courses scored at once, times powers. Chosen by judgement: 16 MB of doubles.
 _CELLS = 2_000_000
 
 
@@ -426,10 +429,12 @@ def _lost(observed: Observed, courses: Array, each_mu: bool) -> Array:
     return np.asarray(lost.sum(axis=(1, 2)))
 
 
-#: Power over the noise from which a station hears a vehicle on its way [1].
+#: Power over the noise from which a station hears a vehicle on its way [1]. Chosen by judgement:
+#: the vehicle is as strong as the noise.
 _HEARD = 2.0
 _LEAST_HEARD = 2
-#: A vehicle is near while the loudest station has this part of the run's greatest power.
+#: A vehicle is near while the loudest station has this part of the run's greatest power. Chosen by
+#: judgement: 10 dB.
 _NEAR = 0.1
 
 
@@ -539,12 +544,15 @@ def part_of(observed: Observed, span: slice) -> Observed:
     )
 
 
-#: Standard deviation of a power over its mean from which one course may be of two vehicles: that
-#: of one vehicle is a third, and up to 0.8 under fading.
+#: Standard deviation of a power over its mean from which one course may be of two vehicles: that of
+#: one vehicle is a third, and up to 0.8 under fading. Chosen by judgement: a little over a third;
+#: more than one vehicle must then be likelier.
 UNLIKE = 0.4
 #: Unknowns of a second vehicle; by what part of the powers' number Schwarz's criterion must be
-#: better, as if each scattered by a fifth less.
+#: better, as if each scattered by a fifth less. Chosen by judgement: powers of a cycle are not
+#: independent of those of the next.
 _UNKNOWNS, _MARGIN = 5, 0.4
+#: Chosen by judgement: parts of two vehicles settle in fewer.
 _ROUNDS = 3
 
 

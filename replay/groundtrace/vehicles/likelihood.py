@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Refinements about the best node, each so many times as fine.
+#: Refinements about the best node, each so many times as fine. Chosen by judgement: 256 times finer
+#: than the table.
 REFINEMENTS, FINER = 4, 4
 #: Nodes that differ by this part of the best are as good but for rounding.
 #: source: some thousand roundings of 64-bit numbers, 2.2e-16 each.
@@ -311,6 +312,7 @@ class LikelihoodPlaces(CycleStage):
             yield location.fix(time_ns, _PLUGIN, self._stage)
 
 
+#: Newton steps at most. Chosen by judgement: far more than it takes.
 _STEPS = 30
 
 

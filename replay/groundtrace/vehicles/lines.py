@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..dsp.robust import MAD_SIGMA, TUKEY
 from ..localizers.joint_calibration import LOSS_WEIGHTS
 
 if TYPE_CHECKING:
@@ -19,10 +20,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Loss = Literal["squares", "huber", "tukey"]
-#: Tukey's constant of 95 % efficiency, in standard deviations.
-_TUKEY = 4.685
+#: Reweightings at most. Chosen by judgement: far more than it takes.
 _ROUNDS = 50
-_ROBUST = 1.4826  # standard deviation over median absolute deviation of a normal law
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,8 +180,8 @@ def _weighted(design: Array, places: Array, weights: Array) -> Array:
 
 def _weights(kind: str, off: Array) -> Array:
     """Return a weight per place for its distances off the course, shape (n, 2)."""
-    scale = _ROBUST * np.median(np.abs(off - np.median(off, axis=0)), axis=0)
+    scale = MAD_SIGMA * np.median(np.abs(off - np.median(off, axis=0)), axis=0)
     z = np.linalg.norm(off / np.maximum(scale, 1e-9), axis=1) / np.sqrt(2)
     if kind == "huber":
         return LOSS_WEIGHTS["huber"](z)
-    return np.asarray(np.where(z < _TUKEY, (1 - (z / _TUKEY) ** 2) ** 2, 0.0), np.float64)
+    return np.asarray(np.where(z < TUKEY, (1 - (z / TUKEY) ** 2) ** 2, 0.0), np.float64)

@@ -55,17 +55,21 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Method = Literal["likelihood", "median", "geometric", "means"]
-#: Standard deviation of ln theta times the root of the number of independent samples.
+#: Standard deviation of ln theta times the root of the number of independent samples. Source:
+#: large-sample theory of each, of powers that are exponential deviates.
 DEVIATIONS: dict[Method, float] = {
     "likelihood": 3**0.5,
     "median": 2.0,
     "geometric": float(np.pi / 3**0.5),
     "means": 2**0.5,
 }
-#: A power that is less above the noise counts as if this part of it were the vehicle's.
+#: A power that is less above the noise counts as if this part of it were the vehicle's. Chosen by
+#: judgement: a fifth of a power scatters by more than itself.
 _LEAST_SHARE = 0.2
+#: Newton steps at most. Chosen by judgement: far more than it takes.
 _NEWTON = 20
-_LONGEST = 2.0  # of a Newton step in ln theta
+#: Of a Newton step in ln theta. Chosen by judgement: it keeps a bad start from overshooting.
+_LONGEST = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,11 +266,13 @@ def estimate(
     return RatioEstimate(log_theta, DEVIATIONS[method] / np.sqrt(count), count)
 
 
-#: A cycle's ratios need so much of its samples.
+#: A cycle's ratios need so much of its samples. Chosen by judgement: ratios want the same time at
+#: all stations.
 _LEAST_PART = 0.9
-#: A place needs so many stations.
+#: A place needs so many stations. Source: definition: two ratios for two coordinates.
 _LEAST = 3
-#: Cycles with a vehicle are remembered for so long [ns].
+#: Cycles with a vehicle are remembered for so long [ns]. Chosen by judgement: it bounds memory; a
+#: vehicle has passed by then.
 _KEEP_NS = 60 * NS_PER_S
 
 

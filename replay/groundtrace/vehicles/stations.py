@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 #: Stations no further off the line through them than this part of their length are in a row. At a
 #: distance d beside the row the power at one that is e off differs from that of the mirror image by
 #: 3 e / d (n = 1.5), less than the third by which a power errs where e < d / 9; d is taken to be a
-#: quarter of the length.
+#: quarter of the length. Source: definition.
 _ROW = 1 / 36
 
 
@@ -82,7 +82,8 @@ def candidates_of(rows: list[tuple[int, int, list[float]]], columns: int) -> Can
     )
 
 
-#: A channel that is silent for longer is not waited for [ns].
+#: A channel that is silent for longer is not waited for [ns]. Chosen by judgement: no recorder is
+#: as late, and a replay goes on without a dead one.
 _PATIENCE_NS = 30 * NS_PER_S
 
 

@@ -28,19 +28,26 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: State of the filter on powers: x, y, vx, vy, ln mu; on places it lacks the last.
+#: State of the filter on powers: x, y, vx, vy, ln mu; on places it lacks the last. Source:
+#: definition.
 _STATES = 5
-#: Variances of the first state: nothing is known of it [m^2, m^2/s^2, 1].
+#: Variances of the first state: nothing is known of it [m^2, m^2/s^2, 1]. Chosen by judgement:
+#: deviations of 100 m, 20 m/s and a factor of e^10.
 _UNKNOWN = np.array([1e4, 1e4, 400.0, 400.0, 100.0])
-#: Variance of ln U that leaves a power without influence.
+#: Variance of ln U that leaves a power without influence. Chosen by judgement: a ten-millionth of a
+#: usual power's information.
 _DEAF = 1e6
 #: Rounds of linearisation, and by what the variance of powers is raised in the first of them, in
-#: which their slopes are those of a rough path.
+#: which their slopes are those of a rough path. Chosen by judgement: without the caution rough
+#: paths draw the fit away; it settles in fewer rounds.
 _ROUNDS, _CAUTION = 25, (16.0, 9.0, 4.0, 2.0)
+#: A path that moves by less has settled [m]. Chosen by judgement: a thousandth of its error.
 _STAYS_M = 1e-3
-#: Greatest standard deviation of a power over its mean that is believed.
+#: Greatest standard deviation of a power over its mean that is believed. Chosen by judgement: more
+#: is no scatter but another vehicle.
 _MOST_SIGMA = 3.0
-#: A cycle has a place if so many powers are above the noise.
+#: A cycle has a place if so many powers are above the noise. Source: definition: two coordinates
+#: and a strength.
 _LEAST_HEARD = 3
 
 

@@ -29,7 +29,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..pipeline.gates import Level
 from ..pipeline.parameters import gate, measured
-from .medium import Scatter, cube_root_normalised, scatter_of
+from .medium import CYCLE_POINTS, CYCLE_WEIGHTS, Scatter, cube_root_normalised, scatter_of
 from .passes import PassFinder, Road, StationPass, associate, smoothed
 from .stations import CycleStage, candidates_of
 
@@ -47,14 +47,17 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: The cycles after a pass whose window of signal holds it [s]: those tell whether it is an impact,
-#: which a vehicle that has just gone by does not.
+#: which a vehicle that has just gone by does not. Source: definition: windows of 4 s that end by
+#: then.
 _ABOUT_S = (0.5, 3.5)
-#: Passes without which a vehicle is none.
+#: Passes without which a vehicle is none. Chosen by judgement: of one pass no speed is known.
 _FEWEST = 2
 #: Peak over the noise, and standard deviation of its moment [s], from which a pass of a single
-#: station may start a vehicle. They are no gates: those decide about what is found.
+#: station may start a vehicle. They are no gates: those decide about what is found. Chosen by trial
+#: on simulated roads of seeds 1 to 10 (docs/vehicles.md).
 _CLEAR, _CLEAR_S = 4.0, 2.0
-#: Quiet cycles kept before the first in which something passes [s].
+#: Quiet cycles kept before the first in which something passes [s]. Chosen by judgement: the skirts
+#: of a slow vehicle's power are that long.
 _LEAD_S = 15.0
 
 
@@ -322,6 +325,8 @@ def _passes(observed: RoadPowers, told: FittedVehicle) -> Iterator[StationPass]:
         )
 
 
+#: Of a damped fit; the largest step, and the damping at which it gives up; where it gains so
+#: little, it ends. Chosen by judgement: a tolerance far below what a vehicle more must gain.
 _DAMPING = (1e-2, 0.3, 5.0)  # at the start; after a step that helps, and after one that does not
 _LARGEST_STEP, _WORST_DAMPING = 1.5, 1e5
 _TOLERANCE = 0.04  # of twice the log-likelihood
@@ -449,19 +454,21 @@ class _State:
     information: Array
 
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 #: Columns of a vehicle: moment, ln slowness, ln peak, ln distance, then ln gain at each station.
+#: Source: definition.
 MOMENT, SLOWNESS, PEAK, DISTANCE, GAINS = range(5)
-#: Slowness is kept between these [s/m].
+#: Slowness is kept between these [s/m]. Chosen by judgement: from a walk to 216 km/h.
 _SLOWNESS = (1 / 60, 1.0)
-#: Distance from the lane where no road is known, and the least that is believed [m].
+#: Distance from the lane where no road is known, and the least that is believed [m]. Chosen by
+#: judgement: a lane and its verge.
 _USUAL_M, _LEAST_M = 5.0, 2.0
 #: Standard deviations of what is known beforehand: of the moment about where it is looked for [s],
 #: and of logarithms: 2 to 60 m/s within two of 11 m/s, peaks of 13 dB over the noise within two of
-#: 9 dB each, lanes of a road, gains of stations.
+#: 9 dB each, lanes of a road, gains of stations. Chosen by judgement.
 _SIGMAS = (3.0, 0.7, 2.0, 0.35, 0.3)
 _USUAL_MPS, _USUAL_OVER_FLOOR = 11.0, 20.0
-#: Vehicles expected, one in so many seconds.
+#: Vehicles expected, one in so many seconds. Chosen by judgement: a quiet road; a factor of ten is
+#: 2.3 of log evidence.
 _EVERY_S = 30.0
 
 
@@ -588,9 +595,11 @@ class RoadPowers:
         """
         n = len(self.along_m)
         width = self.widths(vehicle)[:, None]
-        late = self.times_s[rows, None, None] + _POINTS * self.cycle_s / 2
+        late = self.times_s[rows, None, None] + CYCLE_POINTS * self.cycle_s / 2
         x = (late - self.moments(vehicle)[:, None]) / width
-        parts = self.peaks(vehicle)[:, None] * (1 + x**2) ** (-self.exponent / 2) * (_WEIGHTS / 2)
+        parts = (
+            self.peaks(vehicle)[:, None] * (1 + x**2) ** (-self.exponent / 2) * (CYCLE_WEIGHTS / 2)
+        )
         falling = self.exponent * x / (1 + x**2) * parts
         power, wider = parts.sum(axis=-1), (falling * x).sum(axis=-1)
         later = (falling / width).sum(axis=-1)
@@ -603,19 +612,25 @@ class RoadPowers:
 
 
 #: Vehicles whose ways along the stations come this near in time are fitted jointly [s]; so much
-#: before and after them is looked at.
+#: before and after them is looked at. Chosen by trial on simulated roads of seeds 1 to 10
+#: (docs/vehicles.md).
 _BESIDE_S, _SEARCH_ABOUT_S = 1.5, 5.0
-#: By so much the evidence must grow.
+#: By so much the evidence must grow. Chosen by trial on simulated roads of seeds 1 to 10
+#: (docs/vehicles.md).
 _MARGIN = 1.5
-#: Steps of a first trial, of a full fit; how many trials are fitted fully.
+#: Steps of a first trial, of a full fit; how many trials are fitted fully. Chosen by trial on
+#: simulated roads of seeds 1 to 10 (docs/vehicles.md).
 _FIRST, _FULL, _BEST = 5, 25, 2
 _CHANGES, _SWEEPS = 6, 2
-#: Half of what two halves of a vehicle are apart [s], and what each has of its peak, ln.
+#: Half of what two halves of a vehicle are apart [s], and what each has of its peak, ln. Chosen by
+#: trial on simulated roads of seeds 1 to 10 (docs/vehicles.md).
 _APART_S, _HALF = 0.4, 0.5
 #: Excess of power is smoothed over so many cycles, and looked for this far from the ends [s].
+#: Chosen by trial on simulated roads of seeds 1 to 10 (docs/vehicles.md).
 _SMOOTH, _INSIDE_S = 5, 3.0
 _TRIED_MPS = (6.0, 14.0)
-#: Of a vehicle that stations hear at once [s/m].
+#: Of a vehicle that stations hear at once [s/m]. Chosen by trial on simulated roads of seeds 1 to
+#: 10 (docs/vehicles.md).
 _LEAST_SLOWNESS = 1 / 50
 
 

@@ -23,7 +23,6 @@ from groundtrace.inertial.rotations import (
     turned,
 )
 from groundtrace.inertial.strapdown import (
-    GRAVITY_MPS2,
     ErrorStateFilter,
     Pose,
     Segment,
@@ -45,6 +44,7 @@ from groundtrace.localizers.gcc_phat import (
 )
 from groundtrace.localizers.tdoa import Model, losses
 from groundtrace.pipeline.gates import Candidates, GateState
+from groundtrace_codecs.signals import G0_MPS2
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -238,12 +238,12 @@ def plain_step(pose, segment):
     turns = np.concatenate([pose.orientation[None], turns])
     forces = turned(turns, segment.force - pose.force_bias)
     pushes = 0.5 * (forces[1:] + forces[:-1]) * dt
-    pushes[:, 2] -= GRAVITY_MPS2 * segment.interval_s
+    pushes[:, 2] -= G0_MPS2 * segment.interval_s
     gained = pushes.cumsum(axis=0)
     place = pose.place + ((pose.velocity + gained - 0.5 * pushes) * dt).sum(axis=0)
     length = segment.length_s
     axes = matrix(normalised(0.5 * (turns[0] + turns[-1]))) * length
-    force = skew(gained[-1] + np.array([0.0, 0.0, GRAVITY_MPS2 * length]))
+    force = skew(gained[-1] + np.array([0.0, 0.0, G0_MPS2 * length]))
     out = np.eye(15)
     out[0:3, 9:12], out[3:6, 0:3], out[3:6, 12:15] = -axes, -force, -axes
     out[3:6, 9:12], out[6:9, 3:6] = 0.5 * force @ axes, length * np.eye(3)
