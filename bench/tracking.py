@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from groundtrace.dsp.kalman import smoothed
 from groundtrace.localizers import arrival_order
 from groundtrace.localizers.wave_physics import arrivals
-from groundtrace.trackers.kalman import Motion, StepFilter, WalkModel, first_spread
+from groundtrace.trackers.kalman import Motion, StepFilter, WalkModel, first_spread, smoothed
 
 SIDE = 5.4
 SENSORS = np.array([(x, y) for y in (0, SIDE / 2, SIDE) for x in (0, SIDE / 2, SIDE)])

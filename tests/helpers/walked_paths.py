@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.dsp.kalman import smoothed
 from groundtrace.localizers import arrival_order
 from groundtrace.localizers.wave_physics import arrivals
-from groundtrace.trackers.kalman import Motion, StepFilter, first_spread
+from groundtrace.trackers.kalman import Motion, StepFilter, first_spread, smoothed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,11 +17,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..dsp.kalman import KalmanFilter
 from .rotations import wrap_angle
 
 if TYPE_CHECKING:
@@ -114,8 +113,13 @@ class Exponential:
         return float(np.sqrt(self.variance))
 
 
-def _two_states() -> KalmanFilter:
-    return KalmanFilter(np.zeros(2), np.diag([1e-6, np.radians(0.05) ** 2]))
+def _two_states() -> Any:
+    from filterpy.kalman import KalmanFilter
+
+    made = KalmanFilter(dim_x=2, dim_z=1)
+    made.H = np.array([[1.0, 0.0]])
+    made.P = np.diag([1e-6, np.radians(0.05) ** 2])
+    return made
 
 
 @dataclass(slots=True)
@@ -132,29 +136,30 @@ class AzimuthKalman:
 
     memory_s: float = 300.0
     bias_rps: float = np.radians(0.05)
-    _filter: KalmanFilter = field(default_factory=_two_states)
+    _filter: Any = field(default_factory=_two_states)
 
     def advance(self, dt_s: float, walk_rad2: float) -> float:
         """Predict; the azimuth's increment is applied at once, so that it is 0 again."""
         kept = np.exp(-dt_s / self.memory_s)
-        noise = np.diag([walk_rad2, self.bias_rps**2 * (1 - kept**2)])
-        self._filter.predict(np.array([[1.0, -dt_s], [0.0, kept]]), noise)
+        f = self._filter
+        f.F = np.array([[1.0, -dt_s], [0.0, kept]])
+        f.Q = np.diag([walk_rad2, self.bias_rps**2 * (1 - kept**2)])
+        f.predict()
         return self._applied()
 
     def correct(self, difference_rad: float, sigma_rad: float) -> float:
         """Update by the compass."""
-        azimuth = np.array([[1.0, 0.0]])
-        self._filter.update(np.array([difference_rad]), azimuth, np.array([[sigma_rad**2]]))
+        self._filter.update(np.array([difference_rad]), R=np.array([[sigma_rad**2]]))
         return self._applied()
 
     @property
     def sigma_rad(self) -> float:
         """Standard deviation of the azimuth [rad]."""
-        return float(np.sqrt(self._filter.p[0, 0]))
+        return float(np.sqrt(self._filter.P[0, 0]))
 
     def _applied(self) -> float:
-        turn = float(self._filter.x[0])
-        self._filter.x[0] = 0.0
+        turn = float(self._filter.x[0, 0])
+        self._filter.x[0, 0] = 0.0
         return turn
 
 

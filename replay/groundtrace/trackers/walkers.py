@@ -23,11 +23,10 @@ from groundtrace_codecs.events import SMOOTHED, Fix, Quantity, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign
-from ..dsp.kalman import smoothed
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import measured
 from ..pipeline.stage import Context, Input, Stage
-from .kalman import PACE_M, Motion, StepFilter, WalkModel, first_spread
+from .kalman import PACE_M, Motion, StepFilter, WalkModel, first_spread, smoothed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

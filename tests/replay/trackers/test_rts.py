@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from walked_paths import PATHS, filtered, located, rms, tracked
 
-from groundtrace.dsp.kalman import smoothed
-from groundtrace.trackers.kalman import F, H, Motion, WalkModel, first_spread
+from groundtrace.trackers.kalman import F, H, Motion, WalkModel, first_spread, smoothed
 
 MODEL = WalkModel(0.1, 0.5)
 
