@@ -14,6 +14,7 @@ Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic s
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from filterpy.kalman import KalmanFilter
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -124,23 +126,19 @@ class StepFilter:
     """
 
     def __init__(self, model: WalkModel, place: Array, spread: Array) -> None:
-        from filterpy.kalman import KalmanFilter
-
-        self._filter = KalmanFilter(dim_x=4, dim_z=2)
-        self._filter.x = np.concatenate([place, place])
-        self._filter.P = np.array(spread, np.float64)
-        self._filter.H = H
+        #: Place before and present place, shape (4,) [m], and their covariance, (4, 4) [m^2].
+        self.state: Array = np.concatenate([place, place])
+        self.spread: Array = np.array(spread, np.float64)
         self._straight = Motion.ahead(model)
 
-    @property
-    def state(self) -> Array:
-        """Place before and present place, shape (4,) [m]."""
-        return np.array(self._filter.x, np.float64)
+    @cached_property
+    def _filter(self) -> KalmanFilter:
+        # half a second to load, and a track of one fix has nothing to filter
+        from filterpy.kalman import KalmanFilter
 
-    @property
-    def spread(self) -> Array:
-        """Covariance of the state, shape (4, 4) [m^2]."""
-        return np.array(self._filter.P, np.float64)
+        made = KalmanFilter(dim_x=4, dim_z=2)
+        made.x, made.P, made.H = self.state, self.spread, H
+        return made
 
     @property
     def gain(self) -> Array:
@@ -175,13 +173,15 @@ class StepFilter:
         motion = motion or self._straight
         self._filter.predict(F=motion.f, Q=motion.q)
         self._filter.update(place, R=noise)
+        self.state = np.array(self._filter.x, np.float64)
+        self.spread = np.array(self._filter.P, np.float64)
         return float(self._filter.mahalanobis**2)
 
     def _innovation(self, place: Array, noise: Array, motion: Motion | None) -> tuple[Array, Array]:
         """Return how far off the prediction a fix is, shape (2,), and the covariance of that."""
         motion = motion or self._straight
-        spread = motion.f @ self._filter.P @ motion.f.T + motion.q
-        innovation: Array = place - H @ motion.f @ self._filter.x
+        spread = motion.f @ self.spread @ motion.f.T + motion.q
+        innovation: Array = place - H @ motion.f @ self.state
         return innovation, H @ spread @ H.T + noise
 
 
