@@ -39,6 +39,8 @@ BLOCK_S, ALONE_BLOCK_S, LONGEST_BLOCK_S = 0.5, 2.0, 30.0
 #: Longest gap that is filled instead of ending the run [s]. Chosen by judgement: lost packets are
 #: shorter, and a step is longer.
 BRIDGE_S = 0.1
+#: It is at least this many sampling intervals. Chosen by judgement: one lost sample is no gap.
+BRIDGE_PERIODS = 2.5
 
 
 def block_length_s(streams: Sequence[Stream]) -> float:
@@ -270,7 +272,7 @@ class IrregularRuns:
 
     def __init__(self, stream: Stream, bridge_s: float) -> None:
         self.stream = replace(stream, irregular=False)
-        self.bridge_ns = max(bridge_s * NS_PER_S, 2.5 * stream.period_ns)
+        self.bridge_ns = max(bridge_s * NS_PER_S, BRIDGE_PERIODS * stream.period_ns)
         self._anchor_ns: int | None = None
         self._next = 0
         self._time_ns = 0

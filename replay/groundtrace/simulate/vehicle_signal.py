@@ -177,8 +177,8 @@ PARTS = 16
 #: Frames before time 0 that may be asked for: a seed is never negative. Chosen by judgement: more
 #: than any recording has.
 BEFORE = 1 << 20
-#: Chosen by judgement: soft edges ring little; an engine of four strokes; more samples of a sinc cost
-#: more than they say.
+#: Chosen by judgement: soft edges ring little; an engine of four strokes; more samples of a
+#: sinc cost more than they say.
 _EDGE = 0.2  # of the band's width, over which it begins and ends
 _ORDERS = np.array([0.5, 0.25, 0.15, 0.1])  # parts of the engine's power at multiples of its rate
 _SWING_S, _SWING = 7.0, 0.02  # by what part the engine's rate swings, and how slowly
