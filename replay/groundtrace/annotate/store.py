@@ -507,9 +507,13 @@ def check_key(found: RecordingKey, expected: RecordingKey, name: str) -> None:
 
 #: Who annotates where nobody says so; the name of the system's user is nobody's business.
 AUTHOR = "annotator"
-#: Times may be rounded this far beyond the recording, as printed ones are [ns].
+#: Times may be rounded this far beyond the recording, as printed ones are [ns]. Chosen by
+#: judgement: times are printed with milliseconds.
 _ROUNDING_NS = 1_000_000
+#: Longest name and note of a mark [characters]. Chosen by judgement: a line and some pages, so that
+#: a file of others cannot fill memory.
 _LONGEST_NAME, _LONGEST_NOTE = 100, 10_000
+#: The first number that int64 does not hold. Source: definition.
 _INT64_LIMIT = 1 << 63
 
 

@@ -40,17 +40,22 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewest moments that agree.
+#: Fewest moments that agree. Chosen by judgement: four agree by chance too often, as their shift
+#: and drift take two.
 LEAST_MATCHED = 5
 #: The drift is estimated where its deviation is at most this [1e-6]: crystals differ by more.
+#: Chosen by judgement.
 DRIFT_SIGMA_PPM = 15.0
-#: Two shifts nearer than this are one [s].
+#: Two shifts nearer than this are one [s]. Chosen by judgement: as near as a step is matched.
 _APART_S = 0.12
-#: Moments further apart on the whole are taken to be so far apart [s].
+#: Moments further apart on the whole are taken to be so far apart [s]. Chosen by judgement: pauses
+#: are no intervals of steps.
 _LONGEST_S = 2.0
-#: A shift without a second one must be this much likelier than chance.
+#: A shift without a second one must be this much likelier than chance. Source: definition: exp(8)
+#: is 3000.
 _CHANCE = 8.0
-#: Scatter of moments that is taken for known before any are compared [s], and its weight.
+#: Scatter of moments that is taken for known before any are compared [s], and its weight. Chosen by
+#: judgement: what pickers of steps scatter by, held like four moments.
 _USUAL_S, _USUAL_WEIGHT = 0.015, 4
 
 
@@ -262,14 +267,21 @@ def _nearest(sorted_: Array, values: Array) -> NDArray[np.intp]:
     return found
 
 
-#: Clocks differ by no more than this [1e-6].
+#: Clocks differ by no more than this [1e-6]. Chosen by judgement: crystals are sold with up to 100
+#: ppm.
 DRIFT_MAX_PPM = 100.0
+#: Length of a bin in which moments are counted, and deviation of the Gaussian that smooths them
+#: [s]. Chosen by judgement: below the scatter of moments; about twice it.
 _BIN_S = 0.01
 _SMOOTH_S = 0.03
-#: Drift may move a moment by this over what both recorded without being searched for [s].
+#: Drift may move a moment by this over what both recorded without being searched for [s]. Chosen by
+#: judgement: as much as the Gaussian smooths away anyhow.
 _SMEAR_S = 0.04
+#: Shifts that are tried in full. Chosen by judgement: it bounds the cost; a rhythm has a shift
+#: every half second.
 _CANDIDATES = 40
-#: Candidates nearer than this are one [s].
+#: Candidates nearer than this are one [s]. Chosen by judgement: a refinement goes from one to the
+#: other.
 _ONE_S = 0.05
 
 
@@ -323,11 +335,15 @@ def _peaks(a: Array, b: Array, gained: float) -> list[tuple[float, float, float]
 
 #: What the best shift must have over the second best, as a logarithm of likelihoods: a little, and
 #: this many deviations of what two scatters of n moments that are alike differ by, the root of n.
+#: Chosen by judgement: rather no shift than a wrong one: 3.5 deviations are chance once in 2000
+#: times.
 _MARGIN, _MARGIN_DEVIATIONS = 4.0, 3.5
-#: Or this much by the number of moments that agree alone: two starts or stops that do not.
+#: Or this much by the number of moments that agree alone: two starts or stops that do not. Chosen
+#: by judgement: a factor of three million.
 _MARGIN_COUNTED = 15.0
 #: Least and largest probability that a recording lacks a moment of the other, and the logarithm of
-#: that it lacks any number in a row: a room hears nothing of a walk outside.
+#: that it lacks any number in a row: a room hears nothing of a walk outside. Chosen by judgement:
+#: no detector finds all, and where most is missed nothing is aligned.
 _MISSED, _UNHEARD = (0.1, 0.6), -5.0
 
 
@@ -395,12 +411,16 @@ def needed(best: ClockShift) -> float:
     return _MARGIN + _MARGIN_DEVIATIONS * float(np.sqrt(best.matched))
 
 
-#: Length of a bin of the strength of a signal [s].
+#: Length of a bin of the strength of a signal [s]. Chosen by judgement: finer than an onset is
+#: told.
 _EVENT_BIN_S = 0.005
-#: Impacts nearer than this are one [s], and how far before its peak one begins at most.
+#: Impacts nearer than this are one [s], and how far before its peak one begins at most. Chosen by
+#: judgement: an impact rings for less than 0.3 s and rises in less than 0.1 s.
 _EVENTS_APART_S, _RISE_S = 0.3, 0.1
 #: An impact reaches this part of the third strongest, and begins where this part of it is reached.
+#: Chosen by judgement: the third strongest, so that two knocks on the sensor hide no step.
 _STRONG, _ONSET = 0.5, 0.3
+#: Impacts that are compared at most. Chosen by judgement: it bounds the cost.
 _MOST = 40
 _ACCELERATION = frozenset({"acceleration", "acceleration_magnitude"})
 

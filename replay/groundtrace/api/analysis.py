@@ -15,6 +15,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..explain.reasons import StepReasons, matched
 from ..explain.redecide import OfflineDecider
 from ..explain.remedies import RemedySearch
@@ -113,7 +114,7 @@ class Question:
     fix: int | None = None
     pick: int | None = None
     at_s: float | None = None
-    tolerance_s: float = 0.12
+    tolerance_s: float = STEP_TOLERANCE_S
     tolerance_m: float = 1.0
     pick_tolerance_s: float = 2e-3
     stage: str = ""
@@ -290,7 +291,7 @@ class Miss:
     text: str
 
 
-def misses_of(evidence: Evidence, tolerance_s: float = 0.12) -> tuple[Miss, ...]:
+def misses_of(evidence: Evidence, tolerance_s: float = STEP_TOLERANCE_S) -> tuple[Miss, ...]:
     """Return the missed steps with the reason of each, by time; no change is sought."""
     reasons = StepReasons(evidence, tolerance_s)
     matching = reasons.matching

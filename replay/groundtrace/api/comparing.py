@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..explain.compare import compare as compared
 from ..explain.reasons import TOLERANCE_S, event_noun, scored_event
 from ..explain.redecide import make_grid, parse_axis
@@ -25,7 +26,11 @@ if TYPE_CHECKING:
 
 
 def compare(
-    a: Results, b: Results, *, tolerance_s: float = 0.12, truth: str | Path | None = None
+    a: Results,
+    b: Results,
+    *,
+    tolerance_s: float = STEP_TOLERANCE_S,
+    truth: str | Path | None = None,
 ) -> Comparison:
     """Compare two results of one recording, decision by decision.
 

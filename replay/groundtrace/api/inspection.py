@@ -30,11 +30,15 @@ if TYPE_CHECKING:
     from ..inertial.placement import Measures, PlacementWatch
     from ..inertial.worn_sensor_faults import AxisCheck
 
-#: How long a step is heard [ns]: a gap that begins in this time after it cuts it.
+#: How long a step is heard [ns]: a gap that begins in this time after it cuts it. Chosen by
+#: judgement: most of the 200 ms that a step's signal lasts at most (thesis, section 3.2).
 STEP_NS = 150_000_000
 #: A stream that begins or ends so much off the others is worth a line [s, sampling intervals].
+#: Chosen by judgement: streams are started one after the other, and the slowest ones have few
+#: samples.
 LATE_S, LATE_SAMPLES = 1.0, 20
-#: A stream whose samples fill less than this part of its span is one of single shots.
+#: A stream whose samples fill less than this part of its span is one of single shots. Chosen by
+#: judgement: less than a fifth of a recording is lost by gaps.
 SHOTS = 0.8
 
 

@@ -19,7 +19,7 @@ from .tables import needed
 if TYPE_CHECKING:
     from .results import Results
 
-#: What is drawn on each side of the moment [s].
+#: What is drawn on each side of the moment [s]. Chosen by judgement: some steps to either side.
 AROUND_S = 5.0
 
 

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from ..explain.reasons import Chain
 
-#: Signal that is drawn on each side of a moment [s].
+#: Signal that is drawn on each side of a moment [s]. Chosen by judgement: three steps to either
+#: side.
 AROUND_S = 2.0
 #: Colours of what passed, what failed, and what is true.
 PASSED, FAILED, TRUE = "#2a7f3f", "#c0392b", "#555555"

@@ -12,7 +12,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..evaluation.matching import match_steps
+from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..evaluation.report import answers_of
 from ..explain.unfiltered import beside
 from ..export.base import Material, tables_of, tables_of_events
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from ..evaluation.truth import ScoredTruth
     from ..pipeline.results import Evidence
     from ..pipeline.results import Results as Decided
-
-TOLERANCE_S = 0.12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,7 +179,7 @@ class Results:
 
     def score(
         self,
-        tolerance_s: float = TOLERANCE_S,
+        tolerance_s: float = STEP_TOLERANCE_S,
         *,
         stages: tuple[str, ...] = (),
         truth: str | Path | None = None,
@@ -217,7 +215,7 @@ class Results:
         kind: Kind | None = None,
         fix: int | None = None,
         pick: int | None = None,
-        tolerance_s: float = TOLERANCE_S,
+        tolerance_s: float = STEP_TOLERANCE_S,
         tolerance_m: float = 1.0,
         pick_tolerance_s: float = 2e-3,
         stage: str = "",
@@ -290,7 +288,7 @@ class Results:
         origin = self.decided.provenance
         end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
         found_ns = np.array([step.time_ns for step in said.steps], np.int64)
-        return match_steps(labels, found_ns, origin.start_ns, end_ns, TOLERANCE_S)
+        return match_steps(labels, found_ns, origin.start_ns, end_ns, STEP_TOLERANCE_S)
 
     def _counts(self) -> str:
         """Return what was found, in words."""

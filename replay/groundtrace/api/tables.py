@@ -51,7 +51,7 @@ def _finite(value: Any) -> Any:
     return value
 
 
-#: A table in a notebook has at most so many rows.
+#: A table in a notebook has at most so many rows. Chosen by judgement: what is read at a glance.
 ROWS = 12
 
 

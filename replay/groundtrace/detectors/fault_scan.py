@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
-from ..pipeline.source import BRIDGE_S
+from ..pipeline.source import BRIDGE_PERIODS, BRIDGE_S
 from .clipping import Limits, Repeats
 from .held_values import StuckValues
 from .interference import MainsHum, Offsets, Spikes
@@ -46,7 +46,7 @@ class FaultScan:
         seismic = stream.columns_of(SEISMIC_QUANTITIES)
         self._rate = None if stream.irregular else Rate(stream)
         self._last_ns: int | None = None
-        self._longest_ns = max(BRIDGE_S * NS_PER_S, 2.5 * stream.period_ns)
+        self._longest_ns = max(BRIDGE_S * NS_PER_S, BRIDGE_PERIODS * stream.period_ns)
         self._detectors = FaultDetectors(
             stream,
             NonFinite(stream),

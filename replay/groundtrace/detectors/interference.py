@@ -23,6 +23,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
+from ..dsp.filters import HIGHEST_CORNER
 from .held_values import level
 from .signal_faults import FaultSpans, Finding, percent, times
 
@@ -63,6 +64,11 @@ MATTERS = 0.02
 #: Mains keep their frequency within this [Hz]; so many harmonics make a line one of mains. Chosen
 #: by judgement: EN 50160 allows grids 1 % of 50 Hz; one harmonic may be another machine's.
 KEPT_HZ, HARMONICS = 0.5, 2
+#: Harmonics are looked for up to this one. Chosen by judgement: higher ones of mains are weak.
+LAST_HARMONIC = 7
+#: Spectra that overlap by half are worth this part of their number. Chosen by judgement: on the
+#: safe side; under a Hann window neighbours correlate by 1/36 in power.
+HALF_OVERLAP = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +137,10 @@ class MainsHum:
         if self._count[row] < LEAST_SPECTRA:
             return None
         mean = self._logs[row] / self._count[row]
-        # half overlap: spectra are worth about three quarters of their number
-        chance_db = SURE * LOG_DB / np.sqrt(0.75 * self._count[row])
-        low, high = (round(f * SPECTRUM_S) for f in (LOW_HZ, min(HIGH_HZ, 0.45 * self.rate_hz)))
+        chance_db = SURE * LOG_DB / np.sqrt(HALF_OVERLAP * self._count[row])
+        low, high = (
+            round(f * SPECTRUM_S) for f in (LOW_HZ, min(HIGH_HZ, HIGHEST_CORNER * self.rate_hz))
+        )
         over = np.array([_over_db(mean, i) for i in range(low, high + 1)])
         best = low + int(np.argmax(over))
         if over.max() < LINE_DB + chance_db:
@@ -141,8 +148,8 @@ class MainsHum:
         frequency = _peak(mean, best) / SPECTRUM_S
         harmonics = tuple(
             n
-            for n in range(2, 8)
-            if n * frequency < 0.45 * self.rate_hz
+            for n in range(2, LAST_HARMONIC + 1)
+            if n * frequency < HIGHEST_CORNER * self.rate_hz
             and _over_db(mean, round(n * frequency * SPECTRUM_S)) >= HARMONIC_DB + chance_db
         )
         return Line(frequency, _share(mean, (1, *harmonics), frequency), harmonics)

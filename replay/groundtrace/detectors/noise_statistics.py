@@ -25,7 +25,7 @@ from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
-from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ class NoiseStatistics(Stage):
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
-        settings = ArrivalSettings.of(p, "rise", p.gap_s, ((0.010, 0.005),), correlation_s=0.0)
+        settings = ArrivalSettings.of(p, "rise", p.gap_s, RISE_WINDOWS_S, correlation_s=0.0)
         gap = max(1, round(p.gap_s * rate))
         self.state = _State(
             StreamingFilter(bandpass(p.low_hz, p.high_hz, rate)),

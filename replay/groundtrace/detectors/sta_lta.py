@@ -29,6 +29,12 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+#: Windows of AIC before and after the peak of the slope, whose onsets are averaged [s]. Chosen by
+#: judgement: they hold the noise before an arrival and end before later ones.
+WINDOWS_S = ((0.010, 0.0), (0.017, 0.002))
+#: Correlation time of the smoothed signal [s]. Chosen by judgement: half a period of 200 Hz.
+CORRELATION_S = 0.0025
+
 
 @dataclass(frozen=True, slots=True)
 class StaLtaParameters:
@@ -78,8 +84,7 @@ class StaLtaPicker(Stage):
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
-        windows = ((0.010, 0.0), (0.017, 0.002))
-        settings = ArrivalSettings.of(p, "peak", 2 * p.sta_s, windows, correlation_s=0.0025)
+        settings = ArrivalSettings.of(p, "peak", 2 * p.sta_s, WINDOWS_S, CORRELATION_S)
         self.state = _State(
             SmoothedSlope(rate, p.smooth_s, p.slope_s),
             UnbiasedMean(p.sta_s * rate),

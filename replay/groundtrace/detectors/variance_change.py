@@ -29,7 +29,7 @@ from ..kernels.picker import COEFFICIENTS, SECTIONS, spread, variance_cells, var
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Input, Stage
-from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -159,8 +159,7 @@ class VarianceChange(Stage):
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
-        windows = ((0.010, 0.005),)
-        settings = ArrivalSettings.of(p, "rise", p.gap_s, windows, correlation_s=0.0)
+        settings = ArrivalSettings.of(p, "rise", p.gap_s, RISE_WINDOWS_S, correlation_s=0.0)
         alpha = -np.expm1(-np.log(10) / (p.memory_s * rate))
         variance = _Variance(stream, bandpass(p.low_hz, p.high_hz, rate), alpha)
         noise = partial(_noise, p.noise_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .matching import f1_score
+from .matching import STEP_TOLERANCE_S, f1_score
 from .positions import ignored
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Disturbance, Heading, Label
 
-#: Between two headings no further apart the shorter way round is taken [s].
+#: Between two headings no further apart the shorter way round is taken [s]. Chosen by judgement: in
+#: a second nobody turns by more than half a turn.
 HOLD_S = 1.0
 
 
@@ -52,7 +53,7 @@ def wrap_angles(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def score_headings(
-    labels: Sequence[Label], headings: Sequence[Heading], tolerance_s: float = 0.12
+    labels: Sequence[Label], headings: Sequence[Heading], tolerance_s: float = STEP_TOLERANCE_S
 ) -> HeadingScore | None:
     """Score the headings of one stage against ``heading`` labels.
 
@@ -128,6 +129,8 @@ def _at(
     return np.where(between, turned, np.where(near, known[nearest], np.nan))
 
 
+#: Time between two of the moments at which disturbances are compared [ns]. Chosen by judgement:
+#: 0.01 s, the rate of usual sensors.
 FRAME_NS = 10_000_000
 
 

@@ -13,7 +13,15 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from .headings import heading_errors
-from .matching import best_shift, found_text, match_steps, metronome_f1, random_f1, timing_pairs
+from .matching import (
+    STEP_TOLERANCE_S,
+    best_shift,
+    found_text,
+    match_steps,
+    metronome_f1,
+    random_f1,
+    timing_pairs,
+)
 from .picks import ANSWER_S, pick_residuals
 from .positions import matched_fixes, true_places
 from .report import answers_of, last_word
@@ -47,7 +55,7 @@ def score_page(
     result: Results,
     labels: Sequence[Label] | ScoredTruth,
     score: Score,
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
     stages: Collection[str] = (),
 ) -> str:
     """Return a score as an HTML page with figures.

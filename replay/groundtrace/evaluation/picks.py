@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Label, Pick
 
-#: A pick further than this from the true arrival does not answer it [s].
+#: A pick further than this from the true arrival does not answer it [s]. Chosen by judgement: a
+#: picker is late by milliseconds, and the next step is hundreds away.
 ANSWER_S = 0.05
-#: Largest error of a right pick [s] where no other is asked for.
+#: Largest error of a right pick [s] where no other is asked for. Chosen by judgement: bending waves
+#: go a metre or two in it.
 RIGHT_S = 0.002
 
 

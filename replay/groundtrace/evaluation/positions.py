@@ -15,6 +15,7 @@ from groundtrace_codecs.events import has_vehicles
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.assignment import assign, distances
+from .matching import STEP_TOLERANCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,7 +84,7 @@ class PositionScore:
 
 
 def score_positions(
-    labels: Sequence[Label], fixes: Sequence[Fix], tolerance_s: float = 0.12
+    labels: Sequence[Label], fixes: Sequence[Fix], tolerance_s: float = STEP_TOLERANCE_S
 ) -> PositionScore | None:
     """Score fixes against the places of steps and impacts, else of waypoints.
 
@@ -154,9 +155,11 @@ def summary(group: str, errors: NDArray[np.float64]) -> PositionErrors:
     )
 
 
-#: How many metres weigh as much as the whole tolerance in time, where several could match.
+#: How many metres weigh as much as the whole tolerance in time, where several could match. Chosen
+#: by judgement: a step's length and a little.
 METRES_PER_TOLERANCE = 1.0
-#: Truth is straight between two of its waypoints that are no further apart [s].
+#: Truth is straight between two of its waypoints that are no further apart [s]. Chosen by
+#: judgement: steps of a walk are nearer, pauses are longer.
 HOLD_S = 2.0
 
 
@@ -409,7 +412,8 @@ def _length(places: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
     return float(np.hypot(*np.diff(places, axis=0).T).sum())
 
 
-#: True places from which on a shape can be compared.
+#: True places from which on a shape can be compared. Source: definition: two make a line, whatever
+#: the shape.
 LEAST_PLACES = 3
 
 

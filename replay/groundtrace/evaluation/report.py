@@ -11,7 +11,7 @@ from groundtrace_codecs.events import EVENTS, SMOOTHED, StageSpec, has_vehicles
 
 from ..errors import RecordingError
 from .headings import DisturbanceScore, HeadingScore, score_disturbances, score_headings
-from .matching import match_steps
+from .matching import STEP_TOLERANCE_S, match_steps
 from .picks import PickScore, score_picks
 from .positions import PositionScore, score_positions
 from .steps import StepScore, compare_words, score_steps
@@ -167,7 +167,7 @@ def score_events(
     events: Iterable[Event],
     start_ns: int,
     end_ns: int,
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
     stages: Collection[str] = (),
 ) -> Score:
     """Score a result's events against labels.

@@ -10,7 +10,16 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from .matching import f1_of, f1_score, match_steps, metronome_f1, nearest, random_f1, seconds
+from .matching import (
+    STEP_TOLERANCE_S,
+    f1_of,
+    f1_score,
+    match_steps,
+    metronome_f1,
+    nearest,
+    random_f1,
+    seconds,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,8 +30,11 @@ if TYPE_CHECKING:
 
     from .matching import StepMatch
 
+#: Tolerances at which F1 is told [s]. Chosen by judgement: from a picker's error to that of
+#: mobgap's scorer, 0.5 s, about evenly by ratio.
 CURVE_S = (0.02, 0.03, 0.05, 0.075, 0.1, 0.12, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 #: How far a detection may lie from its step for the latency that the de-biased F1 takes out [s].
+#: Chosen by judgement: a step time; that of mobgap's scorer.
 LATENCY_REACH_S = 0.5
 
 
@@ -91,7 +103,7 @@ def score_steps(
     detected_ns: NDArray[np.int64],
     start_ns: int,
     end_ns: int,
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
 ) -> StepScore | None:
     """Score detected steps against ``step`` and ``count`` labels.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..dsp.assignment import assign, distances
+from .matching import STEP_TOLERANCE_S
 from .positions import (
     ClosureScore,
     WaypointScore,
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
 
     from .positions import Places
 
-#: Cut-off [m] and order of OSPA and GOSPA; within the cut-off a track belongs to a target.
+#: Cut-off [m] and order of OSPA and GOSPA; within the cut-off a track belongs to a target. Chosen
+#: by judgement: people who walk apart keep more between them.
 CUTOFF_M = 2.0
 ORDER = 2.0
-#: A track is there between two of its points if they are no further apart [s].
+#: A track is there between two of its points if they are no further apart [s]. Chosen by judgement:
+#: steps of a walk are nearer, pauses are longer.
 HOLD_S = 2.0
 
 
@@ -125,7 +128,7 @@ class TrackScore:
 
 
 def score_tracks(
-    labels: Sequence[Label], points: Sequence[TrackPoint], tolerance_s: float = 0.12
+    labels: Sequence[Label], points: Sequence[TrackPoint], tolerance_s: float = STEP_TOLERANCE_S
 ) -> TrackScore | None:
     """Score the tracks of one stage.
 
@@ -475,6 +478,7 @@ def _least_costs(
     return np.asarray(cost[rows, columns], np.float64)
 
 
+#: Of the bounds of consistency. Chosen by judgement: the usual one.
 CONFIDENCE = 0.95
 
 
@@ -572,7 +576,7 @@ def score_consistency(
     labels: Sequence[Label],
     fixes: Sequence[Fix],
     points: Sequence[TrackPoint],
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
     filtered: Sequence[TrackPoint] | None = None,
 ) -> ConsistencyScore | None:
     """Compare the errors of places to their covariances, each of one stage.

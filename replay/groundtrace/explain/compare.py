@@ -12,7 +12,7 @@ from groundtrace_codecs.events import Fix, Label
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..evaluation.matching import match, match_steps
+from ..evaluation.matching import STEP_TOLERANCE_S, match, match_steps
 from ..evaluation.positions import found_places, match_places, true_places
 from ..evaluation.report import last_word
 from ..pipeline.results import evidence_of, step_times
@@ -164,7 +164,7 @@ def compare(
     a: Results,
     b: Results,
     labels: tuple[Label, ...],
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
     places: Sequence[Path] = (),
 ) -> Comparison:
     """Compare two results of one recording.

@@ -13,6 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..detectors.trace import FRAME_S
 from ..errors import RecordingError
 from ..evaluation.matching import (
+    STEP_TOLERANCE_S,
     TrueSteps,
     answers_text,
     found_text,
@@ -154,10 +155,15 @@ def onsets_of(evidence: Evidence, picking: StageEvidence) -> StageEvidence:
 #: What is counted, by what the deciding stage emits; a later one here goes before an earlier.
 CountedKind = Literal["presence", "pass", "step"]
 KINDS: tuple[CountedKind, ...] = ("presence", "pass", "step")
-#: Default tolerance of a match [s].
-TOLERANCE_S: dict[CountedKind, float] = {"step": 0.12, "pass": PASS_TOLERANCE_S, "presence": 1.0}
+#: Default tolerance of a match [s]. Source: those of the scores, and for presence that of a pass.
+TOLERANCE_S: dict[CountedKind, float] = {
+    "step": STEP_TOLERANCE_S,
+    "pass": PASS_TOLERANCE_S,
+    "presence": 1.0,
+}
 #: Cycles in which a station hears a vehicle, no further apart, are of one stay [s]; a stay that is
-#: this far from any pass is of no vehicle that came by [s].
+#: this far from any pass is of no vehicle that came by [s]. Chosen by judgement: a fading vehicle
+#: is silent for less, and is heard for less before its pass.
 _BRIDGE_S, _AWAY_S = 1.0, 15.0
 
 
@@ -380,11 +386,13 @@ def timed(off_s: float) -> str:
     return f"{abs(off_s) * 1e3:.1f} ms {'late' if off_s > 0 else 'early'}"
 
 
+#: Chosen by judgement: an end of an interval is then off by about a tenth of it.
 DRAWS = 200
-#: Recordings are drawn more often, since that costs little; so many draws at once.
+#: Recordings are drawn more often, since that costs little; so many draws at once. Chosen by
+#: judgement: an end is then off by a thirtieth; the latter bounds memory.
 RECORDING_DRAWS, AT_ONCE = 2000, 50
 SEED = 20_170_319
-#: Ends of the interval that holds nine of ten draws [%].
+#: Ends of the interval that holds nine of ten draws [%]. Source: definition.
 ENDS = (5.0, 95.0)
 
 
@@ -1044,18 +1052,21 @@ def channel_verdict(
     return ("refractory" if first.gate == "refractory" else "threshold"), below(first)
 
 
-#: From here on a recorded signal stands out of its noise [dB].
+#: From here on a recorded signal stands out of its noise [dB]. Chosen by judgement: four times the
+#: noise is seen by eye.
 CLEAR_DB = 12.0
 FRAME_NS = round(FRAME_S * NS_PER_S)
-#: From here on the signal-to-noise ratios as recorded and after the filter differ [dB].
+#: From here on the signal-to-noise ratios as recorded and after the filter differ [dB]. Chosen by
+#: judgement: a factor of two.
 TAKEN_DB = 6.0
 #: A signal that stands still for this part of a span, counted in the frames that overlap it, is
-#: dead, for less it is clipped.
+#: dead, for less it is clipped. Source: definition, more than half.
 DEAD_PART = 0.5
 #: What a detector looks for that says nothing else.
 MAXIMUM = "a local maximum"
 #: So many candidates at most, this near, tell how long after them the decision function reaches
-#: their value, which it does at most so long before or after [s].
+#: their value, which it does at most so long before or after [s]. Chosen by judgement: a median of
+#: twenty does not follow one of them.
 LAG_FROM, LAG_FROM_S, LAG_BEFORE_S, LAG_AFTER_S = 20, 30.0, 0.2, 1.0
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
 from ..errors import PipelineError, RecordingError, did_you_mean
-from ..evaluation.matching import match_steps
+from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..pipeline.gates import Candidates, decide, decided_block, gate_specs
 from ..pipeline.parameters import build, describe, parse_value
 from ..pipeline.plugins import stage_named
@@ -137,7 +137,9 @@ class OfflineDecider:
                     events.append(item)
         return Outcome(tuple(blocks), tuple(events))
 
-    def matching(self, settings: Settings | None = None, tolerance_s: float = 0.12) -> StepMatch:
+    def matching(
+        self, settings: Settings | None = None, tolerance_s: float = STEP_TOLERANCE_S
+    ) -> StepMatch:
         """Decide, and match the steps to the truth."""
         e = self.evidence
         times = self.outcome(settings).step_times()
@@ -534,10 +536,12 @@ class ParameterTrials:
         return self._chain.passed([*self._base.values()])
 
 
-#: A sweep of more settings than this is refused.
+#: A sweep of more settings than this is refused. Chosen by judgement: it bounds memory and time.
 MOST = 1_000_000
 #: Significant digits of values between the ends of a range: what is printed is what was tried.
+#: Chosen by judgement: more than float32 holds.
 DIGITS = 8
+#: The same of values drawn at random. Chosen by judgement: finer than a draw means.
 RANDOM_DIGITS = 6
 
 

@@ -21,6 +21,7 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.robust import HUBER, MAD_SIGMA
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.picks import ANSWER_S
 from ..evaluation.positions import found_places, match_places, true_places
 from ..localizers import tdoa
@@ -259,7 +260,8 @@ def stored(part: StageEvidence) -> Located:
     return Located(block, np.zeros(len(c), np.int64))
 
 
-#: A track tells nothing about steps further than this from its points [s].
+#: A track tells nothing about steps further than this from its points [s]. Chosen by judgement: a
+#: walker goes a metre and a half in it.
 REACH_S = 1.0
 
 
@@ -290,7 +292,9 @@ class Reference:
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
-def reference_of(evidence: Evidence, located: Located, tolerance_s: float = 0.12) -> Reference:
+def reference_of(
+    evidence: Evidence, located: Located, tolerance_s: float = STEP_TOLERANCE_S
+) -> Reference:
     """Return the truth about places, else what the track says, for each step located."""
     times = located.block.time_ns
     truth = true_places(evidence.labels)
@@ -369,10 +373,13 @@ def true_pick_errors(evidence: Evidence, relocator: Relocator) -> Array:
     return found
 
 
+#: Exponents of distance that are tried. Source: a constant velocity, the thesis's plate (4.24), and
+#: half way between.
 EXPONENTS = (1.0, 7 / 6, EXPONENT)
-#: Passes of reweighting.
+#: Passes of reweighting. Chosen by judgement: they settle in fewer.
 PASSES = 8
-#: The least error of an arrival reckoned with [s]: no picker is better.
+#: The least error of an arrival reckoned with [s]: no picker is better. Chosen by judgement: a
+#: sample at 20 kHz.
 LEAST_NOISE_S = 5e-5
 
 

@@ -48,28 +48,37 @@ if TYPE_CHECKING:
     Proposal = list["Change"]
     Changes = tuple["Change", ...]
 
-#: Other candidates of at most this many values are tried for each parameter.
+#: Other candidates of at most this many values are tried for each parameter. Chosen by judgement:
+#: it bounds the cost; the smallest changes come first.
 TRIES = 12
-#: Candidates this far from the step may have to do with it, through the refractory time [s].
+#: Candidates this far from the step may have to do with it, through the refractory time [s]. Chosen
+#: by judgement: four refractory times of 0.25 s.
 INFLUENCE_S = 1.0
-#: So many of a parameter's values about a moment may do harm before the tables are asked.
+#: So many of a parameter's values about a moment may do harm before the tables are asked. Chosen by
+#: judgement: tables cost as much as some single trials.
 HARMFUL = 2
-#: So many values of each parameter are in the table of single changes, and in that of pairs.
+#: So many values of each parameter are in the table of single changes, and in that of pairs. Chosen
+#: by judgement: per cents of the range, and a quarter as many in each direction of pairs.
 FAR_TRIES = 100
 PAIR_TRIES = 16
 #: Candidates that a table decides on, all its settings together: with an associator on the way 2 us
-#: each, four times as many as without (simulated room of 5 minutes, simulated walk of 20).
+#: each, four times as many as without (simulated room of 5 minutes, simulated walk of 20). Chosen
+#: by judgement: some seconds.
 WORK = 2_000_000
-#: A table has at least so many values of each parameter.
+#: A table has at least so many values of each parameter. Chosen by judgement: fewer say little.
 LEAST_TRIES = 4
-#: Candidates that two gates keep out, of those at a step, which are tried to be let in.
+#: Candidates that two gates keep out, of those at a step, which are tried to be let in. Chosen by
+#: judgement: the best ones.
 KEPT_OUT = 4
-#: A refractory time may fall between a candidate and so many after it.
+#: A refractory time may fall between a candidate and so many after it. Chosen by judgement: a
+#: step's ringing has few.
 NEIGHBOURS = 6
-#: Time around a step in which a change is tried first [s].
+#: Time around a step in which a change is tried first [s]. Chosen by judgement: several steps, so
+#: that most changes that cost some are dropped early.
 NEARBY_S = 4.0
-#: So many changes of the whole recording are remembered.
+#: So many changes of the whole recording are remembered. Chosen by judgement: it bounds memory.
 REMEMBERED = 1000
+#: Significant digits of a changed value. Chosen by judgement: what people set.
 DIGITS = 4
 
 

@@ -29,21 +29,29 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewer steps than this do not tell a constant fault from chance.
+#: Fewer steps than this do not tell a constant fault from chance. Chosen by judgement: a place and
+#: a clock are three unknowns.
 LEAST_STEPS = 6
-#: So many steps, spread over the recording, are enough to find a fault.
+#: So many steps, spread over the recording, are enough to find a fault. Chosen by judgement: an
+#: offset is then known to a twelfth of a pick's deviation.
 SAMPLE = 150
 #: Smaller displacements are how well people measure [m]; smaller offsets in deviations of a pick.
+#: Chosen by judgement: three deviations.
 LEAST_SHIFT_M, LEAST_OFFSET = 0.3, 3.0
 #: A fault explains at least this part of a channel's misfit, and so many units of likelihood (BIC).
+#: Source: definition, more than half; the other chosen by judgement: twice "very strong" by
+#: Kass and Raftery (below), as all channels are tried.
 LEAST_PART, LEAST_GAIN = 0.5, 20.0
-#: A clock and a place are told apart from this difference on: "strong" for twice a log Bayes
-#: factor, R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section 3.2.
-CLEAR_GAIN = 6.0
-#: So many channels are looked at, the worst first; so many faults are named.
+#: A clock and a place are told apart from this difference on. Source: "strong" for twice a log
+#: Bayes factor, R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section
+#: 3.2.
+STRONG = 6.0
+#: So many channels are looked at, the worst first; so many faults are named. Chosen by judgement:
+#: with more faults than that nothing holds the rest.
 SUSPECTS, MOST_FAULTS = 3, 3
 #: Places tried along each side, refinements about the best, and how far outside the array they lie
-#: where no room is known [m].
+#: where no room is known [m]. Chosen by judgement: 0.25 m on 10 m, and some centimetres after
+#: refinement; a sensor is hardly farther off than 2 m.
 NODES, REFINEMENTS, BEYOND_M = 41, 3, 2.0
 
 
@@ -88,7 +96,7 @@ class Fault:
     @property
     def clear(self) -> bool:
         """Whether the cause explains the arrivals clearly better than the other one."""
-        return self.gain - self.rival_gain >= CLEAR_GAIN
+        return self.gain - self.rival_gain >= STRONG
 
     @property
     def alike(self) -> str:
@@ -198,7 +206,7 @@ def _least_left(
     if len(blamed) >= len(positions) - tdoa.POWER_LAW_UNKNOWNS:
         return ()
     for other, (other_cost, _) in zip(sets, left, strict=True):
-        alike = 2 * (other_cost - cost) / noise_s < CLEAR_GAIN
+        alike = 2 * (other_cost - cost) / noise_s < STRONG
         if alike and {fault.channel for fault in other} != blamed:
             return ()
     return sets[best]
@@ -356,8 +364,9 @@ def _better_place(curve: Curve, sources: Array, bounds: Array, times_s: Array) -
     return np.asarray(centre, np.float64)
 
 
-#: Two sensors are swapped where each seems to stand within this part of their distance of where
-#: the other is said to stand.
+#: Two sensors are swapped where each seems to stand within this part of their distance of where the
+#: other is said to stand. Chosen by judgement: each is then nearer to the other's place than to its
+#: own.
 NEAR_PART = 0.25
 
 

@@ -18,6 +18,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import PipelineError, RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..pipeline.config import build_pipeline, parse_pipeline, with_settings
 from ..pipeline.engine import EventList, replay
 from ..pipeline.results import Evidence, file_sha256, stage_evidence
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
     from .reasons import Confidence, Verdicts
     from .redecide import Axis
 
-#: Up to so many settings times recordings, what was measured for is kept step by step.
+#: Up to so many settings times recordings, what was measured for is kept step by step. Chosen by
+#: judgement: it bounds memory.
 KEPT = 20_000
 
 
@@ -132,7 +134,7 @@ def f1_of(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 def count(
     subjects: Sequence[Subject],
     grid: Grid,
-    tolerance_s: float = 0.12,
+    tolerance_s: float = STEP_TOLERANCE_S,
     jobs: int = 1,
     done: Callable[[], None] = lambda: None,
 ) -> Counted:
@@ -217,7 +219,7 @@ def located(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
 
 def measurements(subjects: Sequence[Subject], grid: Grid) -> list[Subject]:
     """Return the subject of each measurement that a sweep needs."""
-    tasks, _ = _tasks(subjects, grid, range(len(grid)), 0.12, detailed=False)
+    tasks, _ = _tasks(subjects, grid, range(len(grid)), STEP_TOLERANCE_S, detailed=False)
     return [subjects[t.key[0]] for t in tasks if isinstance(t.source, Path)]
 
 

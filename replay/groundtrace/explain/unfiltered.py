@@ -38,14 +38,17 @@ if TYPE_CHECKING:
     from ..pipeline.config import PipelineConfig
     from ..pipeline.results import Evidence, StageEvidence
 
-#: Stretches of this length are measured at once [s], so that misses side by side share one.
+#: Stretches of this length are measured at once [s], so that misses side by side share one. Chosen
+#: by judgement: as long as what is read before and after it.
 STRETCH_S = 30.0
 #: A flat top has so many samples, as one alone has in the faults of a recording; and a corner: the
 #: signal comes to it, or leaves it, by so many of the least differences between two of its levels
-#: up to so long beside it [s]. A slow maximum of few levels is flat too, but has no corner.
+#: up to so long beside it [s]. A slow maximum of few levels is flat too, but has no corner. Source:
+#: LONG_TOP of the faults of signals for the first; the others chosen by judgement.
 FLAT_SAMPLES, CORNER_LEVELS, BESIDE_S = 5, 4, 1.0
-#: A stretch is measured from so long before it on, and until so long after [s]: what detectors
-#: look back and ahead, of which the rhythm of a phone in a hand is the longest, 12 s and 6 s.
+#: A stretch is measured from so long before it on, and until so long after [s]: what detectors look
+#: back and ahead, of which the rhythm of a phone in a hand is the longest, 12 s and 6 s. Chosen by
+#: judgement: those and half as much again.
 BEFORE_S, AFTER_S = 20.0, 15.0
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..evaluation.matching import TimeShift, best_shift, match
+from ..evaluation.matching import STEP_TOLERANCE_S, TimeShift, best_shift, match
 from ..evaluation.steps import usual_latency_s
 from .reasons import Chain, GateReading, Reason, StepReasons, WrongTime, links, readings
 from .redecide import Counts, OfflineDecider
@@ -135,7 +135,7 @@ class StepExplanation:
     untried: str = ""
 
 
-def explain_steps(evidence: Evidence, tolerance_s: float = 0.12) -> StepExplanation:
+def explain_steps(evidence: Evidence, tolerance_s: float = STEP_TOLERANCE_S) -> StepExplanation:
     """Explain every missed and every false step of a result."""
     healer = RemedySearch(OfflineDecider(evidence), tolerance_s)
     matching = healer.matching
@@ -243,7 +243,7 @@ class Moment:
     pair: WrongTime | None = None
 
 
-def moment(evidence: Evidence, time_ns: int, tolerance_s: float = 0.12) -> Moment:
+def moment(evidence: Evidence, time_ns: int, tolerance_s: float = STEP_TOLERANCE_S) -> Moment:
     """Say what was and was not decided around a moment; needs no truth.
 
     Of a true step that was missed, why it was, though a detection near it answers another step.

@@ -51,10 +51,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: A constant explains the errors of a channel where it gains so much (BIC of a Laplace law, whose
-#: scale is the mean absolute error): "very strong", R. E. Kass, A. E. Raftery, Bayes factors,
-#: J. Am. Stat. Assoc. 90 (1995), section 3.2; in at least so many picks.
+#: scale is the mean absolute error), in at least so many picks. Source: "very strong", R. E. Kass,
+#: A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section 3.2; the picks chosen by
+#: judgement.
 STEADY_GAIN, STEADY_PICKS = 10.0, 6
-#: A constant at which no error is left is reckoned with this one [s]: no picker is finer.
+#: A constant at which no error is left is reckoned with this one [s]: no picker is finer. Chosen by
+#: judgement: a sample at 20 kHz.
 LEAST_SCATTER_S = 5e-5
 
 
@@ -187,7 +189,7 @@ def by_channel(
 
 
 #: A candidate beside an arrival is of it where chance brings one as near and as strong less often
-#: than so: the usual 5 % of a test.
+#: than so: the usual 5 % of a test. Source: definition, the usual test.
 CHANCE = 0.05
 
 

@@ -48,7 +48,7 @@ from .relocate import (
     true_pick_errors,
 )
 from .remedies import INFLUENCE_S, NEARBY_S, thresholds
-from .sensors import faults, swapped
+from .sensors import STRONG, faults, swapped
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -281,22 +281,22 @@ def bad_places(evidence: Evidence, tolerance_m: float = 1.0) -> int | None:
     return counted.far + counted.rejected + counted.missing
 
 
-#: How likely an arrival is wrong before anything is known: one in twenty.
+#: How likely an arrival is wrong before anything is known: one in twenty. Chosen by judgement.
 WRONG = 0.05
-#: A cause is named where it beats what says that the arrivals are right, and the next one that
-#: blames something else, by so much: "strong" for twice a log Bayes factor, R. E. Kass,
-#: A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995), section 3.2.
-STRONG = 6.0
 #: Places whose misfit is at most this above the least fit as well: 99.9 % of chi squared of two.
+#: Source: definition.
 REGION = 13.82
-#: Of this many deviations a normal arrival is off once in 3000 times.
+#: Of this many deviations a normal arrival is off once in 3000 times. Source: definition, a normal
+#: law.
 OFF_NOISE = 3.6
 #: Places that fit as well form a line where they cover less than this part of their length squared;
-#: a disc covers 0.79 of it.
+#: a disc covers 0.79 of it. Chosen by judgement: three times as long as wide, or about.
 LINE_PART = 1 / 3
-#: Quantiles of a normal law for what right arrivals leave at most: 99.99 %, and 95 %.
+#: Quantiles of a normal law for what right arrivals leave at most: 99.99 %, and 95 %. Source:
+#: definition.
 SURELY, USUALLY = 3.72, 1.645
-#: An error of an arrival that a localizer without one of its own reckons with [s].
+#: An error of an arrival that a localizer without one of its own reckons with [s]. Source: thesis,
+#: chapter 5, where it is 0.2 to 1 ms.
 STATED_S = 5e-4
 
 
@@ -1001,7 +1001,8 @@ def displacement_text(fault: Fault, positions: Array) -> str:
     return f"seems to stand at ({x:.2f}, {y:.2f}), not ({x0:.2f}, {y0:.2f})"
 
 
-#: Thresholds of one gate of the stages before that are tried.
+#: Thresholds of one gate of the stages before that are tried. Chosen by judgement: it bounds the
+#: cost, as each is a replay of the stages behind.
 TRIES = 3
 
 
@@ -1288,7 +1289,8 @@ def fault_remedy_text(fault: Fault, relocator: Relocator) -> str:
     return f"x = {x:.2f}, y = {y:.2f} for {name} in the geometry"
 
 
-#: So many contradictory signs are named, those with the largest differences.
+#: So many contradictory signs are named, those with the largest differences. Chosen by judgement:
+#: what is read at a glance.
 NAMED = 3
 
 
@@ -1320,6 +1322,7 @@ def contradictions(relocator: Relocator, row: int, reference: Reference) -> list
 
 
 #: A channel without an arrival in this part of the steps is worth a line; so many steps say why.
+#: Source: definition, more than half; the other chosen by judgement: it bounds the cost.
 SILENT_PART, SILENT_SAMPLE = 0.5, 20
 
 

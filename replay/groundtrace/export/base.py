@@ -14,6 +14,7 @@ from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 from groundtrace_codecs.truth import COLUMNS
 
 from ..errors import PluginError, RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..pipeline.plugins import load, plugins
 from ..pipeline.results import atomic_write
 
@@ -170,7 +171,6 @@ class Exporter(Protocol):
 CELLS = frozenset({int, float, str, bool})
 #: What comes from people: the recording's own truth, and annotations.
 LABELS = ("truth", "annotations")
-TOLERANCE_S = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +238,7 @@ def misses(material: Material) -> list[Miss]:
         return []
     from ..explain.reasons import StepReasons
 
-    reasons = StepReasons(material.evidence(), TOLERANCE_S)
+    reasons = StepReasons(material.evidence(), STEP_TOLERANCE_S)
     matching = reasons.matching
     found = []
     for time_ns in matching.found_ns[matching.false].tolist():

@@ -77,7 +77,8 @@ def _made(package: str, extra: str, target: str, address: str, workers: int) -> 
     return cast("Engine", getattr(import_module(f"{__package__}.{module}"), kind)(address, workers))
 
 
-#: How often a task may lose its worker.
+#: How often a task may lose its worker. Chosen by judgement: a worker that is lost twice at one
+#: task is lost by it.
 _TRIES = 2
 
 

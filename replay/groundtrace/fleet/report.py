@@ -25,6 +25,7 @@ from ..evaluation.html import (
     tiles,
 )
 from ..evaluation.html import figure as html_figure
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..explain.reasons import Interval, RatioOfSums, bootstrap_recordings
 
 if TYPE_CHECKING:
@@ -386,8 +387,6 @@ def cause_bars(counts: Sequence[tuple[str, int]]) -> str:
 
 #: The worst recordings that are listed, and misses of each.
 WORST_LISTED, MISSES = 25, 8
-#: What ``replay --at-miss`` matches steps by [s]; misses of another tolerance have other numbers.
-AT_MISS_TOLERANCE_S = 0.12
 AROUND_S = 5.0
 NO_FIGURE = "\N{EN DASH}"
 #: What recordings are put in order by, as far as they have it.
@@ -531,7 +530,8 @@ def command(table: FleetTable, row: int, miss: MissedStep, files: Mapping[str, s
     pipeline = table.of("pipeline")[row]
     words += ["--pipeline", files.get(pipeline, pipeline)]
     own = table.of("truth")[row] in ("recording", "annotations")
-    if own and table.of("tolerance_s")[row] == AT_MISS_TOLERANCE_S:
+    # replay --at-miss matches by this tolerance; misses of another one have other numbers
+    if own and table.of("tolerance_s")[row] == STEP_TOLERANCE_S:
         words += ["--at-miss", str(miss.miss)]
     else:
         start_s = max(0.0, miss.time_s - AROUND_S)

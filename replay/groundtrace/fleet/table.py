@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 OF_THE_RUN = ("wall_s", "host")
 #: Raised when a part means something else: older ones are then made again.
 FORMAT = 2
+#: Largest part that is unpacked [bytes]. Chosen by judgement: damaged ones cannot claim all memory.
 _MOST_BYTES = 1 << 31
 
 

@@ -156,6 +156,11 @@ SMALL = 0.25
 #: Fields nearer to each other than this part of their norm are one for the fit, and so many of them
 #: are needed. Chosen by judgement: 8 degrees, and four times an ellipsoid's nine unknowns.
 APART, LEAST_APART = 0.15, 40
+#: Iron makes no ellipsoid with an axis longer than this many others. Chosen by judgement: it is
+#: then a fit of too few directions.
+LONGEST_AXIS = 3
+#: Fields nearer to the sphere than this part weigh alike. Chosen by judgement: 0.5 uT of 50, noise.
+LEAST_OFF = 0.01
 #: Fields kept of a recording; when there are more, every second one is dropped. Chosen by
 #: judgement: it bounds memory and the cost of a fit.
 HISTORY = 2048
@@ -254,7 +259,7 @@ def _weights(x: Array, fit: Fit) -> Array:
     """Return the weight of each field by how far off the sphere it comes out."""
     norms = np.linalg.norm((x - fit[0]) @ fit[1].T, axis=1)
     off = np.abs(norms / np.median(norms) - 1)
-    width = max(2 * float(np.median(off)), 0.01)
+    width = max(2 * float(np.median(off)), LEAST_OFF)
     return np.asarray(1 / (1 + (off / width) ** 2) ** 2)
 
 
@@ -290,7 +295,7 @@ def _quadric(x: Array, weight: Array) -> Fit | None:
     # a quadric that does not enclose its centre comes out with the other sign
     if values[1] < 0:
         values, shape, v = -values, -shape, -v
-    if values.min() <= 0 or values.max() > 9 * values.min():
+    if values.min() <= 0 or values.max() > LONGEST_AXIS**2 * values.min():
         return None
     lengths = np.sqrt(values / np.cbrt(values.prod()))
     return -np.linalg.solve(shape, v[6:]), (vectors * lengths) @ vectors.T

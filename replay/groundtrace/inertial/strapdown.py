@@ -135,6 +135,9 @@ def integrate(pose: Pose, segment: Segment) -> StrapdownIncrement:
 
 #: Rows of the state that a measurement leaves alone: none.
 _NONE = np.zeros(STATES, np.bool_)
+#: Deviation of a foot's velocity at the start, where it stands [m/s]. Chosen by judgement: as it is
+#: put down.
+START_MPS = 0.1
 #: Velocity of a foot of which nothing is known [m/s]. Chosen by judgement: a foot in its swing has
 #: 2 to 4 m/s.
 LOST_MPS = 2.0
@@ -209,7 +212,7 @@ class ErrorStateFilter:
         self.pose = Pose(orientation)
         sigma = np.zeros(STATES)
         sigma[TURN] = noise.tilt, noise.tilt, 0.0
-        sigma[SPEED] = 0.1
+        sigma[SPEED] = START_MPS
         sigma[GYRO], sigma[FORCE] = noise.gyro_bias, noise.force_bias
         self.covariance = np.diag(sigma**2)
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Sensors nearer to one line than this part of their extent lie on it; likewise at one place.
+#: Chosen by judgement: places are given in millimetres at best.
 TOLERANCE = 1e-6
 #: The remark on sensors that cannot tell the two sides of their line apart.
 MIRRORED = "sensors on one line: a place and its mirror image beyond the line are alike"
@@ -286,11 +287,14 @@ def grid_of(room: shapely.Polygon, count: int) -> Grid:
 
 
 #: Layouts are compared on half as fine a lattice with half the draws, but at least this many; and
-#: candidate places on one this coarse with this many draws.
+#: candidate places on one this coarse with this many draws. Chosen by judgement: they bound the
+#: cost of a proposal.
 TRIAL_LATTICE, TRIAL_DRAWS, SCREEN_LATTICE, SCREEN_DRAWS = 9, 16, 7, 12
 #: Draws at the worst place for the law of wrong signs; cells along the room where it is drawn.
+#: Chosen by judgement: a probability is then told to 0.4 %.
 SIGN_DRAWS, RASTER = 20_000, 160
-#: Cells of the map of wrong signs for each of the error maps: odd, so that middles stay.
+#: Cells of the map of wrong signs for each of the error maps: odd, so that middles stay. Source:
+#: definition.
 FINER = 3
 
 
@@ -416,7 +420,8 @@ def analyze_room(
     )
 
 
-#: What a map and leaving a sensor out cost, as candidates screened.
+#: What a map and leaving a sensor out cost, as candidates screened. Chosen by judgement: they pace
+#: the progress that is shown.
 MAP_STEPS, SPARED_STEPS = 20, 6
 
 
@@ -436,11 +441,14 @@ class _Steps:
         self._show(min(1.0, self._done / self._total))
 
 
-#: Candidates along the longer side of the room, walls included.
+#: Candidates along the longer side of the room, walls included. Chosen by judgement: they bound the
+#: cost; a metre or so apart.
 CANDIDATES = 7
-#: Candidates nearer to a sensor than this part of their spacing are left out.
+#: Candidates nearer to a sensor than this part of their spacing are left out. Source: definition:
+#: nearer to the sensor than to another candidate.
 APART = 0.5
-#: So many of the best candidates are tried again.
+#: So many of the best candidates are tried again. Chosen by judgement: screening with few draws
+#: ranks the best ones roughly.
 FINALISTS = 3
 
 
@@ -579,13 +587,17 @@ def best_change(
     return Advice(moved, (x, y), method, before_m, trial.means_m(best), len(places))
 
 
-#: A region is tiny below this part of the median area.
+#: A region is tiny below this part of the median area. Chosen by judgement: a region of 0.1 m2
+#: where 1 m2 is usual.
 TINY = 0.1
 #: A rival that differs in so few signs is near; one is far at so many typical regions' sides.
+#: Chosen by judgement: two wrong signs of 36 are common at 0.5 ms.
 FEW_SIGNS, FAR = 2, 3.0
 #: A region is confused where more than this part of impacts is taken to be beyond its neighbours.
+#: Source: definition, more than half.
 CONFUSED = 0.5
 #: Draws in each region: at most so many, and so few that all regions together cost this much.
+#: Chosen by judgement: a share is told to 4 %; some seconds.
 MOST_DRAWS, LEAST_DRAWS, BUDGET = 200, 10, 40_000_000
 
 
@@ -725,7 +737,8 @@ def _confusion(
     return confusion
 
 
-#: This part of all steps has at most :attr:`SignErrors.most` wrong signs.
+#: This part of all steps has at most :attr:`SignErrors.most` wrong signs. Chosen by judgement: the
+#: usual one.
 USUAL = 0.95
 
 
@@ -836,7 +849,7 @@ def drawn_wrong(times_s: Array, sigma_s: float, draws: int, seed: int) -> NDArra
     return wrong
 
 
-#: Errors below this count as small [m].
+#: Errors below this count as small [m]. Chosen by judgement: a step's length and a little.
 SMALL_M = 1.0
 
 

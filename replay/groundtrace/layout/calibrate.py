@@ -32,6 +32,7 @@ from ..localizers.joint_calibration import (
     LEAST_SIGMA_S,
     LOSS_WEIGHTS,
     LOSSES,
+    TELLING,
     FreeParameters,
     Impacts,
     bounds_of,
@@ -55,21 +56,26 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: Fewest impacts to calibrate with; an unknown place needs an arrival more than its unknowns.
-LEAST_IMPACTS, TELLING, LEAST_KNOWN = 6, 4, 3
+#: Fewest impacts to calibrate with, of unknown and of known places.
+#: Chosen by judgement: twice the unknowns of a floor, so that its error can be told.
+LEAST_IMPACTS, LEAST_KNOWN = 6, 3
 #: Deviations above which nothing is said to be known: of log k at the reference, of the exponent.
+#: Chosen by judgement: a quarter of the velocity, and a third of the way from a constant velocity
+#: to a plate.
 PACE_LIMIT, EXPONENT_LIMIT = 0.25, 0.12
-#: Samples of the bootstrap, and its seed.
+#: Samples of the bootstrap, and its seed. Chosen by judgement: a deviation is then told to a tenth.
 SAMPLES, SEED = 50, 0
 #: Clocks are identifiable where the log likelihood of held-out places is higher with them by more
 #: than so much, and by more than its standard error; and the largest is so many deviations of an
-#: arrival. Chosen and reported on simulated arrivals (bench/place_causes.py): of 480 recordings
-#: without offsets none passes (10 of 960 the first two), of 960 with 2 and 3 ms all do.
+#: arrival. Chosen by trial on, and reported on, simulated arrivals (bench/place_causes.py): of 480
+#: recordings without offsets none passes (10 of 960 the first two), of 960 with 2 and 3 ms all do.
 LEAST_GAIN, LEAST_SIGMAS = 2.0, 2.0
 #: Places are held out in so many turns; there are at least as many. Impacts nearer to each other
-#: than this part of the layout's reference are repeats at one place.
+#: than this part of the layout's reference are repeats at one place. Chosen by judgement: ten folds
+#: are usual.
 FOLDS, SAME_PART = 10, 0.05
-#: Powers of distance that make any smooth law, and passes of reweighting.
+#: Powers of distance that make any smooth law, and passes of reweighting. Chosen by judgement: they
+#: bend as a plate does and as a half space does; passes settle in fewer.
 LAW, PASSES = (1, 2, 3), 8
 #: What is said where no offsets are written.
 NO_OFFSETS = "clock offsets are not identifiable from this recording: none written"
@@ -602,6 +608,7 @@ def _place(label: Label, sources: dict[str, tuple[float, float]]) -> tuple[float
 
 
 #: Most replays more, and the part of an arrival's deviation that settled clocks move by at most.
+#: Chosen by judgement: clocks settle in two or three.
 MOST_REPLAYS, SETTLED = 6, 0.5
 AGAIN = (
     "scale, exponent: of onsets, which tell clocks so far apart better than {stage}: left as they "

@@ -49,6 +49,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Spectra = NDArray[np.complex128]
 
+#: Loudness is told up to this, where there is no noise at all. Chosen by judgement: over what 16
+#: bits hold, in float32.
+LOUDEST = 1e6
 #: Signal right before the first arrival that is not taken for noise [s]. Chosen by judgement: an
 #: onset may begin so long before it is picked.
 GUARD_S = 0.004
@@ -273,9 +276,9 @@ class GccPhat(ArrayMethod):
 def _loudness(values: Array, noise: Array) -> Array:
     """Return how much stronger each channel is than its noise, shape (n_channels,); 0: dead."""
     strength, still = values.std(axis=0), noise.std(axis=0)
-    over_silence = np.where(strength > 0, np.float64(1e6), 0.0)
+    over_silence = np.where(strength > 0, np.float64(LOUDEST), 0.0)
     loud = np.divide(strength, still, out=over_silence, where=still > 0)
-    return np.asarray(np.minimum(loud, 1e6))
+    return np.asarray(np.minimum(loud, LOUDEST))
 
 
 #: Frequency at which delays are given [Hz]. Chosen by judgement: in a footstep's band, as low as it

@@ -126,7 +126,7 @@ def _parts(block: SignalBlock, cuts: Sequence[int]) -> Iterator[SignalBlock]:
 #: Time of the first sample [ns], and the samples, shape (n_samples, n_channels).
 Cut = tuple[int, "NDArray[np.float64]"]
 
-#: Longer than any picker holds a pick back [ns].
+#: Longer than any picker holds a pick back [ns]. Chosen by judgement.
 KEEP_NS = 3 * NS_PER_S
 
 

@@ -29,8 +29,11 @@ if TYPE_CHECKING:
     from .stage import Item
 
 T = TypeVar("T")
-#: Block sizes whose decisions must equal those of the whole.
+#: Block sizes whose decisions must equal those of the whole. Chosen by judgement: smaller than any
+#: window, and as blocks of recordings are.
 BLOCK_SIZES = (7, 200, 2000)
+#: Values of a candidate may differ by rounding of sums, as a part of them. Chosen by judgement:
+#: 10^4 roundings of a double.
 TOLERANCE = 1e-12
 
 

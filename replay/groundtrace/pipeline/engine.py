@@ -35,9 +35,10 @@ if TYPE_CHECKING:
     Begun = Callable[[], list[Event]]
 
 #: Tasks that the other core is ahead: one, and one that waits while another chunk is read, which
-#: takes as long as several items from it.
+#: takes as long as several items from it. Chosen by judgement.
 AHEAD = 2
 #: Samples of a task, all channels together: handing one over costs what some thousand of them do.
+#: Chosen by judgement: a hundred times that.
 TOGETHER = 100_000
 
 

@@ -29,7 +29,8 @@ else:
     picker_kernels = Later("groundtrace.kernels.picker")
 
 #: Part by which a threshold must lie over what is reached: values are float32, and what they reach
-#: may have been sought on a grid.
+#: may have been sought on a grid. Chosen by judgement: over float32's rounding and a grid's step,
+#: under what people set.
 _REACHED = 1e-3
 
 

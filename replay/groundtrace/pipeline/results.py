@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .warned import Warned
 
 RUN = "groundtrace.run"
+#: First and last time. Source: definition, int64.
 FIRST_NS, LAST_NS = -(2**63), 2**63 - 1
 PACKAGES = ("groundtrace", "numpy", "scipy", "mcap")
 
@@ -115,6 +116,7 @@ def _without_folders(argument: str) -> str:
 
 
 #: Length at which a chunk of results is ended [bytes]: a replay that is killed keeps those before.
+#: Chosen by judgement: some seconds of a replay.
 CHUNK_BYTES = 256 << 10
 
 
@@ -353,7 +355,7 @@ def write_text(path: Path, text: str) -> None:
 
 #: Messages that evidence is made of, and what the replay warned of.
 KINDS = frozenset({"CandidateBlock", "TraceBlock", "Gap", "Note", "TrackPoint"})
-#: So many blocks of a stage are joined.
+#: So many blocks of a stage are joined. Chosen by judgement: it bounds memory.
 JOINED = 256
 
 

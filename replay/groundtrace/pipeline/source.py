@@ -31,12 +31,16 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
 #: Samples of the fastest stream that unpaced blocks are joined to: what a block costs, whatever its
-#: length, then hardly counts.
+#: length, then hardly counts. Chosen by judgement.
 BLOCK_SAMPLES = 3000
 #: Shortest such block, also where one stream is alone and waits for no other, and longest one [s].
+#: Chosen by judgement: what a viewer shows at once, and what memory holds.
 BLOCK_S, ALONE_BLOCK_S, LONGEST_BLOCK_S = 0.5, 2.0, 30.0
-#: Longest gap that is filled instead of ending the run [s].
+#: Longest gap that is filled instead of ending the run [s]. Chosen by judgement: lost packets are
+#: shorter, and a step is longer.
 BRIDGE_S = 0.1
+#: It is at least this many sampling intervals. Chosen by judgement: one lost sample is no gap.
+BRIDGE_PERIODS = 2.5
 
 
 def block_length_s(streams: Sequence[Stream]) -> float:
@@ -158,7 +162,8 @@ def joined(items: list[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap]:
         yield as_one(together)
 
 
-#: Recorded times may jitter by this much without being a clock step [s].
+#: Recorded times may jitter by this much without being a clock step [s]. Chosen by judgement: an
+#: operating system stamps blocks as unevenly.
 CLOCK_TOLERANCE_S = 0.005
 
 
@@ -267,7 +272,7 @@ class IrregularRuns:
 
     def __init__(self, stream: Stream, bridge_s: float) -> None:
         self.stream = replace(stream, irregular=False)
-        self.bridge_ns = max(bridge_s * NS_PER_S, 2.5 * stream.period_ns)
+        self.bridge_ns = max(bridge_s * NS_PER_S, BRIDGE_PERIODS * stream.period_ns)
         self._anchor_ns: int | None = None
         self._next = 0
         self._time_ns = 0

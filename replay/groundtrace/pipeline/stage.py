@@ -55,7 +55,7 @@ _COLUMNS = frozenset({CandidateBlock, TraceBlock})
 #: Why a clock's times before and after a gap have nothing to do with each other.
 CLOCK_STEP = "clock step"
 #: Signal is kept so long until its stage can start; what is given first in a round, so long, and
-#: the very first of it [ns].
+#: the very first of it [ns]. Chosen by judgement: they bound memory.
 _EARLY_NS, _EARLY_FIRST_NS = 2 * NS_PER_S, 60 * NS_PER_S
 
 
@@ -1097,8 +1097,9 @@ class PresenceIntervals:
 
 
 #: Root mean square distance of nine sensors in a room of 5.4 m x 5.4 m from their middle [m].
+#: Source: definition, 2.7 sqrt(4 / 3).
 COMMON_RADIUS_M = 3.118
-#: Power of length in the units of parameters that have one.
+#: Power of length in the units of parameters that have one. Source: definition.
 POWERS = {"m": 1, "m^2": 2, "m/s": 1, "m/s^2": 1}
 
 
@@ -1149,7 +1150,8 @@ def in_length_unit(spec: StageSpec, geometry: Geometry | None) -> StageSpec:
     )
 
 
-#: A place in the plane has two coordinates, and the moment of the impact is unknown too.
+#: A place in the plane has two coordinates, and the moment of the impact is unknown too. Source:
+#: definition.
 LEAST_PICKS = 3
 
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Event
 
-#: Fastest over a second or more, by application, and of whom [m/s]. On foot: the fastest sprint
-#: that was measured reached 12.3 m/s (the 100 m of Berlin, 2009). On the road: the fastest car
-#: reached 136 m/s (2019).
+#: Fastest over a second or more, by application, and of whom [m/s]. Source: on foot, the fastest
+#: sprint that was measured reached 12.3 m/s (the 100 m of Berlin, 2009); on the road, the fastest
+#: car 136 m/s (2019).
 FASTEST_MPS = {
     "room": (12.5, "any person runs"),
     "walker": (12.5, "any person runs"),

@@ -49,7 +49,7 @@ Activity = Literal["sit", "reach", "handle", "ride"]
 
 #: Types of side steps: a lead and a trail foot make one step.
 LATERAL = frozenset({"left", "right"})
-#: Where a step goes against where the body faces [rad], counter-clockwise.
+#: Where a step goes against where the body faces [rad], counter-clockwise. Source: definition.
 COURSE_RAD: dict[StepType, float] = {
     "forward": 0.0,
     "backward": np.pi,
@@ -57,12 +57,17 @@ COURSE_RAD: dict[StepType, float] = {
     "right": -np.pi / 2,
 }
 
+#: Length of the bundled walk's cycle [s]. Chosen by judgement: two walks at different paces, and a
+#: pause.
 CYCLE_S = 60.0
 #: Walks of a cycle: start, end, mean step time, step length, [s, s, s, m]. Standing lies between.
+#: Chosen by judgement: a brisk and a slow walk.
 _WALKS = ((5.0, 34.0, 0.54, 0.70), (39.0, 53.0, 0.66, 0.55))
-#: Start and length of the left turn by 90 degrees, within the first walk [s].
+#: Start and length of the left turn by 90 degrees, within the first walk [s]. Chosen by judgement:
+#: four steps.
 _TURN = (25.0, 2.4)
-#: The pause in which the person fidgets [s].
+#: The pause in which the person fidgets [s]. Chosen by judgement: between the walks, nearly all of
+#: the pause.
 _FIDGET = (34.9, 38.4)
 
 
@@ -246,12 +251,14 @@ def smooth_step(part: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 #: Frequency and decay of a contact's shaking [Hz, s], and its amplitude ahead, left, up [m/s2].
+#: Chosen by judgement: some tens of milliseconds; hard forward, soft backward and aside.
 _SHAKE = {
     "forward": (17.0, 0.045, (-1.3, 0.6, 2.0)),
     "backward": (12.0, 0.05, (0.35, 0.3, 0.7)),
     "left": (14.0, 0.045, (0.1, -0.5, 0.9)),
     "right": (14.0, 0.045, (0.1, 0.5, 0.9)),
 }
+#: Part of it where a trail foot closes. Chosen by judgement: that foot bears little.
 _TRAIL_SHAKE = 0.5
 
 
@@ -385,6 +392,7 @@ def step_asymmetry(kind: StepType, first: str, count: int, manner: Manner) -> Ar
     return 1 + sign * manner.asymmetry * np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
 
 
+#: Chosen by judgement: usual chairs.
 _SEAT_M = 0.42  # a seat is this much lower than a standing pelvis
 
 
@@ -486,15 +494,19 @@ def _bump(part: Array) -> Array:
     return hill
 
 
-#: Of the waist's motion at the breastbone: acceleration ahead, left, up; yaw, pitch, roll.
+#: Of the waist's motion at the breastbone: acceleration ahead, left, up; yaw, pitch, roll. Chosen
+#: by judgement: the trunk follows damped, and turns against the pelvis.
 _TRUNK = (np.array((0.75, 0.85, 0.97)), np.array((-0.7, 0.8, -0.5)))
-#: From the joint to the sensor, ahead, left, up [m].
+#: From the joint to the sensor, ahead, left, up [m]. Chosen by judgement: a trouser pocket, and a
+#: wrist under a straight arm, of a usual person.
 _THIGH_M = (0.06, -0.08, -0.22)
 _ARM_M = (0.0, -0.03, -0.58)
 #: Slower than this no gait repeats [Hz]; below it sums of steps would push the body off its path.
+#: Chosen by judgement.
 _SLOWEST_HZ = 0.15
+#: Chosen by judgement: the filter has settled by then.
 _FILTERED = 30  # samples that are filtered or settled at least
-#: Faster than this no part of the body turns about its joints [Hz].
+#: Faster than this no part of the body turns about its joints [Hz]. Chosen by judgement.
 _FASTEST_HZ = 8.0
 
 
@@ -628,9 +640,12 @@ def second_derivative(place: Array, time_s: Array) -> Array:
     return derivative
 
 
+#: Chosen by judgement: a usual walker's step width, and a heel that clears the floor.
 _ASIDE_M = 0.09  # from the body's path to a foot
 _LIFT_M = {"forward": 0.10, "backward": 0.08, "left": 0.06, "right": 0.06}
 #: Pitch of the foot over a forward swing, from heel-off (0) to contact (1) [rad], heel up positive.
+#: Chosen by judgement: by the look of recorded feet: heel up after the push, toes up before the
+#: contact.
 _SWING = (0.0, 0.28, 0.62, 0.9, 1.0)
 _PITCH_RAD = (0.0, 0.85, 0.12, -0.30, -0.26)
 _SLAP_S = 0.09  # from contact to the whole sole on the floor
@@ -736,6 +751,7 @@ def _land(place: Array, swing: _Swing, manner: Manner, time_s: Array) -> None:
     place[near] += shake[:, None] * (-12.0, 4.0, 18.0)
 
 
+#: Chosen by judgement: how sensors are worn, far enough off that axes must be found.
 _TILT_DEG = 20.0  # a sensor put on by hand, about each axis
 _POCKET_DEG = (35.0, -80.0, 10.0)  # yaw, pitch, roll of a phone in a trouser pocket
 _WRIST_DEG = (-90.0, 10.0, 80.0)
@@ -900,7 +916,8 @@ def _sensor(rng: np.random.Generator) -> Sensor:
 PlacementName = Literal["waist", "trunk", "foot", "phone", "wrist"]
 RouteName = Literal["straight", "l", "loop", "epfl", "random"]
 
-#: Length of a walk whose path does not say how long it takes [s].
+#: Length of a walk whose path does not say how long it takes [s]. Chosen by judgement: one cycle,
+#: and two of them.
 _DURATION_S = {None: 60.0, "random": 120.0}
 
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+#: Rounding that is no distance [m]. Chosen by judgement: a nanometre.
 _EPSILON = 1e-9
 
 

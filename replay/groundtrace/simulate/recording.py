@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import SignalBlock, Stream
 
 #: Time of the first sample: 2026-01-05 09:00 UTC, the same for all so that a seed fixes every byte.
+#: Chosen by judgement: any time would do.
 START_NS = 1_767_603_600_000_000_000
 
 #: Author of every label of a simulator.

@@ -21,12 +21,14 @@ if TYPE_CHECKING:
 
 LayoutName = Literal["antennas", "stations"]
 
-#: Of the fastest vehicle, and of the slowest wave [m/s]: nobody drives faster than sound.
+#: Of the fastest vehicle, and of the slowest wave [m/s]: nobody drives faster than sound. Chosen by
+#: judgement: 108 km/h, and no ground is softer.
 FASTEST_MPS, SLOWEST_WAVE_MPS = 30.0, 80.0
-#: Speed of one vehicle, and of several, where nobody says which [m/s].
+#: Speed of one vehicle, and of several, where nobody says which [m/s]. Chosen by judgement: 36
+#: km/h, and 29 to 72 km/h.
 SPEED_MPS, DRAWN_MPS = 10.0, (8.0, 20.0)
 #: Highest frequency felt, as a part of the sampling rate; by what factor a band may reach beyond
-#: its edge as it moves.
+#: its edge as it moves. Chosen by judgement: below Nyquist.
 _HIGHEST, _BEYOND = 0.4, 1.2
 
 
@@ -209,7 +211,10 @@ class VehicleOptions:
 
 
 _AXES = ("x", "y", "z")
+#: Side of an antenna and distance of stations where nobody says them [m]. Chosen by judgement: some
+#: cycles of a vehicle.
 _ANTENNA_M, _STATION_M = 10.0, 20.0
+#: Chosen by judgement: as far as stations hear.
 _ROAD_M = 100.0  # of a straight road that the geometry tells, either way from the sensors
 
 
@@ -284,8 +289,10 @@ def _sensors(options: VehicleOptions) -> list[Sensor]:
     ]
 
 
-#: So long before and after its pass a vehicle is on the road at most [s].
+#: So long before and after its pass a vehicle is on the road at most [s]. Chosen by judgement: at 8
+#: m/s a vehicle is then 1.4 km away.
 LASTS_S = 180.0
+#: Chosen by judgement: finer than a vehicle's place matters; the rounds settle to a nanosecond.
 _ARC_STEP_RAD = 0.01  # between two corners of a bend
 _NEAR_S = 0.01  # grid on which the closest approach is looked for
 _CONVERGED_S = 1e-9

@@ -42,10 +42,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Spectra = NDArray[np.complex128]
 
+#: Chosen by judgement: a trade of the two.
 _NOISE_COUNTS = 4.0  # of the digitiser: real noise, yet half of every sample compresses away
 #: A step beside a sensor reaches 1.8 times the peak at 1 m, a wall or a mounting adds to it: the
-#: digitiser's range is this many times the peak.
+#: digitiser's range is this many times the peak. Chosen by judgement: no step clips.
 _HEADROOM, _RESONANT = 2.5, 3.0
+#: Chosen by judgement: most steps clip.
 _CLIPPED_AT = 0.5  # of the median strike's peak: where a channel with too much gain clips
 
 
@@ -126,10 +128,13 @@ def _clipping(field: Wavefield, strikes: Sequence[Strike]) -> NDArray[np.float64
     return scale
 
 
+#: Chosen by judgement: mains, and a machine.
 _HUM = ((50.0, 0.25), (11.0, 0.5))  # frequency [Hz] and amplitude over the noise's deviation
 #: Horizontal over vertical movement at 200 Hz, in the middle of a footstep's band; a Rayleigh wave
-#: has about as much at any frequency. In a plate it grows with the wave number.
+#: has about as much at any frequency. In a plate it grows with the wave number. Chosen by
+#: judgement.
 _RADIAL, _RADIAL_HZ = 0.6, 200.0
+#: Chosen by judgement: the ringing fades with the distance from the onset.
 _LEAD = 16  # samples: a waveform is band-limited and rings before its onset
 
 
@@ -313,6 +318,7 @@ class RoomSignal:
             first += size
 
 
+#: Chosen by judgement: half a step.
 _BEYOND_NS = NS_PER_S // 4  # a walking span before its first step and after its last
 
 

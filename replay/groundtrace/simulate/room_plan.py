@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Outline = tuple[tuple[float, float], ...]
 
-#: Side of the room of the thesis's test (section 6.2) [m].
+#: Side of the room of the thesis's test (section 6.2) [m]. Source: thesis, section 6.2.
 SIDE_M = 5.4
-#: Sensors in a room where nobody says how many.
+#: Sensors in a room where nobody says how many. Source: thesis, its three rows of three.
 CHANNELS = 9
-#: Largest offset of a clock [s].
+#: Largest offset of a clock [s]. Chosen by judgement: more is no clock that is off, but another
+#: recording.
 LATEST_S = 0.1
 
 ShoeName = Literal["heel", "bare", "mixed"]
@@ -262,16 +263,19 @@ def stations_of(site: Geometry) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     return np.array(list(places), np.float64), of_channel
 
 
-#: People keep this far from walls [m], less in rooms narrower than five times as much.
+#: People keep this far from walls [m], less in rooms narrower than five times as much. Chosen by
+#: judgement: an arm's length.
 _CLEAR_M = 0.7
-#: From the middle of the path to a foot [m].
+#: From the middle of the path to a foot [m]. Chosen by judgement: a usual walker's step width; the
+#: rest fits paths into rooms.
 _ASIDE_M = 0.07
 _TICKS = 14  # of the corners a rectangle is looked for with, per axis
 _FLAT = 0.65  # shorter axis of an ellipse over the longer one, at most
 _LANE_M = 0.8  # between going there and coming back
 
 #: Open lines over the unit square, walked to and fro with a turn on the spot at the ends. No leg
-#: lies on a line of symmetry, where feet would be equally far from rows of sensors.
+#: lies on a line of symmetry, where feet would be equally far from rows of sensors. Chosen by
+#: judgement: L and V are those of the thesis, chapter 6.
 _LINES = {
     "straight": ((0.0, 0.3), (1.0, 0.6)),
     "l": ((0.0, 0.025), (1.0, 0.025), (1.0, 1.0)),
@@ -434,6 +438,9 @@ def polygon(outline: tuple[tuple[float, float], ...]) -> Polygon:
     return room
 
 
+#: Of a room drawn at random: sides [m], sensors, thickness of the floor [m], its loss [s],
+#: reflection of walls. Chosen by judgement: rooms and floors of houses, with the loss of the
+#: thesis's chapter 5.
 _SIDE_M = (4.0, 10.0)
 _SENSORS = (4, 16)
 _THICKNESS_M = (0.12, 0.3)
@@ -526,6 +533,8 @@ def _sensors(rng: np.random.Generator, site: Geometry, count: int) -> tuple[Sens
     )
 
 
+#: First step and end after the last [s], steps of a walk, and impacts. Chosen by judgement: noise
+#: enough before and after, and no impact in the ringing of another.
 _FIRST_S = 0.8
 _AFTER_LAST_S = 1.2
 _STEPS = 20

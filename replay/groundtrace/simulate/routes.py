@@ -16,14 +16,18 @@ if TYPE_CHECKING:
     from .gait import Activity, Foot, Person, RouteName, StepType, Stride, WalkOptions
 
 _T = TypeVar("_T")
-#: Legs and the turns at their ends [m, rad]; the last turn leads into the next lap.
+#: A turn to the left [rad]. Source: definition.
 _LEFT = np.pi / 2
+#: Legs and the turns at their ends [m, rad]; the last turn leads into the next lap. Source: EPFL
+#: for "epfl", 260 m round; the others chosen by judgement: a corridor, a corner, a building.
 LAPS: dict[RouteName, tuple[tuple[float, float], ...]] = {
     "straight": ((40.0, np.pi),),
     "l": ((20.0, _LEFT), (15.0, np.pi)),
     "loop": ((20.0, _LEFT), (12.0, _LEFT), (20.0, _LEFT), (12.0, _LEFT)),
     "epfl": ((100.0, _LEFT), (30.0, _LEFT), (100.0, _LEFT), (30.0, _LEFT)),
 }
+#: Chosen by judgement: long enough to level a sensor, and to see a track end; nothing that people
+#: do between walks lasts longer.
 _STILL_S = (4.0, 6.0)  # standing at the start, and at the end
 _LONGEST_S: dict[Activity, float] = {"sit": 12.0, "reach": 5.0, "handle": 8.0, "ride": 30.0}
 _OTHERS: tuple[StepType, ...] = ("backward", "left", "right")

@@ -40,11 +40,13 @@ if TYPE_CHECKING:
 
     from .vehicle_signal import Burst, Vehicle
 
+#: Chosen by judgement: a trade of the two; a usual distance to a road; an engine heard beside the
+#: tyres.
 _NOISE_COUNTS = 4.0  # of the digitiser: real noise, yet most of every sample compresses away
 _SNR_AT_M = 10.0
 _ENGINE_SHARE = 0.3  # of a vehicle's power, where it has tones
 #: Full scale over the root of the mean power at the closest approach: Gaussian noise, and twice
-#: that where fading adds to it.
+#: that where fading adds to it. Chosen by judgement: no vehicle clips.
 _HEADROOM, _FADING = 7.0, 2.0
 
 
@@ -168,8 +170,10 @@ def _gains_said(
     return {"sensor_gain": {sensor.channel: repr(gain) for sensor, gain in pairs}}
 
 
-#: Within so much of a station, waypoints tell a vehicle's way [m].
+#: Within so much of a station, waypoints tell a vehicle's way [m]. Chosen by judgement: as far as
+#: stations hear.
 REACH_M = 100.0
+#: Chosen by judgement: half a step.
 _BEYOND_S = 0.25  # a walking span before its first step and after its last
 
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Complex = NDArray[np.complex128]
 
+#: Chosen by judgement: exp(-12) is below the noise; wind shakes below the band of vehicles, and its
+#: level by a factor of 1.6.
 _LASTS = 12.0  # times its decay that a burst is computed for
 _WIND_HZ = (0.5, 8.0)
 _GUST = 0.5  # standard deviation of the logarithm of the wind's level
@@ -166,13 +168,17 @@ def sampled(geophone: Geophone, rate_hz: float) -> tuple[Array, Array]:
     return numerator / denominator[0], denominator / denominator[0]
 
 
-#: By how much of itself the noise's band moves up and down.
+#: By how much of itself the noise's band moves up and down. Chosen by judgement: a vehicle's
+#: spectrum is not the same twice.
 WANDER = 0.15
 #: Parts of the band that are damped each for itself, where the ground has loss: the mean power is
-#: within 3 % of an integral's, as long as the loss takes less than 20 dB.
+#: within 3 % of an integral's, as long as the loss takes less than 20 dB. Chosen by judgement.
 PARTS = 16
-#: Frames before time 0 that may be asked for: a seed is never negative.
+#: Frames before time 0 that may be asked for: a seed is never negative. Chosen by judgement: more
+#: than any recording has.
 BEFORE = 1 << 20
+#: Chosen by judgement: soft edges ring little; an engine of four strokes; more samples of a
+#: sinc cost more than they say.
 _EDGE = 0.2  # of the band's width, over which it begins and ends
 _ORDERS = np.array([0.5, 0.25, 0.15, 0.1])  # parts of the engine's power at multiples of its rate
 _SWING_S, _SWING = 7.0, 0.02  # by what part the engine's rate swings, and how slowly
@@ -347,7 +353,8 @@ def margin() -> int:
     return _SIDE + 1
 
 
-#: Root of the mean power of a mean vehicle at 1 m [m/s].
+#: Root of the mean power of a mean vehicle at 1 m [m/s]. Chosen by judgement: as geophones beside a
+#: road give; people, impacts and lanes of usual ways about it.
 LEVEL_MPS = 5e-5
 _LANE_M = 1.75  # of each lane's middle from the road's line, where there are several vehicles
 _SPREAD_DB = 3.0
@@ -502,8 +509,10 @@ def _burst(
     return Burst(float(time_s), x, y, peak_mps, frequency_hz, rng.uniform(0.03, 0.06), target)
 
 
-#: Radial over vertical movement of a Rayleigh wave at the surface.
+#: Radial over vertical movement of a Rayleigh wave at the surface. Source: Rayleigh's equation:
+#: 0.68 and 0.64 at Poisson's ratios of 0.25 and 0.33.
 RADIAL = 0.65
+#: Chosen by judgement: a sum of so many is Gaussian; it fades long before it is off the road.
 _SCATTERERS = 32  # paths that make the fading of one vehicle at one station
 _FULL_S = 150.0  # before and after its pass, a vehicle begins to fade away
 

@@ -66,10 +66,14 @@ def _walker(options: WalkOptions) -> Walker:
     return Walker(options, walk, who, duration_s, disturbances(options, walk, duration_s))
 
 
-#: The motion of a band-limited sensor is computed at this rate at least [Hz].
+#: The motion of a band-limited sensor is computed at this rate at least [Hz]. Chosen by judgement:
+#: six times what a contact shakes with.
 _FINE_HZ = 200.0
+#: Last bit of an accelerometer of 8 g and a gyroscope of 1000 deg/s, of 16 bits. Source:
+#: definition.
 _LSB = (8 * G0_MPS2 / 32768, np.radians(1000) / 32768)
-#: Where x and y are 0: a car park of the EPFL [deg, deg, m].
+#: Where x and y are 0: a car park of the EPFL [deg, deg, m]. Chosen by judgement: any place would
+#: do; the radius of the earth is that of WGS 84, the noise that of a receiver in the open.
 _ORIGIN = (46.5197, 6.5657, 400.0)
 _EARTH_M = 6_378_137.0
 _GNSS_M = (2.0, 0.4)  # wandering with the satellites over a minute, and from fix to fix
@@ -246,6 +250,8 @@ def gnss(walker: Walker) -> Samples:
     return Samples(Stream("/gnss", channels, 1.0), values)
 
 
+#: Rate of a sensor, and time between true headings. Chosen by judgement: as usual inertial sensors
+#: have.
 _RATE_HZ = 200.0
 _HEADING_S = 0.1
 
@@ -337,16 +343,19 @@ def _ns(moment_s: float) -> int:
     return START_NS + round(moment_s * NS_PER_S)
 
 
-#: East, north, up [T]: of the bundled recording, and 48 uT with a dip of 63 degrees.
+#: East, north, up [T]: of the bundled recording, and 48 uT with a dip of 63 degrees. Chosen by
+#: judgement: fields of middle latitudes, as of IGRF-13.
 _BUNDLED_T = np.array((0.0, 20e-6, -44e-6))
 _EARTH_T = 48e-6 * np.array((0.0, np.cos(np.radians(63.0)), -np.sin(np.radians(63.0))))
-#: From this on the field counts as disturbed [T].
+#: From this on the field counts as disturbed [T]. Chosen by judgement: 4 % of the earth's field.
 DISTURBED_T = 2e-6
+#: Strength of disturbances [T], and how far they reach [m]. Chosen by judgement: doors and cars;
+#: radiators and reinforcement.
 _STRONG_T, _WEAK_T = (10e-6, 60e-6), (3e-6, 6e-6)
 _WIDE_M = (2.0, 10.0)
 _Group = tuple[int, tuple[float, float], tuple[float, float]]
 #: Of the loop of EPFL: how many, how strong, between which places along it [m]: weak ones on the
-#: first straight, strong ones on the second.
+#: first straight, strong ones on the second. Chosen by judgement, after the walk of the document.
 _EPFL: tuple[_Group, ...] = ((3, _WEAK_T, (5.0, 95.0)), (9, _STRONG_T, (132.0, 228.0)))
 
 
@@ -431,9 +440,9 @@ def through_iron(field: Array, options: WalkOptions) -> Array:
     return passed
 
 
-#: Steps further apart belong to two walks [s].
+#: Steps further apart belong to two walks [s]. Chosen by judgement: no step is as slow.
 _STOP_S = 1.5
-#: Length of a step where the places are not known [m].
+#: Length of a step where the places are not known [m]. Chosen by judgement: a usual step.
 _STEP_M = 0.6
 _LEAST = 4
 

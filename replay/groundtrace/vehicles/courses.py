@@ -47,6 +47,10 @@ _LAW = PowerLaw(1.0, EXPONENT)
 #: Courses nearer than this many standard deviations, and 0.1 m, are one. Chosen by judgement: what
 #: errors cannot tell apart is one.
 _ALIKE, _ALIKE_M = 0.5, 0.1
+#: Neighbours on a lattice are nearer than this many of its steps, and go the same way within this
+#: angle [rad]. Source: definition for the first, with room for rounding; the second chosen by
+#: judgement: a fit turns a course by less.
+APART, TURNED_RAD = 1.1, 0.5
 #: What is known of the noise's factor: that this power of it is 1, as surely as a power is known.
 #: Chosen by trial on simulated roads: held more tightly, courses were better or worse by no more
 #: than by the vehicles (docs/vehicles.md).
@@ -413,7 +417,7 @@ def strengths(powers: Array, floors: Array, spread: Array, axes: tuple[int, ...]
 def _apart(one: Array, other: Array, distance_m: float) -> bool:
     """Return whether courses lie in other places by more than neighbours, or go another way."""
     turn = one[2:] @ other[2:] / (np.hypot(*one[2:]) * np.hypot(*other[2:]))
-    return bool(np.abs(one[:2] - other[:2]).max() > 1.1 * distance_m or turn < np.cos(0.5))
+    return bool(np.abs(one[:2] - other[:2]).max() > APART * distance_m or turn < np.cos(TURNED_RAD))
 
 
 def _lost(observed: Observed, courses: Array, each_mu: bool) -> Array:

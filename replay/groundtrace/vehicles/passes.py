@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 _WIDTHS_S = (0.05, 300.0)
 #: Parameters of a pass, in the order of a fit: t0, ln peak, ln width. Source: definition.
 _PER_PASS = 3
+#: What a pass more must gain over Schwarz's criterion. Chosen by judgement: "strong" for twice a
+#: log Bayes factor, R. E. Kass, A. E. Raftery, Bayes factors, J. Am. Stat. Assoc. 90 (1995).
+_SURE = 6
 #: Most passes in one event. Chosen by judgement: it bounds the cost; more that overlap cannot be
 #: told apart.
 _MOST = 6
@@ -137,7 +140,7 @@ class PassFinder:
     def _explained(self, event: Event, peaks: NDArray[np.intp]) -> list[StationPass]:
         """Add passes while one more explains what noise does not."""
         fit = event.fit([event.guess(peak) for peak in peaks], self.relative_sigma)
-        needed = self.relative_sigma**2 * (_PER_PASS * np.log(event.samples) + 6)
+        needed = self.relative_sigma**2 * (_PER_PASS * np.log(event.samples) + _SURE)
         while fit.samples > len(fit.values) + _PER_PASS and len(fit.values) < _PER_PASS * _MOST:
             known = fit.values.reshape(-1, _PER_PASS)
             more = event.fit([*known, event.missing(fit.values)], self.relative_sigma)
