@@ -1,4 +1,4 @@
-"""The loss of arrivals at the nodes of a lattice, compiled: the loop that locates impacts."""
+"""Loops that locate impacts: arrivals that pairs agree on, and their loss at nodes of a lattice."""
 
 from __future__ import annotations
 
@@ -104,3 +104,56 @@ def robust_losses(
                 _summed(part, times_s[row], line, threshold_s, index > 0, sums)
                 _fitted(sums, slope, line)
             _lost(part, times_s[row], line, threshold_s, loss)
+
+
+@compiled
+def _solved(normal: Array, right: Array) -> None:
+    """Put x of normal x = right in ``right``; of normal, symmetric and positive, half is used."""
+    n = len(right)
+    for k in range(n):
+        for i in range(k + 1, n):
+            factor = normal[k, i] / normal[k, k]
+            for j in range(i, n):
+                normal[i, j] -= factor * normal[k, j]
+            right[i] -= factor * right[k]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            right[i] -= normal[i, j] * right[j]
+        right[i] /= normal[i, i]
+
+
+@compiled
+def agreed(weight: Array, late: Array, misfit_s: float, passes: int, arrivals: Array) -> None:
+    """Fit arrivals of mean 0 to the delays of all pairs, reweighting by Cauchy's loss.
+
+    Parameters
+    ----------
+    weight
+        Shape (n, n), symmetric: what each pair counts; 0 on the diagonal.
+    late
+        Shape (n, n): how much later i hears it than j [s].
+    misfit_s
+        That halves a pair's weight [s].
+    passes
+        How often the equations are solved.
+    arrivals
+        Shape (n,) [s], overwritten.
+    """
+    n = len(weight)
+    share, normal = weight.copy(), np.empty((n, n))
+    for _ in range(passes):
+        # the normal equations of all pairs; their one freedom is taken by a mean of 0
+        even = share.sum() / (n * (n - 1))
+        for i in range(n):
+            whole, right = 0.0, 0.0
+            for j in range(n):
+                normal[i, j] = even - share[i, j]
+                whole += share[i, j]
+                right += share[i, j] * late[i, j]
+            normal[i, i] += whole
+            arrivals[i] = right
+        _solved(normal, arrivals)
+        for i in range(n):
+            for j in range(n):
+                off = (arrivals[i] - arrivals[j] - late[i, j]) / misfit_s
+                share[i, j] = weight[i, j] / (1.0 + off * off)

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -31,6 +32,7 @@ from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..dsp.filters import corner
+from ..later import Later
 from ..pipeline.buffers import whole_samples
 from ..pipeline.gates import Candidates, GateState, Level
 from ..pipeline.parameters import gate, measured
@@ -44,10 +46,13 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
+    from ..kernels import locate as locate_kernels
     from .array_method import Window
 
     Array = NDArray[np.float64]
     Spectra = NDArray[np.complex128]
+else:
+    locate_kernels = Later("groundtrace.kernels.locate")
 
 #: Loudness is told up to this, where there is no noise at all. Chosen by judgement: over what 16
 #: bits hold, in float32.
@@ -246,12 +251,14 @@ class GccPhat(ArrayMethod):
         # the part of a sample that the window could not move a channel by
         ahead_s = self._ahead_s[heard]
         rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
-        white *= self._band.advance(rest_s, rate_hz)
+        if rest_s.any():
+            white *= self._band.advance(rest_s, rate_hz)
         delays = correlated(white, self._band, self._farthest_s[np.ix_(heard, heard)])
         relative, misfit = consistent(delays, len(heard))
         onsets = window.arrivals_s[heard]
         pace = (REFERENCE_HZ / self.parameters.given_hz) ** (1 - self.parameters.dispersion)
-        origin = float(np.nanmedian(onsets - pace * relative))
+        late_s = onsets - pace * relative
+        origin = float(np.median(late_s[np.isfinite(late_s)]))
         first_s = (window.step_ns - window.start_ns) / NS_PER_S
         # a localizer takes what comes from the step's time on
         arrivals = max(origin, first_s - float((pace * relative + ahead_s).min())) + pace * relative
@@ -292,6 +299,8 @@ SMOOTH_HZ, NOISE_FACTOR, FADE_S = 150.0, 2.0, 0.003
 #: pair's weight [s]. Chosen by judgement: eight points of a period find its maximum, passes end
 #: when nothing moves, and a pair on the wrong period (some ms) counts little.
 POINTS, PASSES, MISFIT_S = 8.0, 12, 6e-4
+#: Pairs are correlated in so many parts, as far as the farthest of each may be apart.
+LAG_PARTS = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -355,7 +364,10 @@ class Band:
     def spectra(self, values: Array, rate_hz: float) -> Spectra:
         """Return the spectra of signals of shape (n, n_channels), shape (n_channels, n_f)."""
         planar = np.ascontiguousarray(values.T)
-        faded = (planar - planar.mean(axis=1, keepdims=True)) * _fade(len(values), rate_hz)
+        faded = planar - planar.mean(axis=1, keepdims=True)
+        rise = _rise(min(round(FADE_S * rate_hz), len(values) // 2))
+        faded[:, : len(rise)] *= rise
+        faded[:, len(values) - len(rise) :] *= rise[::-1]
         low, high = int(self.rows[0]), int(self.rows[-1]) + 1
         return np.ascontiguousarray(np.fft.rfft(faded, self.samples, axis=1)[:, low:high])
 
@@ -374,27 +386,28 @@ class Band:
         rate_hz
             Sampling rate.
         """
-        signal = self.spectra(values, rate_hz)
-        power = np.abs(signal) ** 2
-        still = np.abs(self.spectra(noise, rate_hz)) ** 2 * len(values) / max(len(noise), 1)
-        level = NOISE_FACTOR * _averaged(still, self.spread)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            wiener = np.nan_to_num(np.maximum(1 - level / power, 0), nan=0.0)
-            unit = np.nan_to_num(signal / np.sqrt(power), nan=0.0, posinf=0.0, neginf=0.0)
-        return np.asarray(unit * np.sqrt(wiener * self.share))
+        signal, quiet = self.spectra(values, rate_hz), self.spectra(noise, rate_hz)
+        power = signal.real**2 + signal.imag**2
+        still = (quiet.real**2 + quiet.imag**2) * (len(values) / max(len(noise), 1))
+        with np.errstate(invalid="ignore"):
+            above = power - NOISE_FACTOR * _averaged(still, self.spread)
+        known = (power > 0) & np.isfinite(above)
+        wiener = np.divide(np.maximum(above, 0), power, out=np.zeros_like(power), where=known)
+        unit = np.divide(1, np.sqrt(power), out=np.zeros_like(power), where=known)
+        return np.asarray(signal * (unit * np.sqrt(wiener * self.share)))
 
 
-def _fade(length: int, rate_hz: float) -> Array:
-    """Return weights that rise and fall at the ends, shape (length,)."""
-    edge = min(round(FADE_S * rate_hz), length // 2)
-    rise = 0.5 - 0.5 * np.cos(np.pi * (np.arange(edge) + 0.5) / max(edge, 1))
-    return np.concatenate([rise, np.ones(length - 2 * edge), rise[::-1]])
+@lru_cache(maxsize=8)
+def _rise(length: int) -> Array:
+    """Return the weights of samples that fade in, shape (length,)."""
+    return 0.5 - 0.5 * np.cos(np.pi * (np.arange(length) + 0.5) / max(length, 1))
 
 
 def _averaged(power: Array, spread: int) -> Array:
     """Return running means over ``spread`` frequencies, shorter at the ends."""
     width = min(spread, power.shape[1])
-    total = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=1)
+    total = np.zeros((len(power), power.shape[1] + 1))
+    np.cumsum(power, axis=1, out=total[:, 1:])
     index = np.arange(power.shape[1])
     low = np.clip(index - width // 2, 0, None)
     high = np.clip(index + width // 2 + 1, None, power.shape[1])
@@ -413,46 +426,73 @@ def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
     farthest_s
         Longest delay of each pair, shape (n_channels, n_channels) [s].
     """
-    first, second = np.triu_indices(len(white), 1)
-    limit = farthest_s[first, second]
-    step = 2 * np.pi / (POINTS * band.turn[-1])
-    reach = int(np.ceil(limit.max() / step)) + 1
-    grid = np.arange(-reach, reach + 1) * step
-    mass = (np.abs(white) ** 2).sum(axis=1)
+    lags = _lags(band.turn.tobytes(), np.ascontiguousarray(farthest_s).tobytes(), len(white))
+    first, second = lags.first, lags.second
+    cross = white[first] * np.conj(white[second])
+    even, odd = np.ascontiguousarray(cross.real), np.ascontiguousarray(cross.imag)
+    place, around = np.empty(len(first)), np.empty((3, len(first)))
+    for rows, outside, cosine, sine in lags.parts:
+        # of delays d and -d the cosines are the same and the sines opposite: half the products do
+        same, opposite = even[rows] @ cosine, odd[rows] @ sine
+        steered = np.concatenate([(same + opposite)[:, :0:-1], same - opposite], axis=1)
+        best = np.where(outside, -np.inf, steered).argmax(axis=1).clip(1, outside.shape[1] - 2)
+        around[:, rows] = steered[np.arange(len(best)), best + np.array([[-1], [0], [1]])]
+        place[rows] = best - (cosine.shape[1] - 1)
+    off, top = _refined(*around)
+    mass = (white.real**2 + white.imag**2).sum(axis=1)
     scale = np.sqrt(mass[first] * mass[second])
-    rows = _steered(white[first] * np.conj(white[second]), band.turn, step, reach)
-    allowed = np.abs(grid) <= limit[:, None] + step
-    best = np.where(allowed, rows, -np.inf).argmax(axis=1)
-    place, top = _refined(rows, best)
     height = np.divide(top, scale, out=np.zeros_like(top), where=scale > 0)
-    return Delays(first, second, (place - reach) * step, height, np.maximum(top, 0) * height)
+    return Delays(first, second, (place + off) * lags.step_s, height, np.maximum(top, 0) * height)
 
 
-def _steered(cross: Spectra, turn: Array, step_s: float, reach: int) -> Array:
-    """Return the correlations at ``2 reach + 1`` delays, ``step_s`` apart, shape (n_pairs, n)."""
-    # of delays d and -d the cosines are the same and the sines opposite: half the products do
-    cosine, sine = _waves(turn.tobytes(), step_s, 1 << reach.bit_length())
-    even = np.ascontiguousarray(cross.real) @ cosine[:, : reach + 1]
-    odd = np.ascontiguousarray(cross.imag) @ sine[:, : reach + 1]
-    return np.concatenate([(even + odd)[:, :0:-1], even - odd], axis=1)
+@dataclass(frozen=True, slots=True, eq=False)
+class Lags:
+    """The delays that the correlations of pairs are looked at.
+
+    Attributes
+    ----------
+    first, second
+        The channels of each pair, shape (n_pairs,): pairs that are farther apart come later.
+    step_s
+        Between neighbouring delays [s].
+    parts
+        Rows of pairs about as far apart, which of their delays are longer than they may be, shape
+        (n_rows, 2 k - 1), and cosine and sine of every frequency's phase at delays from 0 on, shape
+        (n_frequencies, k).
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    step_s: float
+    parts: tuple[tuple[slice, NDArray[np.bool_], Array, Array], ...]
 
 
 @lru_cache(maxsize=8)
-def _waves(turn: bytes, step_s: float, reach: int) -> tuple[Array, Array]:
-    """Return cosine and sine of every frequency's phase at delays from 0 on: those used last."""
-    phase = np.multiply.outer(np.frombuffer(turn), np.arange(reach + 1) * step_s)
-    return np.cos(phase), np.sin(phase)
+def _lags(turn: bytes, farthest_s: bytes, channels: int) -> Lags:
+    """Return the delays of all pairs of channels: those used last."""
+    u = np.frombuffer(turn)
+    first, second = np.triu_indices(channels, 1)
+    limit = np.frombuffer(farthest_s).reshape(channels, channels)[first, second]
+    order = np.argsort(limit, kind="stable")
+    limit, step = limit[order], 2 * np.pi / (POINTS * u[-1])
+    edges = np.linspace(0, len(order), LAG_PARTS + 1).round().astype(int).tolist()
+    parts = []
+    for start, stop in pairwise(edges):
+        if start < stop:
+            reach = int(np.ceil(limit[stop - 1] / step)) + 1
+            grid, phase = np.arange(-reach, reach + 1) * step, np.arange(reach + 1) * step
+            turned = np.multiply.outer(u, phase)
+            outside = np.abs(grid) > limit[start:stop, None] + step
+            parts.append((slice(start, stop), outside, np.cos(turned), np.sin(turned)))
+    return Lags(first[order], second[order], step, tuple(parts))
 
 
-def _refined(rows: Array, best: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Return place and height of the parabola through each peak and its neighbours."""
-    middle = np.clip(best, 1, rows.shape[1] - 2)
-    each = np.arange(len(rows))
-    before, at, after = (rows[each, middle + k] for k in (-1, 0, 1))
+def _refined(before: Array, at: Array, after: Array) -> tuple[Array, Array]:
+    """Return the peak of the parabola through three neighbours, from the middle one, and height."""
     bend = before - 2 * at + after
     offset = np.divide(before - after, 2 * bend, out=np.zeros_like(at), where=bend < 0)
-    offset = np.clip(offset, -1, 1)
-    return np.asarray(middle + offset, np.float64), at - (before - after) * offset / 4
+    offset = offset.clip(-1, 1)
+    return offset, at - (before - after) * offset / 4
 
 
 def consistent(delays: Delays, channels: int) -> tuple[Array, Array]:
@@ -468,15 +508,8 @@ def consistent(delays: Delays, channels: int) -> tuple[Array, Array]:
     best = max(float(delays.weight.max(initial=0.0)), 1e-300)
     weight = _square(delays, (delays.weight + 1e-9 * best) / (best + 1e-9 * best), channels, 1)
     late = _square(delays, delays.delay_s, channels, -1)
-    arrivals, trust = np.zeros(channels), np.ones_like(late)
-    diagonal, pairs = np.arange(channels), 2 * len(delays.first)
-    for _ in range(PASSES):
-        share = weight * trust
-        # the normal equations of all pairs; their one freedom is taken by a mean of 0
-        normal = share.sum() / pairs - share
-        normal[diagonal, diagonal] += share.sum(axis=1)
-        arrivals = np.linalg.solve(normal, (share * late).sum(axis=1))
-        trust = 1 / (1 + ((arrivals[:, None] - arrivals - late) / MISFIT_S) ** 2)
+    arrivals = np.empty(channels)
+    locate_kernels.agreed(weight, late, MISFIT_S, PASSES, arrivals)
     return arrivals, arrivals[delays.first] - arrivals[delays.second] - delays.delay_s
 
 

@@ -423,7 +423,8 @@ def _covariance(
     known = values > 1e-9
     spread = (vectors[:, known] / values[known]) @ vectors[:, known].T
     unknown = (vectors[:, ~known] ** 2).sum(axis=1) > 1e-6
-    out = np.zeros((len(matrix), len(matrix)))
+    every = 2 + len(point.floor.offsets_s)
+    out = np.zeros((every, every))
     out[np.ix_(shared, shared)] = spread / np.outer(size, size)
     out[shared[unknown], shared[unknown]] = np.inf
     return out
@@ -687,7 +688,7 @@ class System:
         moved[free_ones] = np.linalg.solve(inner, right[free_ones])
         own = side - coupling @ moved
         places = point.places if own.shape[1] == 1 else point.places + _held(own[:, 1:], floor)
-        offsets = floor.offsets_s + moved[2:]
+        offsets = floor.offsets_s + moved[2:] if free.offsets else floor.offsets_s
         stepped = ArrivalModel(
             floor.reference_m,
             float(floor.pace_s * np.exp(np.clip(moved[0], -1, 1))),
@@ -720,7 +721,7 @@ def normal_equations(
     prior: ArrivalPrior,
 ) -> System:
     """Return the normal equations of the linearised arrivals, in units of sigma."""
-    own, shared = _slopes(impacts, point)
+    own, shared = _slopes(impacts, point, free)
     scaled = weight / sigma**2
     weighted_own, weighted_shared = own * scaled[..., None], shared * scaled[..., None]
     matrix = np.einsum("mns,mnt->st", shared, weighted_shared)
@@ -742,15 +743,19 @@ def normal_equations(
     )
 
 
-def _slopes(impacts: Impacts, point: Point) -> tuple[Array, Array]:
-    """Return the derivatives of arrivals by own, (m, n, a), and shared unknowns, (m, n, s)."""
+def _slopes(impacts: Impacts, point: Point, free: FreeParameters) -> tuple[Array, Array]:
+    """Return the derivatives of arrivals by own, (m, n, a), and shared unknowns, (m, n, s).
+
+    The shared ones are pace, exponent and, where these are estimated, the offsets.
+    """
     floor, (m, n) = point.floor, point.residuals.shape
     apart = _distances(impacts, floor, point.places)
     travel = floor.travel_s(apart)
-    shared = np.zeros((m, n, 2 + n))
+    shared = np.zeros((m, n, 2 + n * free.offsets))
     shared[..., 0] = travel
     shared[..., 1] = travel * np.log(apart / floor.reference_m)
-    shared[:, np.arange(n), 2 + np.arange(n)] = 1.0
+    if free.offsets:
+        shared[:, np.arange(n), 2 + np.arange(n)] = 1.0
     own = np.ones((m, n, impacts.owned))
     if impacts.known is None:
         slope = floor.exponent * travel / apart**2

@@ -260,7 +260,7 @@ class Lattice:
 
     @cached_property
     def axes(self) -> Array:
-        """X and y of the nodes, each in one piece, shape (2, q) [m]."""
+        """Both coordinates of the nodes, each in one piece, shape (2, q) [m]."""
         return np.ascontiguousarray(self.nodes.T)
 
 

@@ -200,21 +200,23 @@ class SignalBuffer:
 
         By the common clock.
         """
-        found = np.full(len(self.stream.channels), np.nan)
+        found = [float("nan")] * len(self.stream.channels)
+        ahead_s = self.ahead_s.tolist()
         index = {c.name: i for i, c in enumerate(self.stream.channels)}
         for pick in self._picks:
             place = index.get(pick.channel)
             if place is not None and pick.time_ns >= step_ns:
-                since = (pick.time_ns - start_ns) / NS_PER_S - self.ahead_s[place]
-                found[place] = np.fmin(found[place], since)
-        return found
+                since = (pick.time_ns - start_ns) / NS_PER_S - ahead_s[place]
+                if not found[place] <= since:
+                    found[place] = since
+        return np.array(found)
 
     def _cut(self, step_ns: int) -> Cut:
         """Return the window of a step, held where there is no signal."""
-        first_s = np.nanmin([*self.arrivals(step_ns, step_ns), np.inf])
         start_ns = step_ns - self.before_ns
-        if self.ahead_s.any() and np.isfinite(first_s):
-            start_ns += round(float(first_s) * NS_PER_S)
+        if self.ahead_s.any():
+            first_s = np.nanmin([*self.arrivals(step_ns, step_ns), np.inf])
+            start_ns += round(float(first_s) * NS_PER_S) if np.isfinite(first_s) else 0
         moved = whole_samples(self.ahead_s, self.stream.rate_hz)
         low, high = int(moved.min(initial=0)), int(moved.max(initial=0))
         period_ns = self.stream.period_ns

@@ -13,8 +13,9 @@ Rauch, F. Tung, C. T. Striebel: Maximum likelihood estimates of linear dynamic s
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,6 +80,7 @@ class Motion:
     ticks: int = 1
 
     @classmethod
+    @lru_cache(maxsize=64)
     def ahead(cls, model: WalkModel, ticks: int = 1) -> Motion:
         """Go straight on by some ticks of the clock: one, and one for each step that was missed."""
         f, q = F, model.q
@@ -87,6 +89,7 @@ class Motion:
         return cls(f, q, ticks)
 
     @classmethod
+    @lru_cache(maxsize=64)
     def turned(cls, reach_m: float = PACE_M, ticks: int = 1) -> Motion:
         """Go anywhere: so many steps from the present place, each of ``reach_m`` per axis."""
         f = np.kron(np.array([[0.0, 1.0], [0.0, 1.0]]), np.eye(2))
@@ -145,8 +148,8 @@ class StepFilter:
         """What a metre of innovation moved the state by in the last step, shape (4, 2)."""
         return np.array(self._filter.K, np.float64)
 
-    def distance(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
-        """Return the Mahalanobis distance of a fix from the predicted next step.
+    def fit(self, place: Array, noise: Array, motion: Motion | None = None) -> tuple[float, float]:
+        """Return how far a fix is from the predicted next step, and how surprising it is.
 
         Parameters
         ----------
@@ -154,19 +157,22 @@ class StepFilter:
             The fix, shape (2,) [m], and its covariance, shape (2, 2) [m^2].
         motion
             How it gets there; None: straight on.
-        """
-        innovation, expected = self._innovation(place, noise, motion)
-        return float(np.sqrt(innovation @ np.linalg.solve(expected, innovation)))
 
-    def surprise(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
-        """Return minus twice the logarithm of a fix's likelihood; 0 where nothing is surer.
-
-        That is the square of :meth:`distance`, and what a vaguer prediction spreads the
+        Returns
+        -------
+        The Mahalanobis distance; and minus twice the logarithm of the likelihood, 0 where nothing
+        is surer. That is the square of the distance, and what a vaguer prediction spreads the
         likelihood over, in comparison to one that errs by nothing.
         """
-        _, expected = self._innovation(place, noise, motion)
-        ratio = np.linalg.det(expected) / np.linalg.det(noise)
-        return self.distance(place, noise, motion) ** 2 + float(np.log(ratio))
+        motion = motion or self._straight
+        spread = motion.f @ self.spread @ motion.f.T + motion.q
+        x, y = (place - (motion.f @ self.state)[2:]).tolist()
+        (xx, xy), (yx, yy) = (spread[2:, 2:] + noise).tolist()
+        (noise_xx, noise_xy), (noise_yx, noise_yy) = noise.tolist()
+        determinant = xx * yy - xy * yx
+        square = (yy * x * x - (xy + yx) * x * y + xx * y * y) / determinant
+        ratio = determinant / (noise_xx * noise_yy - noise_xy * noise_yx)
+        return math.sqrt(square), square + math.log(ratio)
 
     def step(self, place: Array, noise: Array, motion: Motion | None = None) -> float:
         """Predict the next step and take its fix in; return the NIS (2 degrees of freedom)."""
@@ -176,13 +182,6 @@ class StepFilter:
         self.state = np.array(self._filter.x, np.float64)
         self.spread = np.array(self._filter.P, np.float64)
         return float(self._filter.mahalanobis**2)
-
-    def _innovation(self, place: Array, noise: Array, motion: Motion | None) -> tuple[Array, Array]:
-        """Return how far off the prediction a fix is, shape (2,), and the covariance of that."""
-        motion = motion or self._straight
-        spread = motion.f @ self.spread @ motion.f.T + motion.q
-        innovation: Array = place - H @ motion.f @ self.state
-        return innovation, H @ spread @ H.T + noise
 
 
 def smoothed(states: Array, spreads: Array, motions: Sequence[Motion]) -> tuple[Array, Array]:

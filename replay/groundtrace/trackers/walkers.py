@@ -104,14 +104,10 @@ def fit(
     # here and below of the precision that is stored: the gates then decide what is decided here
     if elapsed_s <= 0 or np.float32(elapsed_s) < limits.least_pace_s:
         return None
-    fits = [
-        Fit(
-            track.filter.distance(seen.place, seen.noise, motion),
-            track.filter.surprise(seen.place, seen.noise, motion) + penalty,
-            motion,
-        )
-        for motion, penalty in _motions(track, elapsed_s, model)
-    ]
+    fits = []
+    for motion, penalty in _motions(track, elapsed_s, model):
+        distance, surprise = track.filter.fit(seen.place, seen.noise, motion)
+        fits.append(Fit(distance, surprise + penalty, motion))
     return min(fits, key=lambda f: (max(f.distance, limits.max_distance), f.surprise))
 
 

@@ -67,7 +67,7 @@ def test_distance_is_that_of_the_update_and_changes_nothing() -> None:
     walker = StepFilter(model, np.zeros(2), first_spread(model.r))
     other = copy.deepcopy(walker)
     place, noise = np.array([0.9, -0.4]), np.array([[0.3, 0.1], [0.1, 0.2]])
-    distance = walker.distance(place, noise)
+    distance = walker.fit(place, noise)[0]
     assert walker.state.tolist() == other.state.tolist()
     assert walker.step(place, noise) == pytest.approx(distance**2)
     assert other.state.tolist() == [0, 0, 0, 0]
@@ -105,10 +105,10 @@ def test_after_a_turn_a_step_may_lie_anywhere_about_the_present_place() -> None:
     for k in range(1, 8):
         walker.step(np.array([0.5 * k, 0.0]), model.r)
     back, turned = np.array([3.0, 0.0]), Motion.turned()
-    assert walker.distance(back, model.r, turned) < 0.6 * walker.distance(back, model.r)
-    assert walker.surprise(back, model.r, turned) < walker.surprise(back, model.r)
+    assert walker.fit(back, model.r, turned)[0] < 0.6 * walker.fit(back, model.r)[0]
+    assert walker.fit(back, model.r, turned)[1] < walker.fit(back, model.r)[1]
     ahead = np.array([4.0, 0.0])
-    assert walker.surprise(ahead, model.r) < walker.surprise(ahead, model.r, turned)
+    assert walker.fit(ahead, model.r)[1] < walker.fit(ahead, model.r, turned)[1]
     walker.step(back, model.r, turned)
     assert walker.state == pytest.approx((3.5, 0, 3.0, 0), abs=0.2)
 
