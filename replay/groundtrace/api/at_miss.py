@@ -11,10 +11,11 @@ from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
+from ..evaluation.truth import kinds_of
 from ..explain.reasons import matched
 from ..pipeline.results import evidence_of, read_results, replayed_labels
 from .files import recording_beside, unheard
-from .known_truth import kinds_of, scored_truth_of
+from .known_truth import scored_truth_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
+from ..evaluation.truth import kinds_of
 from ..explain.compare import compare as compared
 from ..explain.reasons import TOLERANCE_S, event_noun, scored_event
 from ..explain.redecide import make_grid, parse_axis
 from ..explain.sweep import Subject, count, located, measurements, rank, without_refused
 from .analysis import Comparison, Sweep
-from .known_truth import kinds_of
 from .pipelines import setting_text
 from .results import Results
 

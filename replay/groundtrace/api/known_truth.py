@@ -7,7 +7,6 @@ Remarks for a person go to a ``report``, a line each.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from ..pipeline.results import file_sha256, replayed_labels
 from .files import unheard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from groundtrace_codecs.annotations import Annotation, RecordingKey
@@ -81,12 +80,6 @@ def scored_truth_of(
     for remark in found.remarks:
         report(f"truth: {remark}")
     return found
-
-
-def kinds_of(labels: Iterable[Label]) -> str:
-    """Return how many labels of each kind there are, in words."""
-    counts = Counter(label.kind for label in labels)
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "none"
 
 
 def truth_of_recording(

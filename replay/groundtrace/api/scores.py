@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
 from ..evaluation.report import score_events
-from .known_truth import kinds_of
+from ..evaluation.truth import kinds_of
 from .tables import EventTable, plain_document, rows_table
 
 if TYPE_CHECKING:

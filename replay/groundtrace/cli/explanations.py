@@ -15,7 +15,7 @@ from .console import print_table
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ..api.analysis import Answer
+    from ..explain.questions import Answer
     from ..explain.reasons import Chain
     from ..explain.redecide import Counts
     from ..explain.remedies import Remedy

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter, validators
 
-from ..api.analysis import Kind, Question, evidence_with, explained
+from ..api.analysis import evidence_with
+from ..explain.questions import Kind, Question, explained
 from ..explain.unfiltered import beside
 from ..explain.why import StepExplanation
 from ..pipeline.plugins import load
