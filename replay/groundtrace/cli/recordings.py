@@ -22,9 +22,8 @@ from .console import print_json, print_stderr, print_table, progress
 from .options import FLAG, OUT, Force, Json, Quiet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from groundtrace_codecs.copies import Copied
+    from groundtrace_codecs.importers.run import ImportReport
 
 
 def import_(
@@ -76,13 +75,14 @@ def import_(
     if out is None:
         print_stderr("import: expected --out, found none")
         raise CycloptsError
+    read = [path for path in (stationxml, map_, geometry, truth) if path is not None]
     # what computes is not imported before there is something to compute
     from ..inertial.worn_sensor_faults import ImportedImu
 
     with progress(None, "importing", quiet=quiet) as show:
         report = import_recording(
             sources,
-            writable(out, force=force, sources=_read(sources, stationxml, map_, geometry, truth)),
+            writable(out, force=force, sources=[*sources, *read]),
             format_name=format_,
             geometry=geometry,
             truth=truth,
@@ -97,7 +97,11 @@ def import_(
         print_stderr(f"warning: {warning}")
     if json:
         print_json(report)
-        return
+    else:
+        _print_import(report)
+
+
+def _print_import(report: ImportReport) -> None:
     print(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
     for topic, samples in report.samples.items():
         print(f"  {topic}: {samples} samples")
@@ -106,11 +110,6 @@ def import_(
         print(f"  {remark}")
     if report.labels:
         print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
-
-
-def _read(sources: Sequence[Path], *others: Path | None) -> list[Path]:
-    """Return all that is read: none of it may be written over."""
-    return [*sources, *(path for path in others if path is not None)]
 
 
 def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
