@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from ..errors import AnnotationError, RecordingError
 from ..evaluation.truth import scored_truth
 from ..pipeline.results import file_sha256, replayed_labels
-from .files import unheard
+from .files import recording_beside, unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -80,6 +80,14 @@ def scored_truth_of(
     for remark in found.remarks:
         report(f"truth: {remark}")
     return found
+
+
+def truth_beside(
+    result: Results, path: Path, truth: Path | None = None, report: Report = unheard
+) -> tuple[Label, ...]:
+    """Return the labels of :func:`scored_truth_of`; ``path`` is the results' file."""
+    recording = recording_beside(path, result.provenance)
+    return scored_truth_of(result, recording, truth, report=report).labels
 
 
 def truth_of_recording(

@@ -145,11 +145,11 @@ def picks_page(found: PickAccount) -> str:
     """Return the page about all picks."""
     lines = [f"# {found.recording}", "", _picks_headline(found), ""]
     if found.bad:
-        lines += ["| " + " | ".join(PICK_HEADER) + " |", "|" + "---|" * len(PICK_HEADER)]
-        lines += ["| " + " | ".join(row) + " |" for row in _picks_rows(found.bad)]
+        lines += page_table(PICK_HEADER, _picks_rows(found.bad))
     return "\n".join(lines) + "\n"
 
 
+FIX_HEADER = ("fix", "time [s]", "off [m]", "cause", "misfit", "why", "smallest change")
 AGAINST = {"truth": "the truth", "track": "the track (no true places)", "none": "nothing known"}
 
 
@@ -168,8 +168,7 @@ def print_places(found: PlaceAccount) -> None:
     if found.bad:
         print("\nplaces")
         print("misfit: what a cause leaves unexplained of the arrivals; the next best beside it")
-        header = ("fix", "time [s]", "off [m]", "cause", "misfit", "why", "smallest change")
-        print_table(header, _fix_rows(found.bad, found.reference))
+        print_table(FIX_HEADER, _fix_rows(found.bad, found.reference))
 
 
 def _places_headline(found: PlaceAccount) -> str:
@@ -309,10 +308,8 @@ def places_page(found: PlaceAccount) -> str:
     lines = [f"# {found.recording}", "", _places_headline(found), ""]
     lines += [f"* {s.channel}, {s.cause}: {s.text}" for s in found.sensors]
     if found.bad:
-        lines += ["", "| fix | time [s] | off [m] | cause | misfit | why |"]
-        lines += ["|---|---|---|---|---|---|"]
-        rows = _fix_rows(found.bad, found.reference)
-        lines += ["| " + " | ".join(row[:6]) + " |" for row in rows]
+        rows = [row[: len(FIX_HEADER) - 1] for row in _fix_rows(found.bad, found.reference)]
+        lines += ["", *page_table(FIX_HEADER[:-1], rows)]
     return "\n".join(lines) + "\n"
 
 
@@ -321,9 +318,8 @@ def place_page(found: FixMoment) -> str:
     lines = [f"# fix {found.fix.fix}", "", _place_line(found.fix), ""]
     if found.fix.cause is not None:
         lines += [f"**{found.fix.cause.cause}**: {found.fix.cause.text}", ""]
-    lines += ["| channel | arrival [ms] | off [ms] | off without it [m] | residual | |"]
-    lines += ["|---|---|---|---|---|---|"]
-    lines += ["| " + " | ".join(row) + " |" for row in _channel_rows(found)]
+    header = ("channel", "arrival [ms]", "off [ms]", "off without it [m]", "residual", "")
+    lines += page_table(header, _channel_rows(found))
     return "\n".join(lines) + "\n"
 
 
@@ -554,6 +550,12 @@ def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
     return "\n".join(lines) + "\n" + READING_WHY
 
 
+def page_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table as lines of a page."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
+
+
 def counts_table(rows: tuple[tuple[str, Counts], ...]) -> list[str]:
     """Return a table of right, false and missed, as lines of a page."""
     head = ["| | right | false | missed |", "|---|---|---|---|"]
@@ -583,6 +585,6 @@ def account_page(found: StepExplanation) -> str:
         ]
     lines += [f"* {n} missed by {cause}" for cause, n in found.causes.items()]
     if found.missed:
-        lines += ["", "| missed | time [s] | why |", "|---|---|---|"]
-        lines += [f"| {m.step} | {m.time_s:.3f} | {m.reason.text} |" for m in found.missed]
+        rows = [(f"{m.step}", f"{m.time_s:.3f}", m.reason.text) for m in found.missed]
+        lines += ["", *page_table(("missed", "time [s]", "why"), rows)]
     return "\n".join(lines) + "\n" + READING_WHY

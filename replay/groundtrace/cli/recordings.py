@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -145,20 +144,6 @@ SIZE = Parameter(validator=validators.Number(gt=0, lt=1e6))
 SECONDS = Parameter(validator=validators.Number(gte=0, lt=1e9))
 
 
-@dataclass(frozen=True, slots=True)
-class CopyReport:
-    """What a copy holds, as JSON."""
-
-    path: str
-    source: str
-    bytes: int
-    source_bytes: int
-    messages: dict[str, int]
-    left: dict[str, int]
-    damage: list[str]
-    lost: int | None
-
-
 def cut_(
     recording: Path,
     *,
@@ -259,17 +244,6 @@ def convert(
 
 def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
     """Say what is in the copy, and what of the source is not."""
-    lost = [damage.messages for damage in found.damage]
-    report = CopyReport(
-        str(out),
-        source.name,
-        out.stat().st_size,
-        source.stat().st_size,
-        found.messages,
-        found.left,
-        [*(damage.reason for damage in found.damage), *found.faults],
-        None if None in lost else sum(filter(None, lost)),
-    )
     for damage in found.damage:
         count = "some" if damage.messages is None else damage.messages
         print_stderr(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
@@ -280,10 +254,23 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
             f"annotations beside {source.name} are not in the copy: groundtrace annotate "
             f"{source.name} --commit -o NEW.mcap makes a recording with them inside"
         )
+    size, source_size = out.stat().st_size, source.stat().st_size
     if json:
-        print_json(report)
+        lost = [damage.messages for damage in found.damage]
+        print_json(
+            {
+                "path": str(out),
+                "source": source.name,
+                "bytes": size,
+                "source_bytes": source_size,
+                "messages": found.messages,
+                "left": found.left,
+                "damage": [*(damage.reason for damage in found.damage), *found.faults],
+                "lost": None if None in lost else sum(filter(None, lost)),
+            }
+        )
         return
-    print(f"wrote {out}: {report.bytes / 1e6:.2f} MB out of {report.source_bytes / 1e6:.2f} MB")
+    print(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
     topics = dict.fromkeys((*found.messages, *found.left))
     rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)
