@@ -15,7 +15,7 @@ from ..pipeline.plugins import load
 from ..pipeline.results import read_results
 from .console import print_json, print_stderr, print_warnings, truth_of, where_to_show
 from .explanations import answer_page, print_answer
-from .options import AT_LEAST_ONE, FLAG, ForceOutput, Json, Results, Tolerance, Truth
+from .options import AT_LEAST_ONE, FLAG, ForceOutput, Json, Results, Truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ def why(
     at: float | None = None,
     truth: Truth = None,
     recording: Annotated[list[Path] | None, FLAG] = None,
-    tolerance: Tolerance = 0.12,
+    tolerance: Positive = 0.12,
     tolerance_m: Positive = 1.0,
     tolerance_ms: Positive = 2.0,
     stage: str = "",
@@ -63,6 +63,8 @@ def why(
     recording
         The recording, where it is not beside its results: by measuring again without a filter it
         tells whether the filter took a step out.
+    tolerance
+        Largest distance between a step and its detection [s].
     tolerance_m
         Largest error of a right place [m].
     tolerance_ms
