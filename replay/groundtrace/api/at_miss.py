@@ -11,10 +11,11 @@ from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
+from ..evaluation.truth import kinds_of
 from ..explain.reasons import matched
 from ..pipeline.results import evidence_of, read_results, replayed_labels
-from .files import recording_beside, unheard
-from .known_truth import kinds_of, scored_truth_of
+from .files import unheard
+from .known_truth import truth_beside
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,8 +49,7 @@ def missed_step(results: Path, number: int, report: Report = unheard) -> int:
         Where there is no truth, or there are not so many.
     """
     result = read_results(results)
-    recording = recording_beside(results, result.provenance)
-    labels = scored_truth_of(result, recording, report=report).labels
+    labels = truth_beside(result, results, report=report)
     name = result.provenance.recording
     if not any(label.kind == "step" for label in labels):
         raise RecordingError(

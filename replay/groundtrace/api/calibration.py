@@ -12,8 +12,8 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..layout.attenuation import Attenuation, amplitudes, fit_attenuation, impacts_of
 from ..pipeline.results import RUN, read_results
-from .files import existing, recording_beside, unheard
-from .known_truth import scored_truth_of, truth_of_recording
+from .files import existing, unheard
+from .known_truth import truth_beside, truth_of_recording
 from .progress import unseen
 
 if TYPE_CHECKING:
@@ -164,8 +164,7 @@ def _subject(
             replayed = _replayer(path, config, progress)
             return _Subject(path.name, replayed, True, config, site, labels)
     result = read_results(path)
-    recording = recording_beside(path, result.provenance)
-    labels = scored_truth_of(result, recording, truth, report=report).labels
+    labels = truth_beside(result, path, truth, report)
     config = parse_pipeline(result.provenance.pipeline.encode(), path.name)
     return _Subject(result.name, lambda _: result.events, False, config, result.geometry, labels)
 

@@ -22,8 +22,8 @@ from ..export.base import (
     stage_of,
 )
 from ..pipeline.results import RUN, read_results
-from .files import existing, recording_beside, recording_of, unheard, writable
-from .known_truth import annotations_to_show, scored_truth_of
+from .files import existing, recording_of, unheard, writable
+from .known_truth import annotations_to_show, truth_beside
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -160,8 +160,7 @@ def _of_results(
 
         name, sha256 = result.provenance.recording, result.provenance.sha256
         places = [beside(source, name), *([] if given is None else [given])]
-        recording = recording_beside(source, result.provenance)
-        labels = scored_truth_of(result, recording, report=report).labels
+        labels = truth_beside(result, source, report=report)
         return with_recording(evidence_of(result, labels), sha256, places)
 
     return Material(

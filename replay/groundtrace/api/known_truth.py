@@ -7,17 +7,16 @@ Remarks for a person go to a ``report``, a line each.
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import AnnotationError, RecordingError
 from ..evaluation.truth import scored_truth
 from ..pipeline.results import file_sha256, replayed_labels
-from .files import unheard
+from .files import recording_beside, unheard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from groundtrace_codecs.annotations import Annotation, RecordingKey
@@ -83,10 +82,12 @@ def scored_truth_of(
     return found
 
 
-def kinds_of(labels: Iterable[Label]) -> str:
-    """Return how many labels of each kind there are, in words."""
-    counts = Counter(label.kind for label in labels)
-    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "none"
+def truth_beside(
+    result: Results, path: Path, truth: Path | None = None, report: Report = unheard
+) -> tuple[Label, ...]:
+    """Return the labels of :func:`scored_truth_of`; ``path`` is the results' file."""
+    recording = recording_beside(path, result.provenance)
+    return scored_truth_of(result, recording, truth, report=report).labels
 
 
 def truth_of_recording(

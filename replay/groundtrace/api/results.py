@@ -14,19 +14,12 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..evaluation.report import answers_of
+from ..explain.questions import Kind, Question, explained
 from ..explain.unfiltered import beside
 from ..export.base import Material, tables_of, tables_of_events
 from ..pipeline.config import parse_pipeline
 from ..pipeline.results import read_results
-from .analysis import (
-    Explanation,
-    Kind,
-    Miss,
-    Question,
-    evidence_with,
-    explained,
-    misses_of,
-)
+from .analysis import Explanation, Miss, evidence_with, misses_of
 from .files import existing
 from .known_truth import scored_truth_of
 from .pipelines import Pipeline

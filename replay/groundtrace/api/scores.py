@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import RecordingError
 from ..evaluation.report import score_events
-from .known_truth import kinds_of
+from ..evaluation.truth import kinds_of
 from .tables import EventTable, plain_document, rows_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from ..evaluation.report import Score as Figures
     from ..evaluation.steps import StepScore
@@ -45,7 +45,7 @@ def scored(
     end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
     start_ns, labels = origin.start_ns, truth.labels
     figures = score_events(labels, result.events, start_ns, end_ns, tolerance_s, tuple(stages))
-    if not score_parts(figures):
+    if not figures.parts:
         unanswered = f"{kinds_of(labels)}, to which its stages say nothing" if labels else "none"
         raise RecordingError(
             f"{result.name}: expected truth to score against (in the recording, or --truth FILE), "
@@ -54,19 +54,13 @@ def scored(
     return figures
 
 
-def score_parts(figures: Figures) -> dict[str, object]:
-    """Return the parts for which there is truth, by name."""
-    named = {name: getattr(figures, name) for name in figures.__dataclass_fields__}
-    return {name: part for name, part in named.items() if part is not None}
-
-
 def score_document(figures: Figures, truth: ScoredTruth, warnings: Sequence[Warned]) -> Any:
     """Return a score as one document; with what was left out of the truth, where there is any."""
     left_out: dict[str, object] = {}
     if truth.remarks:
         said = {"waypoints_given": truth.given, "foot": truth.foot, "remarks": truth.remarks}
         left_out = {"truth": said}
-    return plain_document(score_parts(figures) | left_out, warnings)
+    return plain_document(figures.parts | left_out, warnings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,7 +107,7 @@ class Score:
             Where no steps were scored.
         """
         if self.details.steps is None:
-            there = ", ".join(score_parts(self.details))
+            there = ", ".join(self.details.parts)
             raise RecordingError(f"{self.recording}: expected scored steps, found {there}")
         return self.details.steps
 
@@ -147,9 +141,7 @@ class Score:
     def table(self) -> EventTable:
         """Every figure that is one number: its part, name and value."""
         header: dict[str, Any] = {"part": "text", "figure": "text", "value": "float"}
-        return rows_table(
-            "score", header, list(_numbers(plain_document(score_parts(self.details))))
-        )
+        return rows_table("score", header, list(numbers_of(self.details.parts)))
 
     @property
     def document(self) -> Any:
@@ -159,7 +151,7 @@ class Score:
     def __repr__(self) -> str:
         steps = self.details.steps
         if steps is None:
-            return f"Score({self.recording}, {', '.join(score_parts(self.details))})"
+            return f"Score({self.recording}, {', '.join(self.details.parts)})"
         false = steps.detected - steps.matched
         found = f"{steps.matched}/{steps.truth} steps, {false} false"
         return f"Score({self.recording}, F1 {steps.f1:.3f}, {found})"
@@ -169,9 +161,9 @@ class Score:
         return self.table.html(title)
 
 
-def _numbers(parts: dict[str, Any]) -> Iterator[tuple[str, str, float]]:
-    """Yield the numbers of a document: the part, the name, the value."""
-    for part, value in parts.items():
+def numbers_of(parts: Mapping[str, object]) -> Iterator[tuple[str, str, float]]:
+    """Yield the numbers of the parts of a score: the part, the name, the value."""
+    for part, value in plain_document(dict(parts)).items():
         waiting = [("", value)]
         while waiting:
             name, found = waiting.pop(0)

@@ -40,7 +40,6 @@ def compare(
     """
     from ..explain.compare import compare as compared
     from ..explain.unfiltered import beside
-    from .why import comparison_page
 
     fallback = Path(f"{a.stem}-{b.stem}.compare.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
@@ -54,7 +53,7 @@ def compare(
         _print_comparison(found)
     if rrd is not None or spawn:
         sides = evidence_of(one, labels), evidence_of(other, labels)
-        load("views", "compare")(*sides, found, comparison_page(found), path=rrd, spawn=spawn)
+        load("views", "compare")(*sides, found, _page(found), path=rrd, spawn=spawn)
     if rrd is not None:
         print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
 
@@ -109,3 +108,35 @@ def _print_places(places: PlaceComparison) -> None:
     if places.rmse_a_m is not None and places.rmse_b_m is not None:
         text += f"; RMSE A {places.rmse_a_m:.2f} m, B {places.rmse_b_m:.2f} m"
     print(text)
+
+
+READING_COMPARE = """
+## How to read it
+
+* Lanes `A` and `B`: steps hit (green), missed (red) and false (magenta); `differs` marks where \
+only one of them is right.
+* Panels: the decision function of each stage, its threshold as a red line, accepted candidates \
+as green triangles, rejected ones as grey crosses.
+"""
+
+
+def _page(found: Comparison) -> str:
+    """Return the page about two results."""
+    from .explanations import counts_table
+
+    lines = [f"# {found.recording}", "", f"A = {found.a.name}, B = {found.b.name}", ""]
+    if found.a.counts is not None and found.b.counts is not None:
+        lines += counts_table((("A", found.a.counts), ("B", found.b.counts)))
+    lines += ["", "| parameter | A | B |", "|---|---|---|"]
+    lines += [f"| {c.stage}.{c.parameter} | {c.a} | {c.b} |" for c in found.parameters]
+    lines += ["", *(f"* {n} {verdict}" for verdict, n in found.verdicts.items())]
+    if found.p_value is not None:
+        lines.append(f"* McNemar's exact test: p = {found.p_value:.3g}")
+    differing = [d for d in found.decisions if d.obstacle is not None]
+    lines += ["", "| time [s] | | why |", "|---|---|---|"]
+    lines += [
+        f"| {d.time_s:.3f} | {d.verdict} | {d.obstacle.side}: {d.obstacle.text} |"
+        for d in differing
+        if d.obstacle is not None
+    ]
+    return "\n".join(lines) + "\n" + READING_COMPARE

@@ -104,11 +104,9 @@ def progress(
         yield lambda done, of=None: bar.update(task, completed=done, total=of)
 
 
-def truth_of(
-    result: Results, path: Path, truth: Path | None, author: str | None = None
-) -> tuple[Label, ...]:
+def truth_of(result: Results, path: Path, truth: Path | None) -> tuple[Label, ...]:
     """Return the labels of :func:`scored_truth_of`."""
-    return scored_truth_of(result, path, truth, author).labels
+    return known_truth.truth_beside(result, path, truth, print_stderr)
 
 
 def scored_truth_of(

@@ -227,63 +227,11 @@ def settings(
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class OtherShift:
-    """The second best way to lay a file over the first one."""
-
-    from_best_s: float
-    matched: int
-    of: int
-    scatter_s: float
-    margin: float
-    needed: float
-
-
-@dataclass(frozen=True, slots=True)
-class ClockReport:
-    """The clock of one file, as JSON."""
-
-    file: str
-    name: str
-    how: str
-    ahead_s: float
-    drift_ppm: float
-    about_ns: int
-    matched: int
-    of: int
-    scatter_s: float | None
-    ahead_sigma_s: float | None
-    drift_sigma_ppm: float | None
-    ambiguous: bool
-    second: OtherShift | None
-
-
-@dataclass(frozen=True, slots=True)
-class MergeReport:
-    """What a merged file holds, as JSON."""
-
-    path: str
-    bytes: int
-    clocks: list[ClockReport]
-    messages: dict[str, int]
-    conflicts: list[str]
-    unmoved: list[str]
-    damage: list[str]
-
-
 def report(
     out: Path, sources: Sequence[Path], found: Sequence[FoundClock], merged: Merged, *, json: bool
 ) -> None:
     """Say what was merged, with which clocks, and what of it is not as it was."""
-    result = MergeReport(
-        str(out),
-        out.stat().st_size,
-        [_clock(f) for f in found],
-        merged.messages,
-        list(merged.conflicts),
-        list(merged.unmoved),
-        [damage.reason for damage in merged.damage],
-    )
+    size = out.stat().st_size
     for line in merged.conflicts:
         print_stderr(f"note: {line}")
     for topic in merged.unmoved:
@@ -294,44 +242,54 @@ def report(
         count = "some" if damage.messages is None else damage.messages
         print_stderr(f"warning: damage, {count} messages lost: {damage.reason}")
     if json:
-        print_json(result)
+        print_json(
+            {
+                "path": str(out),
+                "bytes": size,
+                "clocks": [_clock(each) for each in found],
+                "messages": merged.messages,
+                "conflicts": merged.conflicts,
+                "unmoved": merged.unmoved,
+                "damage": [damage.reason for damage in merged.damage],
+            }
+        )
         return
     files = f"{len(sources)} files" if len(sources) != 1 else sources[0].name
-    print(f"wrote {out}: {result.bytes / 1e6:.2f} MB out of {files}")
+    print(f"wrote {out}: {size / 1e6:.2f} MB out of {files}")
     for each in found[1:] if len(found) > 1 else found:
         for line in clock_lines(each.record, found[0].record.file, each.alignment):
             print(line)
     print_table(("topic", "messages"), [(t, str(n)) for t, n in merged.messages.items()])
 
 
-def _clock(found: FoundClock) -> ClockReport:
+def _clock(found: FoundClock) -> dict[str, object]:
+    """Return the clock of one file, and the second best way to lay it over the first, as JSON."""
     record, alignment = found.record, found.alignment
-    second = None
-    if alignment is not None and alignment.second is not None:
-        other = alignment.second
-        second = OtherShift(
-            other.ahead_s - alignment.best.ahead_s,
-            other.matched,
-            other.possible,
-            other.sigma_s,
-            alignment.margin,
-            alignment.needed,
-        )
-    return ClockReport(
-        record.file,
-        record.name,
-        record.how,
-        record.ahead_ns / NS_PER_S,
-        record.drift_ppm,
-        record.about_ns,
-        record.matched,
-        record.events,
-        alignment.best.sigma_s if alignment is not None else None,
-        record.sigma_s,
-        record.drift_sigma_ppm,
-        alignment is not None and alignment.ambiguous,
-        second,
-    )
+    other = None if alignment is None else alignment.second
+    return {
+        "file": record.file,
+        "name": record.name,
+        "how": record.how,
+        "ahead_s": record.ahead_ns / NS_PER_S,
+        "drift_ppm": record.drift_ppm,
+        "about_ns": record.about_ns,
+        "matched": record.matched,
+        "of": record.events,
+        "scatter_s": None if alignment is None else alignment.best.sigma_s,
+        "ahead_sigma_s": record.sigma_s,
+        "drift_sigma_ppm": record.drift_sigma_ppm,
+        "ambiguous": alignment is not None and alignment.ambiguous,
+        "second": None
+        if alignment is None or other is None
+        else {
+            "from_best_s": other.ahead_s - alignment.best.ahead_s,
+            "matched": other.matched,
+            "of": other.possible,
+            "scatter_s": other.sigma_s,
+            "margin": alignment.margin,
+            "needed": alignment.needed,
+        },
+    }
 
 
 def clock_lines(record: MergedClock, first: str, alignment: Alignment | None) -> list[str]:

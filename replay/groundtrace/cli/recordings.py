@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -22,9 +21,8 @@ from .console import print_json, print_stderr, print_table, progress
 from .options import FLAG, OUT, Force, Json, Quiet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from groundtrace_codecs.copies import Copied
+    from groundtrace_codecs.importers.run import ImportReport
 
 
 def import_(
@@ -76,13 +74,14 @@ def import_(
     if out is None:
         print_stderr("import: expected --out, found none")
         raise CycloptsError
+    read = [path for path in (stationxml, map_, geometry, truth) if path is not None]
     # what computes is not imported before there is something to compute
     from ..inertial.worn_sensor_faults import ImportedImu
 
     with progress(None, "importing", quiet=quiet) as show:
         report = import_recording(
             sources,
-            writable(out, force=force, sources=_read(sources, stationxml, map_, geometry, truth)),
+            writable(out, force=force, sources=[*sources, *read]),
             format_name=format_,
             geometry=geometry,
             truth=truth,
@@ -97,7 +96,11 @@ def import_(
         print_stderr(f"warning: {warning}")
     if json:
         print_json(report)
-        return
+    else:
+        _print_import(report)
+
+
+def _print_import(report: ImportReport) -> None:
     print(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
     for topic, samples in report.samples.items():
         print(f"  {topic}: {samples} samples")
@@ -106,11 +109,6 @@ def import_(
         print(f"  {remark}")
     if report.labels:
         print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
-
-
-def _read(sources: Sequence[Path], *others: Path | None) -> list[Path]:
-    """Return all that is read: none of it may be written over."""
-    return [*sources, *(path for path in others if path is not None)]
 
 
 def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
@@ -144,20 +142,6 @@ def _map(path: Path | None) -> Path | None:
 Compression = Literal["zstd", "lz4", "none"]
 SIZE = Parameter(validator=validators.Number(gt=0, lt=1e6))
 SECONDS = Parameter(validator=validators.Number(gte=0, lt=1e9))
-
-
-@dataclass(frozen=True, slots=True)
-class CopyReport:
-    """What a copy holds, as JSON."""
-
-    path: str
-    source: str
-    bytes: int
-    source_bytes: int
-    messages: dict[str, int]
-    left: dict[str, int]
-    damage: list[str]
-    lost: int | None
 
 
 def cut_(
@@ -260,17 +244,6 @@ def convert(
 
 def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
     """Say what is in the copy, and what of the source is not."""
-    lost = [damage.messages for damage in found.damage]
-    report = CopyReport(
-        str(out),
-        source.name,
-        out.stat().st_size,
-        source.stat().st_size,
-        found.messages,
-        found.left,
-        [*(damage.reason for damage in found.damage), *found.faults],
-        None if None in lost else sum(filter(None, lost)),
-    )
     for damage in found.damage:
         count = "some" if damage.messages is None else damage.messages
         print_stderr(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
@@ -281,10 +254,23 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
             f"annotations beside {source.name} are not in the copy: groundtrace annotate "
             f"{source.name} --commit -o NEW.mcap makes a recording with them inside"
         )
+    size, source_size = out.stat().st_size, source.stat().st_size
     if json:
-        print_json(report)
+        lost = [damage.messages for damage in found.damage]
+        print_json(
+            {
+                "path": str(out),
+                "source": source.name,
+                "bytes": size,
+                "source_bytes": source_size,
+                "messages": found.messages,
+                "left": found.left,
+                "damage": [*(damage.reason for damage in found.damage), *found.faults],
+                "lost": None if None in lost else sum(filter(None, lost)),
+            }
+        )
         return
-    print(f"wrote {out}: {report.bytes / 1e6:.2f} MB out of {report.source_bytes / 1e6:.2f} MB")
+    print(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
     topics = dict.fromkeys((*found.messages, *found.left))
     rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)

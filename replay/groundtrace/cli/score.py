@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ..api.files import writable
-from ..api.scores import score_document, scored
+from ..api.scores import numbers_of, score_document, scored
 from ..evaluation.picks import RIGHT_S
 from ..pipeline.results import read_results, write_text
 from .console import print_json, print_stderr, print_table, print_warnings, scored_truth_of
 from .options import FLAG, Json, Results, Texts, Tolerance
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from ..evaluation.headings import DisturbanceScore, HeadingScore
     from ..evaluation.picks import PickErrors, PickScore
     from ..evaluation.positions import ClosureScore, PositionErrors, PositionScore, WaypointScore
@@ -72,25 +74,16 @@ def score(
 
 
 def _print_score(figures: Score, unit: str) -> None:
-    if figures.steps is not None:
-        _print_steps(figures.steps)
-    if figures.positions is not None:
-        _print_positions(figures.positions, unit)
-    if figures.picks is not None:
-        _print_picks(figures.picks)
-    if figures.track is not None:
-        _print_track(figures.track, unit)
-    if figures.heading is not None:
-        _print_heading(figures.heading)
-    if figures.disturbance is not None:
-        _print_disturbance(figures.disturbance)
-    if figures.consistency is not None:
-        _print_consistency(figures.consistency)
-    if figures.passes is not None:
-        _print_passes(figures.passes)
+    for name, part in figures.parts.items():
+        if name in PRINTERS:
+            PRINTERS[name](part, unit)
+        else:
+            print(f"{name}:")
+            for _, figure, value in numbers_of({name: part}):
+                print(f"  {figure} {value:g}")
 
 
-def _print_steps(s: StepScore) -> None:
+def _print_steps(s: StepScore, _unit: str) -> None:
     print(f"steps: {s.matched} of {s.truth} found, {s.detected - s.matched} false")
     chance = f"chance: random {s.chance_f1:.2f}, metronome {s.chance_f1_metronome:.2f}"
     print(f"  F1 {s.f1:.3f} at {s.tolerance_s * 1e3:.0f} ms ({chance})")
@@ -116,7 +109,7 @@ def _print_steps(s: StepScore) -> None:
         print_table(("truth \\ found", *s.kinds.words), rows)
 
 
-def _print_picks(p: PickScore) -> None:
+def _print_picks(p: PickScore, _unit: str) -> None:
     a = p.all
     stage = f" of {p.stage}" if p.stage else ""
     print(
@@ -197,7 +190,7 @@ def _print_ways(w: VehicleTrackScore, unit: str) -> None:
     )
 
 
-def _print_passes(p: PassScore) -> None:
+def _print_passes(p: PassScore, _unit: str) -> None:
     print(
         f"passes: {p.matched} of {p.truth} found within {p.tolerance_s:g} s, "
         f"{p.found - p.matched} false"
@@ -235,14 +228,14 @@ def _print_waypoints(w: WaypointScore, unit: str) -> None:
     )
 
 
-def _print_heading(h: HeadingScore) -> None:
+def _print_heading(h: HeadingScore, _unit: str) -> None:
     print(
         f"heading: RMSE {_number(h.rmse_deg)} deg, bias {_number(h.bias_deg)} deg, "
         f"at {h.n} of {h.truth} times"
     )
 
 
-def _print_disturbance(d: DisturbanceScore) -> None:
+def _print_disturbance(d: DisturbanceScore, _unit: str) -> None:
     if d.f1 is None:
         alarm = f"{d.false_alarm_s:.2f} s of {d.scored_s:.2f} s false alarm"
         print(f"disturbance: truth has none; {alarm}")
@@ -257,10 +250,23 @@ def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _print_consistency(c: ConsistencyScore) -> None:
+def _print_consistency(c: ConsistencyScore, _unit: str) -> None:
     print("consistency:")
     named = (("NEES of fixes", c.nees_fixes), ("NEES of tracks", c.nees_tracks), ("NIS", c.nis))
     for name, x in named:
         if x is not None:
             verdict = "inside" if x.consistent else "outside"
             print(f"  {name} {x.mean:.2f}, {verdict} [{x.lower:.2f}, {x.upper:.2f}], n {x.n}")
+
+
+#: What prints each part of a score, given the unit of lengths; of others every number is printed.
+PRINTERS: Mapping[str, Callable[[Any, str], None]] = {
+    "steps": _print_steps,
+    "positions": _print_positions,
+    "picks": _print_picks,
+    "track": _print_track,
+    "heading": _print_heading,
+    "disturbance": _print_disturbance,
+    "consistency": _print_consistency,
+    "passes": _print_passes,
+}

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter, validators
 
 from ..api.files import writable
-from ..api.sweeping import best_recipe, config_of, subjects_of
 from ..pipeline.results import write_text
 from .console import print_json, print_stderr, print_table, progress
 from .options import AT_LEAST_ONE, FLAG, POSITIVE, ForceOutputs, Json, Texts, Truth
@@ -65,7 +64,7 @@ def sweep(
     jobs
         Processes for measuring; as many as there are processors without it.
     """
-    from ..api.comparing import SweepPlan
+    from ..api.comparing import SweepPlan, best_recipe, config_of, subjects_of
     from ..explain.redecide import make_grid, parse_axis
 
     config = config_of(inputs, pipeline)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -38,16 +38,29 @@ E = TypeVar("E")
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Scores by kind of truth; None where there is no truth of that kind, or nothing to score."""
+    """Scores by kind of truth; None where there is no truth of that kind, or nothing to score.
 
-    steps: StepScore | None
-    positions: PositionScore | None
-    picks: PickScore | None
-    track: TrackScore | None
-    heading: HeadingScore | None
-    disturbance: DisturbanceScore | None
-    consistency: ConsistencyScore | None
+    ``others`` are the parts of scorers that have no field here, by name.
+    """
+
+    steps: StepScore | None = None
+    positions: PositionScore | None = None
+    picks: PickScore | None = None
+    track: TrackScore | None = None
+    heading: HeadingScore | None = None
+    disturbance: DisturbanceScore | None = None
+    consistency: ConsistencyScore | None = None
     passes: PassScore | None = None
+    others: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> dict[str, object]:
+        """The parts for which there is truth, by name."""
+        named = {name: getattr(self, name) for name in _NAMED} | dict(self.others)
+        return {name: part for name, part in named.items() if part is not None}
+
+
+_NAMED = tuple(each.name for each in fields(Score) if each.name != "others")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +85,8 @@ class ResultEvents:
         Whether a stage is there that would have given steps, or none is known at all.
     disturbances_by
         The last stage that would have given disturbances; empty where there is none.
+    by_kind
+        By class all events that are held against truth, of the last stage that gives any.
     """
 
     steps: list[StepEvent]
@@ -84,6 +99,7 @@ class ResultEvents:
     filtered: list[TrackPoint] = field(default_factory=list)
     finds_steps: bool = False
     disturbances_by: str = ""
+    by_kind: Mapping[type[Any], list[Any]] = field(default_factory=dict)
 
 
 def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultEvents:
@@ -128,6 +144,7 @@ def answers_of(events: Iterable[Event], stages: Collection[str] = ()) -> ResultE
         filtered=tracks or last_word(points),
         finds_steps=bool(found["step"]) or not emitted or bool(emitted & {"step", "impact"}),
         disturbances_by=last.get("heading", ""),
+        by_kind={cls: last_word(found[k.name]) for cls, k in EVENTS.items() if k.truth},
     )
 
 
@@ -190,7 +207,8 @@ def score_events(
     parts: dict[str, Any] = {}
     for scorer in SCORERS.values():
         parts |= scorer(said, truth)
-    return Score(**parts)
+    others = {name: parts.pop(name) for name in parts.keys() - set(_NAMED)}
+    return Score(**parts, others=others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +255,8 @@ def _score_disturbances(said: ResultEvents, truth: Truth) -> dict[str, Any]:
     return {"disturbance": score}
 
 
-#: What scores the events that are held against a kind of label; it returns parts of :class:`Score`.
+#: What scores the events that are held against a kind of label; it returns parts of :class:`Score`
+#: by name, whether that has a field for them or not.
 SCORERS: Mapping[str, Callable[[ResultEvents, Truth], dict[str, Any]]] = {
     "step": _score_steps,
     "waypoint": _score_places,

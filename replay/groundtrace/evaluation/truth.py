@@ -8,6 +8,7 @@ foot. Where truth has impacts only, a detector of steps is scored on them.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from groundtrace_codecs.events import StageSpec, has_vehicles
 from .steps import ALONG, FEET, truth_words
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from groundtrace_codecs.events import Label
 
@@ -130,3 +131,9 @@ def _own_foot(
 def _may_be(label: Label, foot: str) -> bool:
     """Return whether a step may be one of a foot."""
     return label.kind != "step" or truth_words(label.label)[0] in ("", foot)
+
+
+def kinds_of(labels: Iterable[Label]) -> str:
+    """Return how many labels of each kind there are, in words."""
+    counts = Counter(label.kind for label in labels)
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "none"

@@ -36,8 +36,7 @@ class _Telling(Listener):  # type: ignore[misc]  # numba has no types
         self._began = now if self._began is None else self._began
         if now - self._began > NOTABLE_S and not self._told and sys.stderr.isatty():
             self._told = True
-            # of whichever call compiles: there is no report to give it to
-            print("compiling once: later runs start at once", file=sys.stderr)  # noqa: T201
+            print("compiling once: later runs start at once", file=sys.stderr)
 
     def on_end(self, event: Any) -> None:
         """Do nothing: the next start tells the time."""

@@ -21,9 +21,10 @@ from viewer_sessions import (
     truth,
 )
 
-from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.report import SCORERS, ResultEvents, Truth, score_events
+from groundtrace.pipeline.results import Provenance, ResultsSink
 from groundtrace.pipeline.stage import accepted_events
-from groundtrace_codecs.events import EVENTS, CandidateBlock, Event, EventKind, StepEvent
+from groundtrace_codecs.events import EVENTS, CandidateBlock, Event, EventKind, Label, StepEvent
 from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.schemas.event_messages import events_of, layout_of
 from groundtrace_codecs.writer import RecordingWriter
@@ -244,6 +245,29 @@ def test_a_stage_gives_it_and_nothing_scores_it() -> None:
     step = StepEvent(START_NS + S, "step", "", "/seismic", "steps", 1.0)
     span = START_NS, START_NS + 6 * S
     assert score_events(truth(), [step, *KNOCKS], *span) == score_events(truth(), [step], *span)
+
+
+def test_a_scorer_makes_it_a_part_of_the_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def score_knocks(said: ResultEvents, truth: Truth) -> dict[str, Any]:
+        found = [knock.time_ns for knock in said.by_kind[Knock]]
+        true = [label.time_ns for label in truth.labels if label.kind == "knock"]
+        return {"knocks": {"truth": len(true), "found": len(set(found) & set(true))}}
+
+    monkeypatch.setitem(EVENTS, Knock, KNOCK._replace(truth="knock"))
+    monkeypatch.setitem(SCORERS, "knock", score_knocks)
+    path = tmp_path / "door.results.mcap"
+    session = replace(room_session(), labels=(Label(KNOCKS[0].time_ns, "knock"),))
+    end_ns = START_NS + 6 * S
+    sink = ResultsSink(path, Provenance("door.mcap", "", START_NS, end_ns, 'name = "door"'))
+    sink.open(session)
+    for knock in KNOCKS:
+        sink.write(knock)
+    sink.close()
+    expected = {"truth": 1, "found": 1}
+    assert done(capsys, "score", path, "--json").document["knocks"] == expected
+    assert "knocks:\n  truth 1\n  found 1\n" in done(capsys, "score", path).out
 
 
 def test_a_message_of_other_fields_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
