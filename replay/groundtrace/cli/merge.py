@@ -11,15 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from groundtrace_codecs.annotations import sidecar_path
-from groundtrace_codecs.merge import (
-    SAME_CLOCK,
-    SHARED_TOPICS,
-    DeviceClock,
-    MergedClock,
-    Part,
-    check_topics,
-    merged_clocks,
-)
+from groundtrace_codecs.device_clocks import SAME_CLOCK, DeviceClock, MergedClock, merged_clocks
+from groundtrace_codecs.merge import SHARED_TOPICS, Part, check_topics
 from groundtrace_codecs.merge import merge as merge_files
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
