@@ -106,6 +106,17 @@ def sidecar_path(recording: Path) -> Path:
     return recording.with_name(f"{recording.stem}.annotations.mcap")
 
 
+def journal_of(sidecar: Path) -> Path:
+    """Return where the journal of a sidecar is."""
+    return sidecar.with_suffix(".journal")
+
+
+def annotated(recording: Path) -> bool:
+    """Whether anything lies beside a recording that holds annotations of it."""
+    sidecar = sidecar_path(recording)
+    return sidecar.is_file() or journal_of(sidecar).is_file()
+
+
 def in_order(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
     """Return annotations by time; those of one time by their ids."""
     return tuple(sorted(annotations, key=lambda a: (a.label.time_ns, a.id)))

@@ -15,7 +15,6 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
-from importlib.metadata import PackageNotFoundError, version
 
 #: What says how many threads such a library starts for each process.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -49,6 +48,9 @@ def raise_malloc_trim() -> bool:
 
 def installed_version() -> str:
     """Return the version of the distribution; ``0+unknown`` where none is installed."""
+    # a help text needs none, and it takes a tenth of its time to load
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version("groundtrace")
     except PackageNotFoundError:  # run from a source tree

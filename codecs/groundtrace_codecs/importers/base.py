@@ -32,6 +32,9 @@ TimeScale = Literal["utc", "gps", "tai"]
 #: Axes of the earth, by their first letter, as those of a right-handed frame.
 _EARTH_AXES = {"e": "x", "n": "y", "u": "z"}
 
+#: Name of the metadata record that says by topic what a device's counter tells of its samples.
+CLOCKS = "groundtrace.counters"
+
 
 class _Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of a map: no unknown keys, no wrong types."""

@@ -41,6 +41,7 @@ from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_quantity
 from . import base
 from . import time as time_columns
 from .base import (
+    CLOCKS,
     ColumnMap,
     CounterMap,
     Imported,
@@ -202,8 +203,6 @@ def _check_truth(truth: TruthMap, place: str) -> None:
         raise SchemaError(f"{place}.end: expected a path, as {truth.kind} is a span, found none")
 
 
-#: Name of the metadata record that says by topic what a device's counter tells of its samples.
-CLOCKS = "groundtrace.counters"
 #: Nanoseconds per unit of a time column.
 TIME_UNITS_NS = {"s": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
 

@@ -16,8 +16,8 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import numpy as np
 
+from ..device_clocks import robust_line
 from ..errors import SchemaError
-from ..merge import robust_line
 from ..signals import NS_PER_S
 from .base import Timing
 

@@ -18,7 +18,9 @@ from groundtrace_codecs.annotations import (
     Annotation,
     RecordingKey,
     Sidecar,
+    annotated,
     in_order,
+    journal_of,
     read_sidecar,
     replace_durably,
     sidecar_path,
@@ -357,17 +359,6 @@ class Stored:
     def labels(self) -> tuple[Label, ...]:
         """What the annotations say, by time."""
         return tuple(a.label for a in self.kept.annotations)
-
-
-def journal_of(sidecar: Path) -> Path:
-    """Return where the journal of a sidecar is."""
-    return sidecar.with_suffix(".journal")
-
-
-def annotated(recording: Path) -> bool:
-    """Whether anything lies beside a recording that holds annotations of it."""
-    sidecar = sidecar_path(recording)
-    return sidecar.is_file() or journal_of(sidecar).is_file()
 
 
 def stored(recording: Path) -> Stored:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from groundtrace_codecs.device_clocks import DeviceClock, robust_line
 from groundtrace_codecs.events import StepEvent
-from groundtrace_codecs.merge import DeviceClock, robust_line
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 

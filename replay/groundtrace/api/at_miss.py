@@ -11,6 +11,7 @@ from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.truth import kinds_of
 from ..explain.reasons import matched
 from ..pipeline.results import evidence_of, read_results, replayed_labels
@@ -55,7 +56,7 @@ def missed_step(results: Path, number: int, report: Report = unheard) -> int:
         raise RecordingError(
             f"{name}: --at-miss: expected true steps in the recording, found {kinds_of(labels)}"
         )
-    found = matched(evidence_of(result, labels), tolerance_s=0.12)
+    found = matched(evidence_of(result, labels), tolerance_s=STEP_TOLERANCE_S)
     if not 1 <= number <= len(found.missed):
         raise RecordingError(
             f"{name}: --at-miss: expected one of the {len(found.missed)} missed steps, "

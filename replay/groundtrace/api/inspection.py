@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from groundtrace_codecs.device_clocks import merged_clocks
 from groundtrace_codecs.errors import SchemaError
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.importers.map import CLOCKS
+from groundtrace_codecs.importers.base import CLOCKS
 from groundtrace_codecs.importers.units import UnitWatch
-from groundtrace_codecs.merge import merged_clocks
 from groundtrace_codecs.schemas.event_messages import TRUTH_TOPIC
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 

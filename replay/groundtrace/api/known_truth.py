@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ..errors import AnnotationError, RecordingError
-from ..evaluation.truth import scored_truth
 from ..pipeline.results import file_sha256, replayed_labels
 from .files import recording_beside, unheard
 
@@ -76,6 +75,9 @@ def scored_truth_of(
     labels = _chosen(_source(result, recording, key.start_ns, lambda: key, truth), author, report)
     if truth is not None:
         _report_unmatched(labels, _names_in(result), truth, report)
+    # a replay, which shows what is marked, scores nothing
+    from ..evaluation.truth import scored_truth
+
     found = scored_truth(replayed_labels(labels, origin.from_ns, origin.to_ns), result)
     for remark in found.remarks:
         report(f"truth: {remark}")
@@ -143,15 +145,15 @@ def _source(
     truth: Path | None,
 ) -> _Source:
     """Return where truth comes from; ``key`` is asked only where annotations lie beside."""
-    from groundtrace_codecs.annotations import sidecar_path
-
-    from ..annotate.store import annotated, kept_in
+    from groundtrace_codecs.annotations import annotated, sidecar_path
 
     if truth is not None:
         return _given(subject, start_ns, key, truth)
     if subject.labels:
         return _Source(recording.name, subject.labels)
     if annotated(recording):
+        from ..annotate.store import kept_in
+
         beside = sidecar_path(recording)
         return _Source(beside.name, (), kept_in(beside, key()).annotations)
     return _Source(recording.name, (), subject.annotations)
@@ -208,12 +210,13 @@ def annotations_to_show(
     recording: Recording, path: Path, report: Report = unheard
 ) -> tuple[Annotation, ...]:
     """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
+    from groundtrace_codecs.annotations import annotated
     from groundtrace_codecs.errors import CodecError
-
-    from ..annotate.store import annotated, stored
 
     if not annotated(path):
         return recording.annotations
+    from ..annotate.store import stored
+
     try:
         found = stored(path).kept
     except (AnnotationError, CodecError) as error:

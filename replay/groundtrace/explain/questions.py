@@ -10,6 +10,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.truth import kinds_of
 from .reasons import StepReasons, matched
 from .redecide import OfflineDecider
@@ -65,7 +66,7 @@ class Question:
     fix: int | None = None
     pick: int | None = None
     at_s: float | None = None
-    tolerance_s: float = 0.12
+    tolerance_s: float = STEP_TOLERANCE_S
     tolerance_m: float = 1.0
     pick_tolerance_s: float = 2e-3
     stage: str = ""

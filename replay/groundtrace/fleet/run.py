@@ -22,14 +22,13 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from groundtrace_codecs.annotations import sidecar_path
+from groundtrace_codecs.annotations import journal_of, sidecar_path
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import Gap
 from groundtrace_codecs.mcap.byte_source import RemoteBytes, as_url, file_system, is_url, public_url
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..annotate.store import journal_of
 from ..api.known_truth import truth_of_recording
 from ..api.pipelines import default_pipeline
 from ..errors import GroundtraceError, PipelineError, RecordingError

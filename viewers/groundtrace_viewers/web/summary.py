@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from groundtrace.annotate.store import annotated, kept_in
+from groundtrace.annotate.store import kept_in
 from groundtrace.api.files import unheard
 from groundtrace.api.known_truth import scored_truth_of
 from groundtrace.errors import AnnotationError
@@ -41,7 +41,7 @@ from groundtrace.evaluation.positions import true_places, turn_onto
 from groundtrace.evaluation.report import answers_of, last_word, score_events
 from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.results import read_results
-from groundtrace_codecs.annotations import RecordingKey, sidecar_path
+from groundtrace_codecs.annotations import RecordingKey, annotated, sidecar_path
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
