@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from groundtrace_codecs.merge import SAME_CLOCK, DeviceClock, MergedClock, Part, merged_clocks
+from groundtrace_codecs.device_clocks import SAME_CLOCK, DeviceClock, MergedClock, merged_clocks
+from groundtrace_codecs.merge import Part
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 from groundtrace_codecs.truth import read_truth

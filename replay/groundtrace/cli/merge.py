@@ -31,7 +31,8 @@ from .options import FLAG, OUT, Json, Texts
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from groundtrace_codecs.merge import Merged, MergedClock
+    from groundtrace_codecs.device_clocks import MergedClock
+    from groundtrace_codecs.merge import Merged
     from groundtrace_codecs.recording import Recording
 
     from ..api.align import Alignment
