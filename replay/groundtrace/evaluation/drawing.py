@@ -7,6 +7,7 @@ or dark as the page is. They follow Okabe and Ito (2008), told apart by colour-b
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, filterwarnings
@@ -16,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.container import BarContainer
@@ -51,6 +52,7 @@ _STYLE: dict[str, Any] = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.formatter.useoffset": False,
+    "figure.titlesize": 13,
     "axes.titlesize": 13,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
@@ -63,6 +65,15 @@ _FRACTION = re.compile(r"-?\d+\.\d+")
 _UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 #: What the page's style sheet says for all, or of what nothing is left here.
 _LEFT_OUT = ("font-family", "stroke-dashoffset", "stroke-linejoin", "stroke-linecap")
+
+
+@contextmanager
+def style(**more: Any) -> Iterator[None]:
+    """Let matplotlib draw in this style inside a ``with``, and as before after it."""
+    from matplotlib import rc_context
+
+    with rc_context(_STYLE | more):
+        yield
 
 
 class Drawing:
@@ -89,12 +100,11 @@ class Drawing:
         height: float = HEIGHT,
         panels: int = 1,
     ) -> None:
-        from matplotlib import rc_context
         from matplotlib.figure import Figure
 
         self.title = title
         self._tips: dict[str, Sequence[str]] = {}
-        with rc_context(_STYLE):
+        with style():
             self.figure = Figure((width / 72, height / 72), layout="constrained")
             self.figure.patch.set_visible(False)
             self.panels = [self.figure.add_subplot(1, panels, i + 1) for i in range(panels)]
@@ -111,9 +121,9 @@ class Drawing:
         colour: str,
         tips: Sequence[str] = (),
         size: float = 5,
-        **style: Any,
+        **more: Any,
     ) -> None:
-        """Add marks, with the words that show where the mouse rests; what is not finite is left out.
+        """Add marks, and words that show where the mouse rests; what is not finite is left out.
 
         Parameters
         ----------
@@ -125,20 +135,20 @@ class Drawing:
             One for each mark, or none.
         size
             Diameter [px].
-        style
+        more
             More of matplotlib's properties of lines, ``marker`` for one.
         """
         across, up = (np.asarray(each, np.float64).ravel() for each in (x, y))
         seen = np.isfinite(across) & np.isfinite(up)
         if not seen.any():
             return
-        style = {"marker": "o", "markeredgewidth": 0, "color": COLOURS[colour]} | style
-        (drawn,) = self.axes.plot(across[seen], up[seen], linestyle="", markersize=size, **style)
+        more = {"marker": "o", "markeredgewidth": 0, "color": COLOURS[colour]} | more
+        (drawn,) = self.axes.plot(across[seen], up[seen], linestyle="", markersize=size, **more)
         self.tell(drawn, [tip for tip, kept in zip(tips, seen, strict=False) if kept])
 
-    def line(self, x: ArrayLike, y: ArrayLike, colour: str, style: str = "-", **more: Any) -> None:
+    def line(self, x: ArrayLike, y: ArrayLike, colour: str, dashes: str = "-", **more: Any) -> None:
         """Add a line through points; it breaks where one is not finite."""
-        self.axes.plot(x, y, style, **{"color": COLOURS[colour], "linewidth": 1.8} | more)
+        self.axes.plot(x, y, dashes, **{"color": COLOURS[colour], "linewidth": 1.8} | more)
 
     def bars(self, edges: ArrayLike, counts: ArrayLike, tips: Sequence[str]) -> None:
         """Add a histogram: edges of shape (n + 1,), counts and words of shape (n,)."""
@@ -151,16 +161,20 @@ class Drawing:
 
     def mark(self, x: float | None = None, y: float | None = None, colour: str = "ink") -> None:
         """Add a broken line over the whole height at ``x``, or over the whole width at ``y``."""
-        style: dict[str, Any] = {"color": COLOURS[colour], "linewidth": 1, "linestyle": (0, (5, 4))}
+        broken: dict[str, Any] = {
+            "color": COLOURS[colour],
+            "linewidth": 1,
+            "linestyle": (0, (5, 4)),
+        }
         if x is not None:
-            self.axes.axvline(x, **style)
+            self.axes.axvline(x, **broken)
         if y is not None:
-            self.axes.axhline(y, **style)
+            self.axes.axhline(y, **broken)
 
-    def note(self, x: float, y: float, words: str, **style: Any) -> None:
+    def note(self, x: float, y: float, words: str, **more: Any) -> None:
         """Add words a little to the right of a place."""
-        style = {"xytext": (4, 2), "textcoords": "offset points"} | style
-        self.axes.annotate(words, (x, y), color=COLOURS["ink"], **style)
+        more = {"xytext": (4, 2), "textcoords": "offset points"} | more
+        self.axes.annotate(words, (x, y), color=COLOURS["ink"], **more)
 
     def tell(self, artist: Artist, tips: Sequence[str]) -> None:
         """Give an artist's marks, in their order, words that show where the mouse rests."""
@@ -181,10 +195,8 @@ class Drawing:
         alone
             For a file of its own, light on white, instead of for a page, whose colours it takes.
         """
-        from matplotlib import rc_context
-
         out = StringIO()
-        with rc_context(_STYLE | {"svg.hashsalt": self.title}), catch_warnings():
+        with style(**{"svg.hashsalt": self.title}), catch_warnings():
             filterwarnings("ignore", "Glyph .* missing from font")  # the reader's has it
             nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
             self.figure.savefig(out, format="svg", metadata=nothing)
@@ -227,7 +239,9 @@ def _tidy(element: ElementTree.Element, *, alone: bool) -> None:
             element.remove(child)
             continue
         _tidy(child, alone=alone)
-        if child.tag == "g" and not child.attrib:
+        if child.tag in ("g", "defs") and not len(child):
+            element.remove(child)
+        elif child.tag == "g" and not child.attrib:
             place = list(element).index(child)
             element[place : place + 1] = list(child)
     for rule in element.attrib.pop("style", "").split("; "):
