@@ -173,7 +173,7 @@ class Drawing:
 
     def note(self, x: float, y: float, words: str, **more: Any) -> None:
         """Add words a little to the right of a place."""
-        more = {"xytext": (4, 2), "textcoords": "offset points"} | more
+        more = {"xytext": (4, 2), "textcoords": "offset points", "fontsize": FONT_PX} | more
         self.axes.annotate(words, (x, y), color=COLOURS["ink"], **more)
 
     def tell(self, artist: Artist, tips: Sequence[str]) -> None:
