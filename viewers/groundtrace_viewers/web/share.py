@@ -19,7 +19,7 @@ import msgspec
 from groundtrace.annotate.agreement import item_of, to_json
 from groundtrace.api.files import unheard
 from groundtrace.api.replay import replay_to_files
-from groundtrace.evaluation.html import score_page
+from groundtrace.evaluation.page import score_page
 from groundtrace.pipeline.results import atomic_write, read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
