@@ -10,6 +10,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .drawing import COLOURS, WIDE, Drawing
 from .matching import metronome_f1, random_f1
+from .page import shown
 from .picks import ANSWER_S
 from .vehicles import match_passes, scored_passes
 
@@ -36,13 +37,6 @@ TIME = "Time since the first sample [s]"
 ROW_S = (5, 10, 15, 20, 30, 60, 120, 300, 600, 1800, 3600, 7200)
 SOLE_S = 30
 MOST_ROWS = 24
-
-
-def shown(value: float | None, unit: str, digits: int = 2, *, sign: bool = False) -> str:
-    """Return a number with its unit, or a dash."""
-    if value is None:
-        return "\N{EN DASH}"
-    return f"{value:{'+' if sign else ''}.{digits}f} {unit}"
 
 
 def tolerance_figure(score: StepScore, matching: StepMatch, start_ns: int) -> Markup:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from groundtrace.evaluation.page import score_page
 from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.results import Provenance, Results
 from groundtrace_codecs.events import Label, Pass
 

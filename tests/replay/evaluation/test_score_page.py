@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from groundtrace.cli.main import main
-from groundtrace.evaluation.page import score_page
 from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.engine import ReplaySession
 from groundtrace.pipeline.results import Provenance, ResultsSink, read_results
 from groundtrace_codecs.events import (

@@ -22,12 +22,11 @@ from groundtrace.evaluation.figures import (
     TIME,
     map_figure,
     pick_figure,
-    shown,
     timeline_figure,
     tolerance_figure,
 )
 from groundtrace.evaluation.matching import answers_text, match_steps, timing_pairs
-from groundtrace.evaluation.page import rendered
+from groundtrace.evaluation.page import rendered, shown
 from groundtrace.evaluation.picks import pick_residuals
 from groundtrace.evaluation.positions import true_places, turn_onto
 from groundtrace.evaluation.report import answers_of, last_word, score_events
