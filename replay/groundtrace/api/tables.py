@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from html import escape
 from importlib import import_module
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -15,6 +15,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import MissingPackageError
+from ..evaluation.page import rendered
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -75,16 +76,13 @@ def html_table(
     there = len(shown) if count is None else count
     if there > ROWS:
         shown = shown[: ROWS - 1]
-    head = "".join(f"<th>{escape(name)}</th>" for name in header)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell_text(cell))}</td>" for cell in row) + "</tr>"
-        for row in shown
-    )
-    if there > ROWS:
-        body += f'<tr><td colspan="{max(len(header), 1)}">… {there - len(shown)} more</td></tr>'
-    return (
-        f"<table><caption>{escape(title)}</caption>"
-        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return rendered(
+        "table.html.jinja",
+        Path(__file__).parent,
+        title=title,
+        header=header,
+        rows=[[cell_text(cell) for cell in row] for row in shown],
+        more=there - len(shown),
     )
 
 

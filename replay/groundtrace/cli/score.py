@@ -60,7 +60,7 @@ def score(
     stages = tuple(stage or ())
     figures = scored(result, known, tolerance, stages)
     if html is not None:
-        from ..evaluation.html import score_page
+        from ..evaluation.score_page import score_page
 
         page = score_page(result, known, figures, tolerance, stages)
         write_text(html, page)

@@ -1,36 +1,23 @@
-"""The page of a fleet's table: one HTML file that needs no other file and no network."""
+"""What a fleet's table says, alone or against an earlier one, and the page that says it."""
 
 from __future__ import annotations
 
 import shlex
 from dataclasses import dataclass
-from html import escape
-from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Literal
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from ..evaluation.html import (
-    POLICY,
-    STYLE,
-    Axis,
-    Plot,
-    element,
-    folded,
-    number,
-    picture,
-    section,
-    table,
-    text,
-    tiles,
-)
-from ..evaluation.html import figure as html_figure
+from ..evaluation.drawing import COLOURS, WIDE, Drawing
 from ..evaluation.matching import STEP_TOLERANCE_S
+from ..evaluation.page import rendered
 from ..explain.reasons import Interval, RatioOfSums, bootstrap_recordings
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping, Sequence
+    from collections.abc import Hashable, Iterator, Mapping, Sequence
 
+    from markupsafe import Markup
     from numpy.typing import NDArray
 
     from .table import FleetTable, MissedStep
@@ -47,13 +34,11 @@ _DRAWN = (
     ("track_waypoints_median_m", "", "Error of the track", "Median at waypoints [m]", False),
     ("heading_rmse_deg", "", "Error of headings", "RMSE [deg]", False),
 )
-_MORE_STYLE = """
-td:not(:first-child){overflow-wrap:normal}
-.misses th,.misses td:nth-child(-n+3){white-space:nowrap;overflow-wrap:normal}
-.misses td:last-child{min-width:26em;font:12.5px/1.5 ui-monospace,Menlo,Consolas,monospace;
-font-variant-ligatures:none}
-.better{color:var(--hit);font-weight:600}.worse{color:var(--missed);font-weight:600}
-"""
+#: From so many recordings on they are counted in bars; fewer are drawn one by one.
+ENOUGH_FOR_BARS = 20
+BINS = 25
+#: Recordings listed that fell, and that rose.
+CHANGES_LISTED = 12
 
 
 def fleet_page(
@@ -75,28 +60,31 @@ def fleet_page(
         An earlier table to compare with.
     """
     recorded = length(float(np.nansum(_of_each(fleet, "duration_s"))))
-    subtitle = (
-        f"{counted(len(set(fleet.of('location'))), 'recording')}, {recorded}, through "
-        f"{', '.join(fleet.pipelines()) or 'no pipeline'}"
-    )
-    parts = [
-        _overview(fleet),
-        "" if old is None else changes_section(old, fleet),
-        _distributions(fleet),
-        _worst(fleet, misses, files),
-        _causes(fleet),
-        _errors(fleet),
-        _warnings(fleet),
-        _origin(fleet),
-    ]
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Fleet {escape(fleet.name)}</title><style>{STYLE}{_MORE_STYLE}</style></head>\n"
-        '<body><main><header><p class="brand">groundtrace fleet</p>'
-        f'<h1>{escape(fleet.name)}</h1><p class="sub">{escape(subtitle)}</p></header>\n'
-        f"{''.join(parts)}</main></body></html>\n"
+    wall_s, recorded_s = (float(np.nansum(fleet.numbers(n))) for n in ("wall_s", "duration_s"))
+    f1 = fleet.numbers("steps_f1")
+    f1 = f1[np.isfinite(f1)]
+    return rendered(
+        "fleet.html.jinja",
+        Path(__file__).parent,
+        kind="fleet",
+        name=fleet.name,
+        subtitle=f"{counted(len(set(fleet.of('location'))), 'recording')}, {recorded}, through "
+        f"{', '.join(fleet.pipelines()) or 'no pipeline'}",
+        rows=len(fleet),
+        recorded=length(recorded_s),
+        speed=f"{recorded_s / wall_s:.3g} times real time in one process" if wall_s else "",
+        f1=np.percentile(f1, [50, 10]).tolist() if len(f1) else None,
+        failed=error_rows(fleet),
+        hurt=damage_rows(fleet),
+        warned=sum(map(bool, fleet.of("warnings"))),
+        by_pipeline=pipeline_rows(fleet),
+        against=None if old is None else _against(old, fleet),
+        fewest=FEWEST,
+        distributions=list(_distributions(fleet)),
+        worst=_worst(fleet, misses, files),
+        causes=list(_causes(fleet)),
+        warnings=warning_rows(fleet),
+        **_origin(fleet),
     )
 
 
@@ -106,28 +94,25 @@ def _of_each(fleet: FleetTable, column: str) -> list[float]:
     return list(by_place.values())
 
 
-def _overview(fleet: FleetTable) -> str:
-    failed, hurt = error_rows(fleet), damage_rows(fleet)
-    wall_s, recorded_s = (float(np.nansum(fleet.numbers(n))) for n in ("wall_s", "duration_s"))
-    speed = f"{recorded_s / wall_s:.3g} times real time in one process" if wall_s else ""
-    f1 = fleet.numbers("steps_f1")
-    f1 = f1[np.isfinite(f1)]
-    items = [
-        ("Rows", str(len(fleet)), "a recording through a pipeline"),
-        ("Recorded", length(recorded_s), speed),
-        ("Failed", str(len(failed)), "rows with an error"),
-        ("Damaged", str(len(hurt)), "rows of which part was read"),
-        ("Warned", str(sum(map(bool, fleet.of("warnings")))), "rows with a warning"),
-    ]
-    if len(f1):
-        low, middle = np.percentile(f1, [10, 50])
-        items.insert(2, ("F1 of steps", f"{middle:.3f}", f"median; one in ten below {low:.3f}"))
-    header, rows = pipeline_rows(fleet)
-    return section("Overview", tiles(items) + (table("", header, rows) if rows else ""))
+class FleetFigure(NamedTuple):
+    """A figure, what stands above it, and what is said below it."""
+
+    title: str
+    svg: Markup
+    caption: str = ""
 
 
-def _distributions(fleet: FleetTable) -> str:
-    drawn = []
+class FleetRows(NamedTuple):
+    """A table: its title, header and rows; ``misses`` are tables of what some rows missed."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    misses: Sequence[FleetRows] = ()
+
+
+def _distributions(fleet: FleetTable) -> Iterator[FleetFigure]:
+    """Yield how each figure is distributed over the recordings of each pipeline."""
     for column, divisor, title, axis, signed in _DRAWN:
         values = fleet.numbers(column)
         if divisor:
@@ -142,102 +127,89 @@ def _distributions(fleet: FleetTable) -> str:
                 outside = int((np.abs(values[rows]) > max(span)).sum())
                 said = f"{counted(len(rows), 'recording')}; the broken line is the median."
                 said += f" {outside} outside are drawn at the edge." if outside else ""
-                plot = distribution(values[rows], names, axis, span)
-                drawn.append(html_figure(f"{title}, {pipeline}", plot, said))
-    return section("Distributions", f'<div class="pair">{"".join(drawn)}</div>') if drawn else ""
+                drawn = distribution(values[rows], names, axis, span)
+                yield FleetFigure(f"{title}, {pipeline}", drawn, said)
 
 
-def _worst(fleet: FleetTable, misses: Misses, files: Mapping[str, str]) -> str:
-    parts = []
+def _worst(fleet: FleetTable, misses: Misses, files: Mapping[str, str]) -> list[FleetRows]:
+    """Return the worst recordings, by each figure that puts them in order, and what they missed."""
+    found = []
     for ranking in ranked(fleet):
         header, rows = worst_rows(fleet, ranking)
-        more = (
-            f"; the worst {WORST_LISTED} of {len(ranking.rows)}"
-            if len(ranking.rows) > WORST_LISTED
-            else ""
-        )
-        parts.append(table(f"By {ranking.name}{more}", header, rows))
+        more = len(ranking.rows) > WORST_LISTED
+        title = f"By {ranking.name}"
+        title += f"; the worst {WORST_LISTED} of {len(ranking.rows)}" if more else ""
+        missed = []
         for row in ranking.rows[:WORST_LISTED]:
             place = (fleet.of("location")[row], fleet.of("pipeline")[row])
-            found = misses.get(place, ())
-            if found:
-                shown = f", the first {MISSES}" if len(found) > MISSES else ""
-                title = f"{place[0]}, {place[1]}: {len(found)} missed{shown}"
-                cells = miss_rows(fleet, row, found, files)
-                inner = table("", ("miss", "time [s]", "cause", "why", "shows it"), cells)
-                parts.append(folded(title, f'<div class="misses">{inner}</div>'))
-    return section("Worst recordings first", "".join(parts)) if parts else ""
+            if of := misses.get(place, ()):
+                shown = f", the first {MISSES}" if len(of) > MISSES else ""
+                said = f"{place[0]}, {place[1]}: {len(of)} missed{shown}"
+                columns = ("miss", "time [s]", "cause", "why", "shows it")
+                missed.append(FleetRows(said, columns, miss_rows(fleet, row, of, files)))
+        found.append(FleetRows(title, header, rows, missed))
+    return found
 
 
-def _causes(fleet: FleetTable) -> str:
-    parts = []
+def _causes(fleet: FleetTable) -> Iterator[FleetFigure]:
+    """Yield the misses of each pipeline by cause."""
     for pipeline in fleet.pipelines():
         counts = causes_of(fleet, np.flatnonzero(fleet.rows_of(pipeline)))
         if counts:
             total = sum(n for _, n in counts)
-            parts.append(html_figure(f"{pipeline}: {total} misses", cause_bars(counts)))
-    said = "<p>A cause is that of the first gate that failed; groundtrace why explains each.</p>"
-    return section("Misses by cause", said + "".join(parts)) if parts else ""
+            yield FleetFigure(f"{pipeline}: {total} misses", cause_bars(counts))
 
 
-def _errors(fleet: FleetTable) -> str:
-    failed, hurt = error_rows(fleet), damage_rows(fleet)
-    parts = ""
-    if failed:
-        parts += table("Could not be replayed", ("recording", "pipeline", "error"), failed)
-    if hurt:
-        header = ("recording", "pipeline", "places", "messages lost", "gaps", "samples lost")
-        parts += table("Damaged: the rest was replayed", header, hurt)
-    return section("Errors and damage", parts or "<p>None.</p>")
-
-
-def _warnings(fleet: FleetTable) -> str:
-    rows = warning_rows(fleet)
-    if not rows:
-        return ""
-    header = ("warning", "pipeline", "recordings", "the first of them")
-    return section("Warnings", table("", header, rows))
-
-
-def _origin(fleet: FleetTable) -> str:
+def _origin(fleet: FleetTable) -> dict[str, list[tuple[str, ...]]]:
+    """Return the recipes of the pipelines, and the versions."""
     names = ("pipeline", "parameters", "versions", "error")
     rows = zip(*(fleet.of(name) for name in names), strict=True)
     known = dict.fromkeys((p, t, v) for p, t, v, error in rows if not error)
-    parts = [
-        folded(f"{pipeline}, with every parameter", f"<pre>{escape(recipe)}</pre>")
-        for pipeline, recipe in dict.fromkeys((p, t) for p, t, _ in known)
+    return {
+        "recipes": list(dict.fromkeys((p, t) for p, t, _ in known)),
+        "versions": [(v,) for v in dict.fromkeys(v for _, _, v in known)],
+    }
+
+
+class Against(NamedTuple):
+    """What changed since an earlier table: its name, rows in both, figures, recordings."""
+
+    name: str
+    pairs: int
+    figures: list[tuple[list[str], Verdict]]
+    tables: list[FleetRows]
+
+
+def _against(old: FleetTable, new: FleetTable) -> Against:
+    pairs, found = pairs_of(old, new), changes(old, new)
+    tables = [each for each in _moved(old, new, pairs) if each.rows] if found else []
+    figures = [(change_cells(change), change.verdict) for change in found]
+    return Against(old.name, len(pairs), figures, tables)
+
+
+def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> Iterator[FleetRows]:
+    """Yield the recordings whose F1 fell and rose most, and those that fail now or no more."""
+    before, after = old.numbers("steps_f1"), new.numbers("steps_f1")
+    moved = np.array([after[b] - before[a] for a, b in pairs], np.float64)
+    order = [int(i) for i in np.argsort(moved, kind="stable") if np.isfinite(moved[i])]
+    fell = [i for i in order if moved[i] < 0][:CHANGES_LISTED]
+    rose = [i for i in reversed(order) if moved[i] > 0][:CHANGES_LISTED]
+    places = list(zip(new.of("location"), new.of("pipeline"), strict=True))
+    for title, kept in (("F1 fell most", fell), ("F1 rose most", rose)):
+        figures = ((pairs[i], moved[i]) for i in kept)
+        rows = [
+            (*places[b], f"{before[a]:.3f}", f"{after[b]:.3f}", f"{change:+.3f}")
+            for (a, b), change in figures
+        ]
+        yield FleetRows(title, ("recording", "pipeline", "before", "now", "change"), rows)
+    was, now = old.of("error"), new.of("error")
+    failed = [
+        (*places[b], was[a] or "none", now[b] or "none")
+        for a, b in pairs
+        if bool(was[a]) != bool(now[b])
     ]
-    versions = [[v] for v in dict.fromkeys(v for _, _, v in known)]
-    return section("Origin", table("", ("versions",), versions) + "".join(parts))
-
-
-#: Recordings listed to either side.
-CHANGES_LISTED = 12
-
-
-def changes_section(old: FleetTable, new: FleetTable) -> str:
-    """Return the section that judges a fleet against an earlier one."""
-    found = changes(old, new)
-    pairs = pairs_of(old, new)
-    said = (
-        f"<p>Against {escape(old.name)}: {len(pairs)} rows are of recordings with the same bytes. "
-        "The interval holds nine of ten changes when recordings are drawn again with replacement, "
-        "both fleets with the same ones; better and worse are said where all of it is on one side "
-        f"of no change. Of fewer than {FEWEST} recordings nothing is said.</p>"
-    )
-    if not found:
-        return section("What changed", said + "<p>No figure is in both tables.</p>")
-    return section("What changed", said + _figures(found) + _recordings(old, new, pairs))
-
-
-def _figures(found: list[Change]) -> str:
-    header = ("figure", "pipeline", "recordings", "before", "now", "change", "interval", "verdict")
-    head = "".join(f'<th scope="col">{name}</th>' for name in header)
-    body = "".join(_row(change) for change in found)
-    return (
-        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-        "</div>"
-    )
+    header = ("recording", "pipeline", "error before", "error now")
+    yield FleetRows("Fail now, or no more", header, failed)
 
 
 def change_cells(change: Change) -> list[str]:
@@ -258,57 +230,9 @@ def change_cells(change: Change) -> list[str]:
     ]
 
 
-def _row(change: Change) -> str:
-    cells = "".join(f"<td>{escape(cell)}</td>" for cell in change_cells(change))
-    style = change.verdict if change.verdict in ("better", "worse") else "sub"
-    return f'<tr>{cells}<td class="{style}">{change.verdict}</td></tr>'
-
-
-def _recordings(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> str:
-    """Return the recordings whose F1 fell and rose most, and those that fail now or no more."""
-    before, after = old.numbers("steps_f1"), new.numbers("steps_f1")
-    moved = np.array([after[b] - before[a] for a, b in pairs], np.float64)
-    order = [int(i) for i in np.argsort(moved, kind="stable") if np.isfinite(moved[i])]
-    fell = [i for i in order if moved[i] < 0][:CHANGES_LISTED]
-    rose = [i for i in reversed(order) if moved[i] > 0][:CHANGES_LISTED]
-    parts = ""
-    for title, rows in (("F1 fell most", fell), ("F1 rose most", rose)):
-        cells = [
-            [
-                new.of("location")[pairs[i][1]],
-                new.of("pipeline")[pairs[i][1]],
-                f"{before[pairs[i][0]]:.3f}",
-                f"{after[pairs[i][1]]:.3f}",
-                f"{moved[i]:+.3f}",
-            ]
-            for i in rows
-        ]
-        if cells:
-            parts += table(title, ("recording", "pipeline", "before", "now", "change"), cells)
-    return parts + _failures(old, new, pairs)
-
-
-def _failures(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> str:
-    was, now = old.of("error"), new.of("error")
-    cells = [
-        [new.of("location")[b], new.of("pipeline")[b], was[a] or "none", now[b] or "none"]
-        for a, b in pairs
-        if bool(was[a]) != bool(now[b])
-    ]
-    header = ("recording", "pipeline", "error before", "error now")
-    return table("Fail now, or no more", header, cells) if cells else ""
-
-
-#: From so many recordings on they are counted in bars; fewer are drawn one by one.
-ENOUGH_FOR_BARS = 20
-BINS = 25
-WIDE, BAR_PX = 1160, 30
-_LABELS_PX, _COUNTS_PX = 150, 110
-
-
 def distribution(
     values: NDArray[np.float64], names: Sequence[str], label: str, span: tuple[float, float]
-) -> str:
+) -> Markup:
     """Return how a figure is distributed over recordings.
 
     Parameters
@@ -324,34 +248,23 @@ def distribution(
     """
     held = np.clip(values, *span)
     if len(values) < ENOUGH_FOR_BARS:
-        return _one_by_one(held, values, names, label, span)
-    edges = np.linspace(*span, BINS + 1)
-    counts, _ = np.histogram(held, edges)
-    top = max(4.0, 1.12 * float(counts.max()))
-    plot = Plot(Axis(label, *span), Axis("Recordings [count]", 0, top), height=250)
-    for low, high, count in zip(edges, edges[1:], counts, strict=False):
-        if count:
-            said = f"{number(low)} to {number(high)}: {count}"
-            plot.box((low, high), (0, float(count)), "bar", said)
-    plot.vertical(float(np.median(held)), "mark", f"median {np.median(values):.4g}")
-    return plot.svg(f"Distribution of {label}")
-
-
-def _one_by_one(
-    held: NDArray[np.float64],
-    values: NDArray[np.float64],
-    names: Sequence[str],
-    label: str,
-    span: tuple[float, float],
-) -> str:
-    order = np.argsort(held, kind="stable")
-    top = len(held) + 0.6
-    plot = Plot(Axis(label, *span), Axis("Recordings, in order", 0.4, top), height=250)
-    for place, row in enumerate(order, 1):
-        said = f"{names[row]}: {values[row]:.4g}"
-        plot.dot(float(held[row]), place, "dot result", said, 5)
-    plot.vertical(float(np.median(held)), "mark", f"median {np.median(values):.4g}")
-    return plot.svg(f"{label}, recording by recording")
+        order = np.argsort(held, kind="stable")
+        plot = Drawing(f"{label}, recording by recording", label, "Recordings, in order")
+        tips = [f"{names[row]}: {values[row]:.4g}" for row in order]
+        plot.dots(held[order], np.arange(1, len(held) + 1), "result", tips, 8)
+        plot.axes.yaxis.get_major_locator().set_params(integer=True)
+        plot.axes.set_ylim(0.4, len(held) + 0.6)
+    else:
+        edges = np.linspace(*span, BINS + 1)
+        counts, _ = np.histogram(held, edges)
+        plot = Drawing(f"Distribution of {label}", label, "Recordings [count]")
+        ends = zip(edges, edges[1:], counts, strict=False)
+        plot.bars(edges, counts, [f"{low:.4g} to {high:.4g}: {n}" for low, high, n in ends])
+        plot.axes.set_ylim(0, max(4.0, 1.12 * float(counts.max())))
+    plot.mark(x=float(np.median(held)))
+    margin = 0.02 * (span[1] - span[0])
+    plot.axes.set_xlim(span[0] - margin, span[1] + margin)
+    return plot.svg()
 
 
 def span_for(values: NDArray[np.float64], *, signed: bool) -> tuple[float, float]:
@@ -369,20 +282,21 @@ def span_for(values: NDArray[np.float64], *, signed: bool) -> tuple[float, float
     return (-reach, reach) if signed else (0.0, reach)
 
 
-def cause_bars(counts: Sequence[tuple[str, int]]) -> str:
+def cause_bars(counts: Sequence[tuple[str, int]]) -> Markup:
     """Return misses by cause as bars, the most frequent first."""
-    total, most = sum(n for _, n in counts), max(n for _, n in counts)
-    room = WIDE - _LABELS_PX - _COUNTS_PX
-    parts = []
-    for row, (cause, count) in enumerate(counts):
-        y, width = row * BAR_PX + 4, max(2.0, room * count / most)
-        said = f"{cause}: {count} of {total} misses"
-        parts.append(text(_LABELS_PX - 10, y + 16, cause, "label end"))
-        size = {"x": _LABELS_PX, "y": y, "width": width, "height": BAR_PX - 8}
-        parts.append(element("rect", "bar", said, **size))
-        share = f"{count} ({count / total:.0%})"
-        parts.append(text(_LABELS_PX + width + 8, y + 16, share, "note"))
-    return picture(WIDE, len(counts) * BAR_PX + 8, "Misses by cause", parts)
+    total = sum(n for _, n in counts)
+    causes, numbers = [cause for cause, _ in counts], [n for _, n in counts]
+    plot = Drawing("Misses by cause", "Misses [count]", "", WIDE, 60 + 30 * len(counts))
+    places = -np.arange(len(counts))
+    bars = plot.axes.barh(places, numbers, 0.7, color=COLOURS["result"])
+    plot.tell_bars(bars, [f"{cause}: {n} of {total} misses" for cause, n in counts])
+    for place, n in zip(places, numbers, strict=True):
+        plot.note(n, place, f"{n} ({n / total:.0%})", va="center", xytext=(6, 0))
+    plot.axes.set_yticks(places, causes)
+    plot.axes.set_xlim(0, 1.12 * max(numbers))
+    plot.axes.grid(visible=False, axis="y")
+    plot.axes.xaxis.get_major_locator().set_params(integer=True)
+    return plot.svg()
 
 
 #: The worst recordings that are listed, and misses of each.

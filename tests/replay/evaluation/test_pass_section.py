@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from groundtrace.evaluation.html import pass_section
-from groundtrace.evaluation.vehicles import score_passes
+import re
+
+from groundtrace.evaluation.report import score_events
+from groundtrace.evaluation.score_page import score_page
+from groundtrace.pipeline.results import Provenance, Results
 from groundtrace_codecs.events import Label, Pass
 
 S = 1_000_000_000
@@ -21,16 +24,15 @@ def told(time_s: float, station: str) -> Pass:
 
 def test_passes_are_dots_in_the_row_of_their_station_and_vehicles_a_table() -> None:
     passes = [told(10.1, "A <1>"), told(12.2, "B"), told(20.0, "B")]
-    score = score_passes(LABELS, passes)
-    assert score is not None
-    page = pass_section(LABELS, passes, score, (0, 40 * S))
-    kinds = {kind: page.count(f'class="dot {kind}"') for kind in ("truth", "missed", "result")}
-    assert kinds == {"truth": 2, "missed": 1, "result": 2}
-    assert page.count('class="dot false"') == 1
+    origin = Provenance("cars.mcap", "0" * 64, 0, 40 * S, "")
+    results = Results("a", origin, LABELS, None, tuple(passes))
+    page = score_page(results, LABELS, score_events(LABELS, passes, 0, 40 * S))
     assert "A &lt;1&gt;" in page
     assert "A <1>" not in page
-    assert "12.00 s: true, V1, forward, 12.0 m/s" in page
-    assert "12.20 s: found, vehicle 1, forward, 11.5 m/s" in page
+    tips = re.findall(r"<title>([\d.]+ s: (?:true|found), .*?)</title>", page)
+    assert len(tips) == 6
+    assert "12.00 s: true, V1, forward, 12.0 m/s" in tips
+    assert "12.20 s: found, vehicle 1, forward, 11.5 m/s" in tips
     assert "<td>V2</td><td>0 of 1</td><td>0</td><td>not told</td>" in page
     assert "2 of 3" in page
     assert "nan" not in page

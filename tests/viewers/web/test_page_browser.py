@@ -19,7 +19,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_viewers.rerun.blueprint import layout_of
 from groundtrace_viewers.rerun.moments import moments_of_results
 from groundtrace_viewers.web.annotate import replayed
-from groundtrace_viewers.web.share import single_page
+from groundtrace_viewers.web.share import whole_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -151,7 +151,7 @@ def test_a_page_of_one_file_keeps_marks_itself_and_gives_them_away(
         "replay.rrd": rrd.read_bytes(),
     }
     single = tmp_path / "walk.html"
-    single.write_text(single_page(assets), "utf-8")
+    single.write_text(whole_page(assets), "utf-8")
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto(single.as_uri())

@@ -15,9 +15,9 @@ from groundtrace_viewers.web.server import (
     FOLDER,
     MODULES,
     POLICY,
-    index_page,
     joined_script,
     page_file,
+    replay_page,
 )
 
 DOCUMENTATION = Path(__file__).parents[3] / "docs" / "page.md"
@@ -28,7 +28,7 @@ def names(pattern: str, text: str) -> list[str]:
 
 
 def test_every_file_of_the_page_is_known() -> None:
-    assert {p.name for p in FOLDER.iterdir()} == {*MODULES, "index.html", "style.css"}
+    assert {p.name for p in FOLDER.iterdir()} == {*MODULES, "style.css", "shared.css"}
 
 
 def test_a_module_stands_after_what_it_imports() -> None:
@@ -45,15 +45,17 @@ def test_modules_join_into_one_script_without_names_twice() -> None:
 
 
 def test_the_page_refers_to_nothing_but_its_own_files_and_puts_text_in_as_text() -> None:
-    for name in (*MODULES, "index.html", "style.css"):
-        text = page_file(name).decode()
+    texts = [page_file(name).decode() for name in (*MODULES, "style.css", "shared.css")]
+    for text in (*texts, replay_page()):
         assert not names(r"https?://", text)
         assert not names(r"innerHTML|insertAdjacentHTML|document\.write|\beval\(", text)
-    assert not names(r"<script>|style=\"|onclick=", page_file("index.html").decode())
+    assert not names(r"<script>|style=\"|onclick=", replay_page())
 
 
 def test_a_page_without_a_server_brings_its_policy() -> None:
-    (policy,) = names(r'http-equiv="Content-Security-Policy" content="([^"]+)"', index_page())
+    (policy,) = names(
+        r'http-equiv="Content-Security-Policy" content="([^"]+)"', replay_page(policy=POLICY)
+    )
     assert policy == POLICY
 
 

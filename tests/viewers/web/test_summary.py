@@ -93,7 +93,7 @@ def test_the_truth_is_turned_onto_a_track_that_heads_anywhere(tmp_path: Path) ->
     drawn = place_map(sources)
     assert drawn is not None
     assert "the truth is turned and shifted onto it" in drawn.caption
-    truth = np.array(re.findall(r"truth (-?[\d.]+) m, (-?[\d.]+) m", drawn.svg), float)
+    truth = np.array(re.findall(r"truth (-?[\d.]+) m, (-?[\d.]+) m", str(drawn.svg)), float)
     assert truth == pytest.approx(np.array([(3 - y, x) for x, y in walk]), abs=0.011)
     page = summary_page(sources, "")
     assert "Shape of the track" in page

@@ -11,20 +11,24 @@ import re
 import socket
 import sys
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import uvicorn
+from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
+
+from groundtrace.evaluation.page import rendered
 
 from ..errors import ViewerError
 from ..rerun.blueprint import layout_of
 from ..rerun.process import LOOPBACK, VIEWER_FILES, viewer_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -51,20 +55,51 @@ POLICY = (
     "img-src 'self' data: blob:; connect-src 'self' data: blob:; worker-src 'self' blob:; "
     "base-uri 'none'; form-action 'none'"
 )
-_CHARSET = '<meta charset="utf-8">'
 _IMPORT = re.compile(r"^import \{[^}]*\} from \"\./[a-z]+\.js\";\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(async )?(function|class|const) )", re.MULTILINE)
 
 
 def page_file(name: str) -> bytes:
-    """Return one file of the page: ``index.html``, ``style.css`` or one of :data:`MODULES`."""
+    """Return one file of the page: a style sheet, or one of :data:`MODULES`."""
     return (FOLDER / name).read_bytes()
 
 
-def index_page(policy: str = POLICY) -> str:
-    """Return ``index.html`` with a content security policy inside, for who sends no headers."""
-    inside = f'{_CHARSET}\n    <meta http-equiv="Content-Security-Policy" content="{policy}">'
-    return page_file("index.html").decode().replace(_CHARSET, inside, 1)
+def replay_page(
+    *,
+    policy: str = "",
+    style: str = "",
+    viewer: str = "",
+    script: str = "",
+    from_file: str = "",
+    held: Mapping[str, str] = MappingProxyType({}),
+    papers: Sequence[object] = (),
+    downloads: Sequence[object] = (),
+) -> str:
+    """Return the page of a replay.
+
+    Parameters
+    ----------
+    policy
+        Its content security policy, for who sends no headers.
+    style, viewer, script
+        What stands in it rather than beside it: style sheet, viewer, all modules as one.
+    from_file
+        A script that tells the page whether it was opened as a file, which it then explains.
+    held
+        Files that stand in it, packed as its script reads them, by name.
+    papers, downloads
+        Documents and files beside the replay, or in it where anything is held in it.
+    """
+    trusted = {"policy": policy, "style": style, "viewer": viewer, "script": script}
+    return rendered(
+        "replay.html.jinja",
+        Path(__file__).parent,
+        **{name: Markup(text) for name, text in trusted.items()},
+        from_file=Markup(from_file),
+        held=held,
+        papers=papers,
+        downloads=downloads,
+    )
 
 
 def joined_script() -> str:
@@ -181,7 +216,7 @@ def page_app(
         Where the viewer is not installed, or the file is not one of its replays.
     """
     folder = viewer_folder()
-    index = page_file("index.html")
+    index = replay_page().encode()
     routes = [
         _fixed("/", index),
         _fixed("/index.html", index),

@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import tempfile
 import zipfile
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,7 +18,7 @@ import msgspec
 from groundtrace.annotate.agreement import item_of, to_json
 from groundtrace.api.files import unheard
 from groundtrace.api.replay import replay_to_files
-from groundtrace.evaluation.html import score_page
+from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.results import atomic_write, read_results
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
@@ -28,7 +27,7 @@ from ..rerun.blueprint import layout_of
 from ..rerun.decisions import TOLERANCE_S
 from ..rerun.process import VIEWER_FILES, quiet_environment, viewer_folder, viewer_program
 from ..rerun.timeline import stream_of, written_recipe
-from .server import POLICY, index_page, joined_script, page_file
+from .server import POLICY, joined_script, page_file, replay_page
 from .summary import sources_of, summary_page
 
 if TYPE_CHECKING:
@@ -221,35 +220,7 @@ def _one_page(folder: Path, sources: Sources) -> str:
     return whole_page(assets, _papers(folder), _downloads(sources))
 
 
-STYLE = """
-#papers { display: flex; flex-wrap: wrap; gap: 4px 14px; padding: 6px 12px 0; font-size: 12px; }
-#papers a, #from-file a { color: var(--accent); }
-#papers button { height: auto; padding: 0; border: 0; background: none; color: var(--accent); }
-#papers button { text-decoration: underline; }
-.paper { width: min(1240px, 94vw); height: 92vh; padding: 0; border: 1px solid var(--line); }
-.paper { border-radius: 8px; overflow: hidden; background: #fff; }
-.paper::backdrop { background: rgb(0 0 0 / 60%); }
-.paper iframe { display: block; width: 100%; height: 100%; border: 0; }
-.paper button { position: absolute; top: 8px; right: 24px; }
-#from-file { display: none; }
-html[data-from-file] :is(#status, #panel) { display: none; }
-html[data-from-file] #from-file {
-  position: absolute; inset: 0; display: grid; place-content: center; justify-items: start;
-  gap: 10px; padding: 2em max(2em, calc(50% - 21em)); background: var(--ground); font-size: 14px;
-}
-#from-file p { margin: 0; } #from-file code { color: #fff; }
-"""
-#: A browser lets no page that was opened as a file read the files beside it.
-FROM_FILE = """<div id="from-file">
-        <p>The replay needs one more step: a browser lets no page that was opened by a double click
-          read the files beside it.</p>
-        <p>Open a terminal in this folder and run <code>python -m http.server 8000</code>, then
-          open <code>http://localhost:8000</code> in the browser. Nothing leaves this machine.</p>
-        <p>Without Python, ask for the same as one file: <code>groundtrace share RESULTS
-          --single-file -o REPLAY.html</code> opens by a double click.</p>
-        <p>{links}</p>
-      </div>
-"""
+#: Tells a page that a browser lets no page that was opened as a file read those beside it.
 FROM_FILE_SCRIPT = (
     'if (location.protocol === "file:") document.documentElement.dataset.fromFile = "";'
 )
@@ -270,6 +241,11 @@ class Download(NamedTuple):
     kind: str
     content: bytes
 
+    @property
+    def address(self) -> str:
+        """It, whole, as an address."""
+        return f"data:{self.kind};base64,{base64.b64encode(self.content).decode()}"
+
 
 def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) -> str:
     """Return ``index.html`` of a folder that any web server of files can serve.
@@ -282,76 +258,62 @@ def folder_page(papers: Sequence[ShareDocument], downloads: Sequence[Download]) 
         What lies beside it.
     """
     script = joined_script()
-    policy = _after(POLICY, "script-src ", f"{_hash(FROM_FILE_SCRIPT)} {_hash(script)} ")
-    links = "".join(f'<a href="{escape(p.name)}">{escape(p.title)}</a> ' for p in papers)
-    files = "".join(f'<a href="{escape(d.name)}" download>{escape(d.name)}</a>' for d in downloads)
-    html = index_page(policy)
-    html = _before(html, "</main>", FROM_FILE.format(links=links))
-    html = _after(html, "</header>", f'<nav id="papers">{links}{files}</nav>')
-    start, end = (
-        f"<script>{FROM_FILE_SCRIPT}</script>\n",
-        f'<script type="module">{script}</script>',
+    hashes = f"script-src {_hash(FROM_FILE_SCRIPT)} {_hash(script)} "
+    return replay_page(
+        policy=POLICY.replace("script-src ", hashes, 1),
+        from_file=FROM_FILE_SCRIPT,
+        script=script,
+        papers=papers,
+        downloads=downloads,
     )
-    there = '<script type="module" src="page/main.js"></script>'
-    return _before(_before(html, there, start), there, end).replace(there, "", 1)
 
 
 def folder_style() -> bytes:
     """Return ``page/style.css`` of such a folder."""
-    return page_file("style.css") + STYLE.encode()
+    return page_file("style.css") + page_file("shared.css")
 
 
 def whole_page(
-    assets: Mapping[str, bytes], papers: Sequence[ShareDocument], downloads: Sequence[Download]
+    assets: Mapping[str, bytes],
+    papers: Sequence[ShareDocument] = (),
+    downloads: Sequence[Download] = (),
 ) -> str:
-    """Return a page with everything inside, which opens by a double click.
+    """Return a page with everything inside, which opens by a double click and asks nobody.
 
     Parameters
     ----------
     assets
-        As :func:`single_page` takes them.
+        Contents of :data:`ASSETS`: ``page.json`` is ``{"annotations": "browser"}`` or ``"off"``,
+        with ``"marks"`` those that the page begins with, as items of the exchange format,
+        ``moments.json`` as of :class:`~.rerun.moments.PageMoments`, ``layout.rrd`` as of
+        :func:`~.rerun.blueprint.layout_of`, and the viewer's file.
     papers
         Shown above the replay when asked for.
     downloads
         Files that it gives away.
+
+    Raises
+    ------
+    ViewerError
+        Where the viewer is not installed.
     """
-    buttons = "".join(
-        f'<button popovertarget="paper-{i}">{escape(p.title)}</button>'
-        for i, p in enumerate(papers)
-    )
-    files = "".join(
-        f'<a href="data:{d.kind};base64,{base64.b64encode(d.content).decode()}" '
-        f'download="{escape(d.name)}">{escape(d.name)}</a>'
-        for d in downloads
-    )
-    html = single_page(assets)
-    html = _after(html, "</header>", f'<nav id="papers">{buttons}{files}</nav>')
-    html = _before(html, '<dialog id="help">', "".join(map(_held, range(len(papers)), papers)))
-    html = _before(html, "</head>", f"<style>{STYLE}</style>")
+    folder = viewer_folder()
+    held = {name: assets[name] for name in ASSETS}
+    held["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
+    style = folder_style().decode()
+    viewer = _inside((folder / "re_viewer.js").read_text("utf-8"))
+    script = _inside(joined_script())
     # a document inside a page obeys the page's policy too
-    styles = [STYLE, *(s for p in papers for s in re.findall("<style>(.*?)</style>", p.html, re.S))]
-    hashes = " ".join(dict.fromkeys(map(_hash, styles)))
-    return _after(html, "style-src ", f"{hashes} ")
-
-
-def _held(number: int, paper: ShareDocument) -> str:
-    """Return a document that a button shows."""
-    held = escape(paper.html, quote=True)
-    return (
-        f'<div class="paper" id="paper-{number}" popover>'
-        f'<iframe title="{escape(paper.title)}" srcdoc="{held}"></iframe>'
-        f'<button popovertarget="paper-{number}" popovertargetaction="hide">Close</button></div>\n'
+    styles = [style, *(s for p in papers for s in re.findall("<style>(.*?)</style>", p.html, re.S))]
+    return replay_page(
+        policy=_policy((viewer, script), styles),
+        style=style,
+        viewer=viewer,
+        script=script,
+        held={name: _packed(content) for name, content in held.items()},
+        papers=papers,
+        downloads=downloads,
     )
-
-
-def _before(html: str, there: str, new: str) -> str:
-    head, found, tail = html.partition(there)
-    return head + new + found + tail
-
-
-def _after(html: str, there: str, new: str) -> str:
-    head, found, tail = html.partition(there)
-    return head + found + new + tail
 
 
 def _hash(content: str) -> str:
@@ -483,67 +445,20 @@ def _without_samples(rrd: Path, target: Path) -> None:
 ASSETS = ("page.json", "moments.json", "layout.rrd", "replay.rrd")
 
 
-def single_page(assets: Mapping[str, bytes]) -> str:
-    """Return the page with everything inside; it asks nobody for anything.
-
-    Parameters
-    ----------
-    assets
-        Contents of :data:`ASSETS`: ``page.json`` is ``{"annotations": "browser"}`` or ``"off"``,
-        with ``"marks"`` those that the page begins with, as items of the exchange format,
-        ``moments.json`` as of :class:`~.rerun.moments.PageMoments`, ``layout.rrd`` as of
-        :func:`~.rerun.blueprint.layout_of`, and the viewer's file.
-
-    Returns
-    -------
-    str
-        HTML.
-
-    Raises
-    ------
-    ViewerError
-        Where the viewer is not installed.
-    """
-    folder = viewer_folder()
-    style = page_file("style.css").decode()
-    viewer = _inside((folder / "re_viewer.js").read_text("utf-8"))
-    script = _inside(joined_script())
-    policy = _policy((viewer, script), style)
-    held = {name: assets[name] for name in ASSETS}
-    held["re_viewer_bg.wasm"] = (folder / "re_viewer_bg.wasm").read_bytes()
-    replaced = {
-        '<link rel="icon" href="favicon.ico">': '<link rel="icon" href="data:,">',
-        '<link rel="stylesheet" href="page/style.css">': f"<style>{style}</style>",
-        '<script src="re_viewer.js"></script>': f"<script>{viewer}</script>",
-        '<script type="module" src="page/main.js"></script>': "\n".join(
-            [
-                *(_held_in_page(name, content) for name, content in held.items()),
-                f'<script type="module">{script}</script>',
-            ]
-        ),
-    }
-    html = index_page(policy)
-    for there, instead in replaced.items():
-        before, _, after = html.partition(there)
-        html = before + instead + after
-    return html
-
-
 def _inside(script: str) -> str:
     """Return a script that an HTML element may hold."""
     return script.replace("</script", "<\\/script")
 
 
-def _held_in_page(name: str, content: bytes) -> str:
-    packed = base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
-    return f'<script type="text/plain" data-asset="{name}">{packed}</script>'
+def _packed(content: bytes) -> str:
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
-def _policy(scripts: tuple[str, ...], style: str) -> str:
-    """Return a policy that runs these scripts, no others, and lets nothing leave the page."""
-    allowed = " ".join(_hash(script) for script in scripts)
+def _policy(scripts: Sequence[str], styles: Sequence[str]) -> str:
+    """Return a policy that lets these scripts run, no others, and nothing leave the page."""
+    allowed, drawn = (" ".join(dict.fromkeys(map(_hash, each))) for each in (scripts, styles))
     return (
-        f"default-src 'none'; script-src {allowed} 'wasm-unsafe-eval'; style-src {_hash(style)}; "
+        f"default-src 'none'; script-src {allowed} 'wasm-unsafe-eval'; style-src {drawn}; "
         "img-src data: blob:; connect-src data: blob:; worker-src blob:; base-uri 'none'; "
         "form-action 'none'"
     )

@@ -6,11 +6,10 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from html import escape
 from importlib.metadata import version
-from itertools import pairwise
-from pathlib import PureWindowsPath
-from typing import TYPE_CHECKING
+from itertools import islice, pairwise
+from pathlib import Path, PureWindowsPath
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,24 +17,16 @@ from groundtrace.annotate.store import kept_in
 from groundtrace.api.files import unheard
 from groundtrace.api.known_truth import scored_truth_of
 from groundtrace.errors import AnnotationError
-from groundtrace.evaluation.html import (
-    STYLE,
-    Axis,
-    Plot,
-    figure,
-    folded,
+from groundtrace.evaluation.drawing import Drawing
+from groundtrace.evaluation.figures import (
+    TIME,
     map_figure,
     pick_figure,
-    section,
-    shown,
-    span_of,
-    table,
-    tiles,
     timeline_figure,
     tolerance_figure,
-    warned,
 )
 from groundtrace.evaluation.matching import answers_text, match_steps, timing_pairs
+from groundtrace.evaluation.page import rendered, shown
 from groundtrace.evaluation.picks import pick_residuals
 from groundtrace.evaluation.positions import true_places, turn_onto
 from groundtrace.evaluation.report import answers_of, last_word, score_events
@@ -50,8 +41,9 @@ from ..rerun.decisions import TOLERANCE_S
 from ..rerun.moments import moments_of_results
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from markupsafe import Markup
 
     from groundtrace.api.files import Report
     from groundtrace.evaluation.matching import StepMatch
@@ -66,18 +58,6 @@ if TYPE_CHECKING:
 
     from ..rerun.moments import PageMoment, PageMoments
 
-POLICY = "default-src 'none'; style-src 'unsafe-inline'"
-#: What the score's page does not need: links, and tables longer than a screen.
-MORE_STYLE = """
-nav{display:flex;flex-wrap:wrap;gap:6px 22px;margin-top:12px}
-nav a,td a{color:var(--result)}
-.long{max-height:430px;overflow:auto;border:1px solid var(--rule);border-radius:8px;padding:0 14px}
-.long .scroll{margin:0;overflow:visible}.long table{width:100%}
-.long :is(th,td):not(:last-child){white-space:nowrap}
-.long thead th{position:sticky;top:0;background:var(--paper)}
-.facts td:first-child{color:var(--soft);white-space:nowrap}
-@media print{.long{max-height:none;border:0;padding:0}nav{display:none}}
-"""
 #: A table of more rows scrolls by itself.
 LONG = 12
 TRUTH_COLUMN = (
@@ -99,26 +79,24 @@ def summary_page(sources: Sources, shown_signals: str, links: Sequence[Link] = (
     links
         Name and address of what lies beside it.
     """
-    parts = [
-        _figures_of_merit(sources),
-        _plots(sources),
-        _wrong(sources),
-        _decisions(sources),
-        _marks(sources),
-        _facts(sources, shown_signals),
-    ]
-    named = "".join(f'<a href="{escape(to)}">{escape(name)}</a>' for name, to in links)
-    nav = f"<nav>{named}</nav>" if named else ""
-    said = escape(f"{_duration(sources)} through {sources.config.name}")
-    return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(sources.name)}: summary</title>"
-        f"<style>{STYLE}{MORE_STYLE}</style></head>\n<body><main>"
-        f'<header><p class="brand">groundtrace summary</p><h1>{escape(sources.name)}</h1>'
-        f'<p class="sub">{said}</p>{warned(sources.results.warnings)}{nav}</header>\n'
-        f"{''.join(parts)}</main></body></html>\n"
+    return rendered(
+        "summary.html.jinja",
+        Path(__file__).parent,
+        kind="summary",
+        name=sources.name,
+        subtitle=f"{_duration(sources)} through {sources.config.name}",
+        warnings=sources.results.warnings,
+        links=links,
+        tiles_shown=_figures_of_merit(sources),
+        scored=sources.scored,
+        beside=list(islice(filter(None, _beside(sources)), 2)),
+        below=list(filter(None, _below(sources))),
+        tables=list(_tables(sources)),
+        long=LONG,
+        facts=fact_rows(
+            sources.results, sources.name, sources.streams, sources.config.name, shown_signals
+        ),
+        pipeline=sources.results.provenance.pipeline,
     )
 
 
@@ -127,7 +105,7 @@ def _duration(sources: Sources) -> str:
     return f"{(origin.end_ns - origin.start_ns) / NS_PER_S:.1f} s"
 
 
-def _figures_of_merit(sources: Sources) -> str:
+def _figures_of_merit(sources: Sources) -> list[tuple[str, str, str]]:
     """Return the score in tiles, each with the level of chance or what it rests on."""
     score, unit = sources.score, _unit(sources)
     items = _found_tiles(sources)
@@ -164,8 +142,7 @@ def _figures_of_merit(sources: Sources) -> str:
             items.append(("False alarm of disturbances", alarm, "truth has no disturbed span"))
         else:
             items.append(("F1 of disturbances", f"{d.f1:.3f}", f"{d.truth_s:.1f} s are disturbed"))
-    remark = "" if sources.scored else "<p>No truth in the recording: nothing is scored.</p>"
-    return section("Result", tiles(items) + remark)
+    return items
 
 
 def _track_tiles(track: TrackScore, unit: str, *, free: bool) -> list[tuple[str, str, str]]:
@@ -206,79 +183,53 @@ def _unit(sources: Sources) -> str:
     return "m" if geometry is None else geometry.length_unit
 
 
-def _plots(sources: Sources) -> str:
-    """Return the figures: places, chance, and every step in time."""
-    side = []
-    drawn = place_map(sources)
-    if drawn is not None:
-        side.append(figure("Places", drawn.svg, drawn.caption, **drawn.keys))
-    curve = tolerance_plot(sources)
-    if curve is not None:
-        side.append(figure("Steps and chance", curve.svg, curve.caption, **curve.keys))
-    apart = interval_plot(sources)
-    if apart is not None and len(side) < 2:
-        side.append(figure("Rhythm", apart.svg, apart.caption, **apart.keys))
-    below = ""
-    steps = steps_plot(sources)
-    if steps is not None:
-        below = figure("Every step", steps.svg, steps.caption, **steps.keys)
-    picks = None if sources.said.steps else pick_plot(sources)
-    if picks is not None:
-        below += figure("Errors of arrivals", picks.svg, picks.caption, **picks.keys)
-    if not side and not below:
-        return ""
-    return section("Figures", f'<div class="pair">{"".join(side)}</div>{below}')
+def _beside(sources: Sources) -> Iterator[SummaryFigure | None]:
+    """Yield the figures that stand side by side: of them the first two that there are."""
+    yield place_map(sources)
+    yield tolerance_plot(sources)
+    yield interval_plot(sources)
 
 
-def _long(header: Row, rows: Sequence[Row]) -> str:
-    """Return a table; a long one scrolls by itself, but is printed whole."""
-    drawn = table("", header, rows)
-    return f'<div class="long">{drawn}</div>' if len(rows) > LONG else drawn
+def _below(sources: Sources) -> Iterator[SummaryFigure | None]:
+    """Yield the figures that are as wide as the page."""
+    yield steps_plot(sources)
+    yield None if sources.said.steps else pick_plot(sources)
 
 
-def _wrong(sources: Sources) -> str:
-    misses = sources.moments.misses
-    if not sources.moments.truth:
-        return ""
-    if not misses:
-        return section("Wrong decisions", "<p>None within the tolerance.</p>")
-    return section(f"Wrong decisions: {len(misses)}", _long(*wrong_table(misses)))
-
-
-def _decisions(sources: Sources) -> str:
+def _tables(sources: Sources) -> Iterator[SummaryTable]:
+    """Yield what is wrong, what was found, and what people marked."""
     said, start_ns = sources.said, sources.results.provenance.start_ns
+    misses = sources.moments.misses
+    if sources.moments.truth and misses:
+        yield SummaryTable(f"Wrong decisions: {len(misses)}", *wrong_table(misses))
+    elif sources.moments.truth:
+        yield SummaryTable("Wrong decisions", (), [], "None within the tolerance.")
     if said.steps:
         header, rows = step_table(said, sources.matching, start_ns, _unit(sources))
-        note = f"<p>{TRUTH_COLUMN}</p>" if "truth" in header else ""
-        return section(f"Steps: {len(rows)}", note + _long(header, rows))
-    if said.picks:
+        note = TRUTH_COLUMN if "truth" in header else ""
+        yield SummaryTable(f"Steps: {len(rows)}", header, rows, note)
+    elif said.picks:
         header, rows = pick_table(said.picks, start_ns)
-        return section(f"Arrivals: {len(rows)}", _long(header, rows))
-    if sources.moments.events:
+        yield SummaryTable(f"Arrivals: {len(rows)}", header, rows)
+    elif sources.moments.events:
         header, rows = event_table(sources.moments.events)
-        return section(f"Events: {len(rows)}", _long(header, rows))
-    return ""
-
-
-def _marks(sources: Sources) -> str:
-    if not sources.annotations:
-        return ""
-    start_ns = sources.results.provenance.start_ns
-    header, rows = mark_table(sources.annotations, start_ns)
-    return section(f"Annotations: {len(rows)}", _long(header, rows))
-
-
-def _facts(sources: Sources, shown_signals: str) -> str:
-    rows = fact_rows(
-        sources.results, sources.name, sources.streams, sources.config.name, shown_signals
-    )
-    recipe = f"<pre>{escape(sources.results.provenance.pipeline)}</pre>"
-    facts = f'<div class="facts">{table("", ("", ""), rows)}</div>'
-    return section("Recording", facts + folded("Pipeline, with every parameter", recipe))
+        yield SummaryTable(f"Events: {len(rows)}", header, rows)
+    if sources.annotations:
+        header, rows = mark_table(sources.annotations, start_ns)
+        yield SummaryTable(f"Annotations: {len(rows)}", header, rows)
 
 
 Row = tuple[str, ...]
 NONE = "\N{EN DASH}"
+
+
+class SummaryTable(NamedTuple):
+    """A section with a table: its title, header and rows, and what is said above."""
+
+    title: str
+    header: Row
+    rows: list[Row]
+    note: str = ""
 
 
 def step_table(
@@ -453,15 +404,16 @@ PAUSE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """A figure: SVG, what to say below it, and what its colours stand for."""
+class SummaryFigure:
+    """A figure: its title, what to say below it, and what its colours stand for."""
 
-    svg: str
+    title: str
+    svg: Markup
     caption: str
     keys: dict[str, str] = field(default_factory=dict)
 
 
-def place_map(sources: Sources) -> Drawn | None:
+def place_map(sources: Sources) -> SummaryFigure | None:
     """Return truth, places and tracks on the plan, to scale; None where no place was found."""
     said, geometry = sources.said, sources.results.geometry
     truth = true_places(sources.labels)
@@ -472,11 +424,12 @@ def place_map(sources: Sources) -> Drawn | None:
     if sources.free:
         truth = _turned(truth, said.points)
         caption = "The track begins and heads anywhere: the truth is turned and shifted onto it."
-    keys = {"truth": "truth"} if len(truth) else {}
-    keys |= {"fix": f"places of {fixes[0].stage}"} if fixes else {}
+    keys = {"hit": "truth"} if len(truth) else {}
+    keys |= {"random": f"places of {fixes[0].stage}"} if fixes else {}
     keys |= {"result": f"track of {said.points[0].stage}"} if said.points else {}
-    keys |= {"sensor": "sensors"} if geometry is not None and geometry.sensors else {}
-    return Drawn(map_figure(truth, fixes, said.points, geometry), caption, keys)
+    keys |= {"soft": "sensors"} if geometry is not None and geometry.sensors else {}
+    drawn = map_figure(truth, fixes, said.points, geometry)
+    return SummaryFigure("Places", drawn, caption, keys)
 
 
 def _turned(truth: Places, points: Sequence[TrackPoint]) -> Places:
@@ -492,38 +445,42 @@ def _turned(truth: Places, points: Sequence[TrackPoint]) -> Places:
     return replace(truth, xy=turn_onto(truth.xy[during], tracked[during])(truth.xy))
 
 
-def pick_plot(sources: Sources) -> Drawn | None:
+def pick_plot(sources: Sources) -> SummaryFigure | None:
     """Return the errors of arrivals, impact by impact; None without true ones."""
     score = sources.score.picks
     if score is None or not score.all.truth:
         return None
     keys = {"result": "answered", "false": "more than 50 ms off", "missed": "no pick"}
     drawn = pick_figure(pick_residuals(sources.labels, sources.said.picks))
-    return Drawn(drawn, "Channels side by side.", keys | {"median": "median"})
+    keys["ink"] = "median"
+    return SummaryFigure("Errors of arrivals", drawn, "Channels side by side.", keys)
 
 
-def tolerance_plot(sources: Sources) -> Drawn | None:
+def tolerance_plot(sources: Sources) -> SummaryFigure | None:
     """Return F1 over tolerance beside two levels of chance; None without true steps."""
     score, matching = sources.score.steps, sources.matching
     if score is None or matching is None:
         return None
-    keys = {"result": "this result", "metronome": "blind metronome", "random": "random times"}
+    keys = {"result": "this result", "chance": "blind metronome", "random": "random times"}
     start_ns = sources.results.provenance.start_ns
     drawn = tolerance_figure(score, matching, start_ns)
-    return Drawn(drawn, "What counts is the distance to chance.", keys)
+    said = "What counts is the distance to chance."
+    return SummaryFigure("Steps and chance", drawn, said, keys)
 
 
-def steps_plot(sources: Sources) -> Drawn | None:
+def steps_plot(sources: Sources) -> SummaryFigure | None:
     """Return every step and what became of it; None without true steps."""
     matching, origin = sources.matching, sources.results.provenance
     if matching is None:
         return None
     keys = {"hit": "matched", "missed": "missed", "false": "false"}
     drawn = timeline_figure(matching, origin.start_ns, origin.end_ns)
-    return Drawn(drawn, "Shaded time is scored. Rest the mouse on a stroke for its time.", keys)
+    said = "Above each line the true steps, below it the detections. Shaded time is scored. "
+    said += "Rest the mouse on a stroke for its time."
+    return SummaryFigure("Every step", drawn, said, keys)
 
 
-def interval_plot(sources: Sources) -> Drawn | None:
+def interval_plot(sources: Sources) -> SummaryFigure | None:
     """Return the time from step to step, in which missed and doubled steps stand out."""
     start_ns = sources.results.provenance.start_ns
     since = np.array([step.time_ns - start_ns for step in sources.said.steps], np.int64)
@@ -533,14 +490,14 @@ def interval_plot(sources: Sources) -> Drawn | None:
     if not kept.any():
         return None
     ends, lengths = times[1:][kept], apart[kept]
-    x = span_of(ends, "Time since the first sample [s]", 1.0)
-    plot = Plot(x, Axis("From step to step [s]", 0.0, 1.15 * float(lengths.max())))
     middle = float(np.median(lengths))
-    plot.horizontal(middle, "mark")
-    for at, length in zip(ends, lengths, strict=True):
-        plot.dot(float(at), float(length), "dot result", f"{at:.2f} s: {length:.3f} s later", 2.6)
+    plot = Drawing("Time from step to step", TIME, "From step to step [s]")
+    plot.mark(y=middle)
+    tips = [f"{at:.2f} s: {apart:.3f} s later" for at, apart in zip(ends, lengths, strict=True)]
+    plot.dots(ends, lengths, "result", tips)
+    plot.axes.set_ylim(0, 1.15 * float(lengths.max()))
     said = f"Broken line: median {middle:.2f} s. Pauses of more than {PAUSE_S:g} s are left out."
-    return Drawn(plot.svg("Time from step to step"), said)
+    return SummaryFigure("Rhythm", plot.svg(), said)
 
 
 @dataclass(frozen=True, slots=True)
