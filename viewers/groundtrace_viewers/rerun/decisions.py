@@ -6,6 +6,7 @@ once more on the same blocks.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -27,7 +28,7 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View, step_like
-from .samples import Excerpts
+from .samples import KEEP_S, Excerpts
 from .timeline import (
     ACCEPTED,
     CONFLICT,
@@ -365,9 +366,7 @@ class PickerCurves(View):
         """Take a stage."""
         context = self._context
         if spec.emits == "pick" and spec.trace:
-            self._curves.append(
-                PickerCurve(context.timeline, context.session, spec, context.colours)
-            )
+            self._curves.append(PickerCurve(context, spec))
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the stages are given: a block, or a gap."""
@@ -394,35 +393,53 @@ class PickerCurves(View):
 class PickerCurve:
     """Logs the decision function of one picking stage on one topic.
 
+    It costs as much as picking itself. Where few moments are shown, and those within seconds, it is
+    computed when a moment is, of the last :data:`~.samples.KEEP_S` before: far longer than any
+    picker remembers.
+
     Parameters
     ----------
-    timeline
-        Where to.
-    session
-        Its pipeline says what the stage runs.
+    context
+        Where to, and the pipeline that says what the stage runs.
     spec
         The stage.
-    colours
-        Of the sensors.
     """
 
-    def __init__(
-        self, timeline: Timeline, session: ReplaySession, spec: StageSpec, colours: SensorColours
-    ) -> None:
-        self._timeline = timeline
+    def __init__(self, context: ViewContext, spec: StageSpec) -> None:
+        self._timeline = context.timeline
+        self._session = context.session
         self._spec = spec
-        self._colours = colours
+        self._colours = context.colours
+        self._seldom = context.plan.mode == "misses" and context.plan.truth
+        self._waiting: deque[SignalBlock | Gap] = deque()
+        self._broken = False
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
-        self._retold = RecomputedCurve(session, spec)
+        self._retold = RecomputedCurve(context.session, spec)
         self._declared = False
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the picker is given: a block, or a gap."""
-        curve = self._retold.feed(item)
-        if curve is not None:
-            self._excerpts.push(curve.time_ns, curve.value)
+        if item.topic != self._spec.topic:
+            return
+        self._waiting.append(item)
+        if not self._seldom:
+            self._compute()
+        while self._waiting and self._waiting[0].end_ns < item.end_ns - KEEP_S * NS_PER_S:
+            self._waiting.popleft()
+            self._broken = True
+
+    def _compute(self) -> None:
+        """Compute the curve over what waits; anew where a part was left out."""
+        if self._broken:
+            self._retold = RecomputedCurve(self._session, self._spec)
+            self._broken = False
+        for item in self._waiting:
+            curve = self._retold.feed(item)
+            if curve is not None:
+                self._excerpts.push(curve.time_ns, curve.value)
+        self._waiting.clear()
 
     def expect(self, time_ns: int) -> None:
         """Take an arrival, which may become a step, or a true step, which may be missed."""
@@ -430,6 +447,7 @@ class PickerCurve:
 
     def show(self, time_ns: int) -> None:
         """Log the curve around a moment."""
+        self._compute()
         piece = self._excerpts.around(time_ns)
         if piece is None or not len(piece[0]):
             return

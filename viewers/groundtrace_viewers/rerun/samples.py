@@ -277,35 +277,38 @@ class RecentSamples:
     """
 
     def __init__(self, stream: Stream, keep_s: float = KEEP_S) -> None:
-        self._blocks: deque[SignalBlock] = deque()
+        #: First time of each, the time after it, and the block.
+        self._blocks: deque[tuple[int, int, SignalBlock]] = deque()
+        self._scales = stream.scales
         self._enough = round(keep_s * stream.rate_hz)
         self._held = 0
 
     def push(self, block: SignalBlock) -> None:
         """Take a block."""
-        self._blocks.append(block)
+        self._blocks.append((block.start_ns, block.end_ns, block))
         self._held += len(block)
-        while self._held - len(self._blocks[0]) >= self._enough:
-            self._held -= len(self._blocks.popleft())
+        while self._held - len(self._blocks[0][2]) >= self._enough:
+            self._held -= len(self._blocks.popleft()[2])
 
     def value(self, time_ns: int, columns: list[int]) -> float:
         """Return the norm over columns of the sample at a time, with its sign if it is one column.
 
         The value is in the channels' unit, and 0 where the sample is no longer or not yet there.
         """
-        for block in reversed(self._blocks):
-            if block.start_ns <= time_ns < block.end_ns:
+        for start_ns, end_ns, block in reversed(self._blocks):
+            if start_ns <= time_ns < end_ns:
                 at = min(block.index_of(time_ns), len(block) - 1)
-                sample = block.samples[at, columns] * block.stream.scales[columns]
-                return float(sample[0] if len(columns) == 1 else np.linalg.norm(sample))
+                if len(columns) == 1:
+                    return float(block.samples[at, columns[0]] * self._scales[columns[0]])
+                return float(np.linalg.norm(block.samples[at, columns] * self._scales[columns]))
         return 0.0
 
     def between(
         self, start_ns: int, end_ns: int
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
         """Yield times, shape (n,), and values, shape (n, n_channels), of a half-open span."""
-        for block in self._blocks:
-            if block.start_ns < end_ns and block.last_ns >= start_ns:
+        for first_ns, _, block in self._blocks:
+            if first_ns < end_ns and block.last_ns >= start_ns:
                 part = block.slice(block.index_of(start_ns), block.index_of(end_ns))
                 yield part.sample_times(), part.values
 
@@ -360,6 +363,8 @@ class Excerpts:
 
     def expect(self, time_ns: int) -> None:
         """Keep what lies around a moment, those of the last seconds included."""
+        if self._moments and 0 <= time_ns - self._moments[-1].time_ns < SPREAD_NS:
+            return  # as most: one wave reaches many channels
         if any(0 <= time_ns - moment.time_ns < SPREAD_NS for moment in reversed(self._moments)):
             return
         end_ns = time_ns + self._after_ns + SPREAD_NS
@@ -396,12 +401,22 @@ class Traces:
 
     def __init__(self, streams: Iterable[Stream]) -> None:
         self._recent: dict[str, RecentSamples] = {}
-        self._streams: dict[str, Stream] = {}
+        #: Columns that are shown together, and the factor to their unit there: of each channel by
+        #: topic and name, and of the accelerations that steps are found in by topic.
+        self._picked: dict[tuple[str, str], tuple[list[int], float]] = {}
+        self._stepped: dict[str, tuple[list[int], float]] = {}
         for stream in streams:
             self._begin(stream)
 
     def _begin(self, stream: Stream) -> None:
-        self._streams[stream.topic] = stream
+        factors = {i: curves.factor for curves in curves_of(stream) for i in curves.columns}
+        for i, channel in enumerate(stream.channels):
+            self._picked.setdefault((stream.topic, channel.name), ([i], factors[i]))
+        columns = stream.columns_of({"acceleration"}) or stream.columns_of(
+            {"acceleration_magnitude"}
+        )
+        if columns:
+            self._stepped[stream.topic] = (columns, factors[columns[0]])
         keep_s = KEEP_S if stream.rate_hz > FULL_RATE_HZ else SLOW_KEEP_S
         self._recent[stream.topic] = RecentSamples(stream, keep_s)
 
@@ -419,22 +434,13 @@ class Traces:
 
     def of_pick(self, pick: Pick) -> float:
         """Return the signal at a pick; 0 where it is not known."""
-        stream = self._streams.get(pick.topic)
-        names = [c.name for c in stream.channels] if stream is not None else []
-        if pick.channel not in names:
-            return 0.0
-        return self._shown(pick.topic, pick.time_ns, [names.index(pick.channel)])
+        known = self._picked.get((pick.topic, pick.channel))
+        return self._shown(pick.topic, pick.time_ns, *known) if known is not None else 0.0
 
     def of_step(self, step: StepEvent) -> float:
         """Return the magnitude of the acceleration at a step; 0 where there is none."""
-        stream = self._streams.get(step.topic)
-        if stream is None:
-            return 0.0
-        columns = stream.columns_of({"acceleration"}) or stream.columns_of(
-            {"acceleration_magnitude"}
-        )
-        return self._shown(step.topic, step.time_ns, columns) if columns else 0.0
+        known = self._stepped.get(step.topic)
+        return self._shown(step.topic, step.time_ns, *known) if known is not None else 0.0
 
-    def _shown(self, topic: str, time_ns: int, columns: list[int]) -> float:
-        factor = next(c.factor for c in curves_of(self._streams[topic]) if columns[0] in c.columns)
+    def _shown(self, topic: str, time_ns: int, columns: list[int], factor: float) -> float:
         return factor * self._recent[topic].value(time_ns, columns)
