@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     Indices = NDArray[np.intp]
 
 COLUMNS = (Quantity("ratio", "1"), Quantity("uncertainty", "s"))
-#: The AIC window before and after the rise of a ratio [s]. Chosen by judgement: it holds the first
-#: period of a footstep's wave, of 80 Hz and more, and as much noise.
+#: The AIC window before and after the rise of a ratio [s]. Chosen by judgement: noise before it,
+#: and the first half period of a footstep's wave after it.
 RISE_WINDOWS_S = ((0.010, 0.005),)
 NOTHING = Candidates.empty(len(COLUMNS))
 

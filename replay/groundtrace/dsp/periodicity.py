@@ -34,8 +34,8 @@ HOP = 10
 #: periods up to 1.7 s F1 falls from 0.946 to 0.938 and 0.901 to 0.895, and counts by 5 %
 #: (docs/steps.md, "What was tried").
 PERIODS_S = (0.36, 1.3)
-#: The repetitions must fit in this part of the window. Chosen by judgement: a period then comes
-#: nearly twice.
+#: The repetitions must fit in this part of the window. Chosen by judgement: the rest is
+#: left to correlate over.
 _FITS = 0.6
 #: Amplitudes are clipped at this multiple of their median. Chosen by judgement: a hit does not
 #: outweigh the steps.

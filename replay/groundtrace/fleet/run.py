@@ -32,6 +32,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..api.known_truth import truth_of_recording
 from ..api.pipelines import default_pipeline
 from ..errors import GroundtraceError, PipelineError, RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.report import answers_of, score_events
 from ..evaluation.truth import scored_truth
 from ..explain.reasons import StepReasons
@@ -244,7 +245,7 @@ class Task:
 
     location: str
     recipe: Recipe
-    tolerance_s: float = 0.12
+    tolerance_s: float = STEP_TOLERANCE_S
     truth: str | None = None
     known: frozenset[str] = frozenset()
 

@@ -13,6 +13,7 @@ import numpy as np
 import zstandard
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
 from ..explain.reasons import CAUSES
 from ..export.base import Column, Table
 from ..export.tables import write_parquet
@@ -95,7 +96,7 @@ class Row:
     samples: int = 0
     parameters: str = ""
     versions: str = ""
-    tolerance_s: float = 0.12
+    tolerance_s: float = STEP_TOLERANCE_S
     truth: str = ""
     labels: int = 0
     damaged_places: int = 0
