@@ -207,7 +207,7 @@ def score_events(
     parts: dict[str, Any] = {}
     for scorer in SCORERS.values():
         parts |= scorer(said, truth)
-    others = {name: parts.pop(name) for name in parts.keys() - set(_NAMED)}
+    others = {name: parts.pop(name) for name in tuple(parts) if name not in _NAMED}
     return Score(**parts, others=others or None)
 
 
