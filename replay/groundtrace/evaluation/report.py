@@ -51,12 +51,12 @@ class Score:
     disturbance: DisturbanceScore | None = None
     consistency: ConsistencyScore | None = None
     passes: PassScore | None = None
-    others: Mapping[str, object] = field(default_factory=dict)
+    others: Mapping[str, object] | None = None
 
     @property
     def parts(self) -> dict[str, object]:
         """The parts for which there is truth, by name."""
-        named = {name: getattr(self, name) for name in _NAMED} | dict(self.others)
+        named = {name: getattr(self, name) for name in _NAMED} | dict(self.others or {})
         return {name: part for name, part in named.items() if part is not None}
 
 
@@ -207,8 +207,8 @@ def score_events(
     parts: dict[str, Any] = {}
     for scorer in SCORERS.values():
         parts |= scorer(said, truth)
-    others = {name: parts.pop(name) for name in parts.keys() - set(_NAMED)}
-    return Score(**parts, others=others)
+    others = {name: parts.pop(name) for name in tuple(parts) if name not in _NAMED}
+    return Score(**parts, others=others or None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -575,8 +575,7 @@ class Sources:
     @property
     def scored(self) -> bool:
         """Whether there is truth to score anything by."""
-        parts = (getattr(self.score, name) for name in self.score.__dataclass_fields__)
-        return any(part is not None for part in parts)
+        return bool(self.score.parts)
 
 
 def sources_of(path: Path, recording: Path | None, report: Report = unheard) -> Sources:
