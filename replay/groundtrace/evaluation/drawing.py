@@ -40,7 +40,7 @@ COLOURS = {
 #: Sizes of figures [px]: half a page and a whole one; text of 12 px is read on a telephone too.
 WIDTH, HEIGHT, WIDE = 480, 290, 980
 FONT_PX = 12
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     "svg.fonttype": "none",  # text stays text
     "text.parse_math": False,  # names may have dollars
     "font.size": FONT_PX,
@@ -142,13 +142,18 @@ class Drawing:
         seen = np.isfinite(across) & np.isfinite(up)
         if not seen.any():
             return
-        more = {"marker": "o", "markeredgewidth": 0, "color": COLOURS[colour]} | more
-        (drawn,) = self.axes.plot(across[seen], up[seen], linestyle="", markersize=size, **more)
+        look: dict[str, Any] = {
+            "marker": "o",
+            "markeredgewidth": 0,
+            "color": COLOURS[colour],
+        } | more
+        (drawn,) = self.axes.plot(across[seen], up[seen], linestyle="", markersize=size, **look)
         self.tell(drawn, [tip for tip, kept in zip(tips, seen, strict=False) if kept])
 
     def line(self, x: ArrayLike, y: ArrayLike, colour: str, dashes: str = "-", **more: Any) -> None:
         """Add a line through points; it breaks where one is not finite."""
-        self.axes.plot(x, y, dashes, **{"color": COLOURS[colour], "linewidth": 1.8} | more)
+        look: dict[str, Any] = {"color": COLOURS[colour], "linewidth": 1.8} | more
+        self.axes.plot(x, y, dashes, **look)
 
     def bars(self, edges: ArrayLike, counts: ArrayLike, tips: Sequence[str]) -> None:
         """Add a histogram: edges of shape (n + 1,), counts and words of shape (n,)."""
@@ -173,8 +178,8 @@ class Drawing:
 
     def note(self, x: float, y: float, words: str, **more: Any) -> None:
         """Add words a little to the right of a place."""
-        more = {"xytext": (4, 2), "textcoords": "offset points", "fontsize": FONT_PX} | more
-        self.axes.annotate(words, (x, y), color=COLOURS["ink"], **more)
+        look: dict[str, Any] = {"xytext": (4, 2), "textcoords": "offset points"} | more
+        self.axes.annotate(words, (x, y), color=COLOURS["ink"], fontsize=FONT_PX, **look)
 
     def tell(self, artist: Artist, tips: Sequence[str]) -> None:
         """Give an artist's marks, in their order, words that show where the mouse rests."""

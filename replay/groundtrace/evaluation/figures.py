@@ -157,7 +157,7 @@ def pick_figure(residuals: PickResiduals) -> Markup:
         told = [tip for tip, each in zip(tips, kept, strict=True) if each]
         plot.dots(at[kept], np.clip(height, -1.05 * reach, reach)[kept], colour, told)
     plot.axes.set(xlim=(0.4, len(residuals.impacts) + 0.6), ylim=(-1.15 * reach, 1.1 * reach))
-    plot.axes.xaxis.get_major_locator().set_params(integer=True)
+    plot.axes.locator_params(axis="x", integer=True)
     plot.axes.grid(visible=False, axis="x")
     return plot.svg()
 
@@ -193,14 +193,16 @@ def map_figure(
     plot = _to_scale("Map of truth, fixes and tracks", "x [m]", "y [m]")
     if geometry is not None:
         outline = np.array([*geometry.outline, *geometry.outline[:1]]).reshape(-1, 2)
-        plot.line(*outline.T, "soft", linewidth=1.2)
+        plot.line(outline[:, 0], outline[:, 1], "soft", linewidth=1.2)
         places = np.array([(s.x, s.y) for s in geometry.sensors], np.float64).reshape(-1, 2)
-        plot.dots(*places.T, "soft", [s.name for s in geometry.sensors], 8, marker="s")
-    plot.line(*truth.xy.T, "hit", linewidth=1.2)
-    plot.dots(*truth.xy.T, "hit", [f"truth {x:.2f} m, {y:.2f} m" for x, y in truth.xy])
+        names = [s.name for s in geometry.sensors]
+        plot.dots(places[:, 0], places[:, 1], "soft", names, 8, marker="s")
+    x, y = truth.xy.reshape(-1, 2).T
+    plot.line(x, y, "hit", linewidth=1.2)
+    plot.dots(x, y, "hit", [f"truth {x:.2f} m, {y:.2f} m" for x, y in truth.xy])
     for number in sorted({p.track for p in points}):
         track = np.array([(p.x_m, p.y_m) for p in points if p.track == number])
-        plot.line(*track.T, "result")
+        plot.line(track[:, 0], track[:, 1], "result")
     tips = [f"fix {fix.x_m:.2f} m, {fix.y_m:.2f} m" for fix in fixes]
     plot.dots([fix.x_m for fix in fixes], [fix.y_m for fix in fixes], "random", tips)
     plot.axes.margins(0.06)

@@ -155,7 +155,7 @@ def _wrong_times(matching: StepMatch, start_ns: int) -> list[tuple[str, list[tup
             f"; all detections {shift.late_ms:+.0f} ms from the truth: without that {shift.mends} "
             f"of them would be right, {shift.right} steps in all"
         )
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             str(pair.step),
             f"{(pair.truth_ns - start_ns) / NS_PER_S:.3f}",

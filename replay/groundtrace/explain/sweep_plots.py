@@ -69,9 +69,9 @@ def _front(plot: Drawing, counted: Counted, ranking: Ranking) -> None:
     tips = [f"{n} settings: {m} missed, {f} false" for f, m, n in tried]
     plot.dots(false, missed, "chance", tips, 5, label="tried", alpha=0.6)
     tips = [f"{p.missed} missed, {p.false} false, F1 {p.f1:.3f}" for p in front]
-    corners = np.array([(p.false, p.missed) for p in front]).reshape(-1, 2).T
-    plot.line(*corners, "result", drawstyle="steps-post")
-    plot.dots(*corners, "result", tips, 8, label="not beaten by any")
+    x, y = np.array([(p.false, p.missed) for p in front]).reshape(-1, 2).T
+    plot.line(x, y, "result", drawstyle="steps-post")
+    plot.dots(x, y, "result", tips, 8, label="not beaten by any")
     _stand_and_best(plot, (now.fp, now.fn), (best.fp, best.fn))
     plot.axes.set(
         title=f"Missed against false {ranking.counted}",
@@ -84,10 +84,10 @@ def _front(plot: Drawing, counted: Counted, ranking: Ranking) -> None:
 
 def _stand_and_best(plot: Drawing, now: tuple[float, float], best: tuple[float, float]) -> None:
     """Mark where the pipeline stands and the best setting: one is seen around the other."""
-    ring = {"markerfacecolor": COLOURS["paper"], "markeredgewidth": 2}
+    ring: dict[str, Any] = {"markerfacecolor": COLOURS["paper"], "markeredgewidth": 2}
     told = ["the pipeline as it is"], ["the best"]
     plot.dots(*now, "ink", told[0], 14, label="pipeline as it is", **ring)
-    edge = {"markeredgecolor": COLOURS["paper"], "markeredgewidth": 1.2}
+    edge: dict[str, Any] = {"markeredgecolor": COLOURS["paper"], "markeredgewidth": 1.2}
     plot.dots(*best, "missed", told[1], 9, label="best", **edge)
 
 
@@ -140,7 +140,8 @@ def _heat_map(plot: Drawing, x: Bins, y: Bins, f1: NDArray[np.float64], ranking:
     plot.tell(cells, tips)
     scale = plot.figure.colorbar(cells, ax=plot.axes, label="F1")
     scale.outline.set_visible(False)
-    scale.solids.set_edgecolor("face")
+    if scale.solids is not None:
+        scale.solids.set_edgecolor("face")
     marks = [(bins_place(x, r), bins_place(y, r)) for r in (ranking.now, ranking.best)]
     _stand_and_best(plot, *marks)
     plot.axes.set(xlabel=x.label, ylabel=y.label)

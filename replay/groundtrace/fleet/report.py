@@ -252,7 +252,7 @@ def distribution(
         plot = Drawing(f"{label}, recording by recording", label, "Recordings, in order")
         tips = [f"{names[row]}: {values[row]:.4g}" for row in order]
         plot.dots(held[order], np.arange(1, len(held) + 1), "result", tips, 8)
-        plot.axes.yaxis.get_major_locator().set_params(integer=True)
+        plot.axes.locator_params(axis="y", integer=True)
         plot.axes.set_ylim(0.4, len(held) + 0.6)
     else:
         edges = np.linspace(*span, BINS + 1)
@@ -291,11 +291,11 @@ def cause_bars(counts: Sequence[tuple[str, int]]) -> Markup:
     bars = plot.axes.barh(places, numbers, 0.7, color=COLOURS["result"])
     plot.tell_bars(bars, [f"{cause}: {n} of {total} misses" for cause, n in counts])
     for place, n in zip(places, numbers, strict=True):
-        plot.note(n, place, f"{n} ({n / total:.0%})", va="center", xytext=(6, 0))
+        plot.note(n, float(place), f"{n} ({n / total:.0%})", va="center", xytext=(6, 0))
     plot.axes.set_yticks(places, causes)
     plot.axes.set_xlim(0, 1.12 * max(numbers))
     plot.axes.grid(visible=False, axis="y")
-    plot.axes.xaxis.get_major_locator().set_params(integer=True)
+    plot.axes.locator_params(axis="x", integer=True)
     return plot.svg()
 
 
