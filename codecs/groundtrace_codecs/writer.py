@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from numpy.typing import NDArray
+
     from .annotations import Annotation, Sidecar
     from .events import Event, Label, SingleEvent
     from .geometry import Geometry
@@ -205,7 +207,9 @@ class RecordingWriter:
         """Write an event, with its line in ``/groundtrace/log`` where it is a single one."""
         for output, packet in encode_event(event):
             self.container.channel(output)
-            self._send(output, () if packet is None else (packet,))
+            if packet is not None:
+                self.begin(packet.publish_ns)
+                self.container.send(output, packet)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""
@@ -620,15 +624,24 @@ def _packet(message: Any, first_ns: int, last_ns: int) -> Packet:
     return Packet(int(last_ns), int(first_ns), 0, message.SerializeToString())
 
 
+#: What columns of numbers are stored as.
+_I8, _I4, _F4, _U1 = map(np.dtype, ("<i8", "<i4", "<f4", "u1"))
+
+
+def _stored(values: NDArray[Any], kind: np.dtype[Any]) -> bytes:
+    """Return numbers as they are stored; those of that kind are not converted."""
+    return np.asarray(values, kind).tobytes()
+
+
 def _candidates(block: CandidateBlock) -> Packet:
     message = message_class("CandidateBlock")(
         count=len(block),
-        time_ns=block.time_ns.astype("<i8").tobytes(),
-        channel=block.channel.astype("<i4").tobytes(),
-        value=block.value.astype("<f4").tobytes(),
-        gate_value=block.gate_value.astype("<f4").tobytes(),
-        margin=block.margin.astype("<f4").tobytes(),
-        accepted=block.accepted.astype("u1").tobytes(),
+        time_ns=_stored(block.time_ns, _I8),
+        channel=_stored(block.channel, _I4),
+        value=_stored(block.value, _F4),
+        gate_value=_stored(block.gate_value, _F4),
+        margin=_stored(block.margin, _F4),
+        accepted=_stored(block.accepted, _U1),
     )
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
@@ -636,8 +649,8 @@ def _candidates(block: CandidateBlock) -> Packet:
 def _trace(block: TraceBlock) -> Packet:
     message = message_class("TraceBlock")(
         count=len(block),
-        time_ns=block.time_ns.astype("<i8").tobytes(),
-        value=block.value.astype("<f4").tobytes(),
+        time_ns=_stored(block.time_ns, _I8),
+        value=_stored(block.value, _F4),
     )
     return _packet(message, block.time_ns[0], block.time_ns.max())
 
@@ -678,8 +691,6 @@ LEVELS = {"DEBUG": "DEBUG", "INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
 
 def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
     """Yield an event's line in the log, where its kind has one; spans are told when they end."""
-    from foxglove_schemas_protobuf.Log_pb2 import Log
-
     text = EVENTS[type(event)].text(event)
     if not text:
         return
@@ -687,9 +698,18 @@ def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
     source = getattr(event, "stage", "") or getattr(event, "source", "")
     start_ns = event.time_ns
     time_ns = max(start_ns, getattr(event, "end_ns", start_ns))
-    message = Log(level=Log.Level.Value(level), message=text, name=source)
+    log, levels = _log_message()
+    message = log(level=levels[level], message=text, name=source)
     set_time(message.timestamp, time_ns)
     yield _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())
+
+
+@cache
+def _log_message() -> tuple[Any, dict[str, int]]:
+    """Return the class of a line in the log, and its levels by name."""
+    from foxglove_schemas_protobuf.Log_pb2 import Log
+
+    return Log, dict(Log.Level.items())
 
 
 @cache

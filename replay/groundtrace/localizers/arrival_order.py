@@ -139,7 +139,7 @@ def distances(regions: Regions, signs: Array, compared: NDArray[np.bool_]) -> Ar
 
     A sign of 0 is as far from +1 as from -1: it counts a half.
     """
-    agreement = signs @ regions.across
+    agreement = (signs.astype(np.float32) @ regions.across).astype(np.float64)
     apart: Array = (compared.sum(axis=-1, keepdims=True) - agreement) / 2
     return apart
 
@@ -150,9 +150,9 @@ def spread(regions: Regions, weight: Array, about: Array) -> Array:
     A region counts with its centre and, as a square of its area would, with a twelfth of it.
     """
     share = weight / weight.sum()
-    offset = regions.centres - about
+    offset = regions.axes - about[:, None]
     within = float(share @ regions.areas) / 12
-    covariance: Array = (offset * share[:, None]).T @ offset + within * np.eye(2)
+    covariance: Array = (offset * share) @ offset.T + within * np.eye(2)
     return covariance
 
 
@@ -187,7 +187,10 @@ class Regions:
     told
         Shape (n_pairs,), bool: pairs whose sign tells regions apart.
     across
-        The signs as each step is compared with them, shape (n_pairs, q), float64.
+        The signs as each step is compared with them, shape (n_pairs, q), float32: their sums are
+        whole numbers, which that holds, in half the memory.
+    axes
+        x and y of the centres, each in one piece, shape (2, q) [m].
     """
 
     sensors: Array
@@ -198,11 +201,13 @@ class Regions:
     areas: Array
     neighbours: NDArray[np.intp]
     told: NDArray[np.bool_] = field(init=False)
-    across: Array = field(init=False)
+    across: NDArray[np.float32] = field(init=False)
+    axes: Array = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "told", (self.signs != 0).any(axis=0))
-        object.__setattr__(self, "across", self.signs.T.astype(np.float64))
+        object.__setattr__(self, "across", self.signs.T.astype(np.float32))
+        object.__setattr__(self, "axes", np.ascontiguousarray(self.centres.T))
 
     def __len__(self) -> int:
         return len(self.areas)

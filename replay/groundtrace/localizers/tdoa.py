@@ -451,7 +451,7 @@ def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]
 
 def weighted_moments(area: Lattice, share: Array) -> tuple[Array, Array]:
     """Return mean, shape (2,), and covariance, shape (2, 2), of nodes that count a share each."""
-    mean = area.axes @ share
+    mean = share @ area.nodes
     offset = area.axes - mean[:, None]
     # nodes stand for squares
     return mean, (offset * share) @ offset.T + area.spacing**2 / 12 * np.eye(2)
