@@ -6,7 +6,6 @@ once more on the same blocks.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -28,7 +27,7 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View, step_like
-from .samples import KEEP_S, Excerpts
+from .samples import Excerpts, Waiting
 from .timeline import (
     ACCEPTED,
     CONFLICT,
@@ -393,9 +392,7 @@ class PickerCurves(View):
 class PickerCurve:
     """Logs the decision function of one picking stage on one topic.
 
-    It costs as much as picking itself. Where few moments are shown, and those within seconds, it is
-    computed when a moment is, of the last :data:`~.samples.KEEP_S` before: far longer than any
-    picker remembers.
+    It costs as much as picking itself: where few moments are shown, it is computed when one is.
 
     Parameters
     ----------
@@ -410,9 +407,7 @@ class PickerCurve:
         self._session = context.session
         self._spec = spec
         self._colours = context.colours
-        self._seldom = context.plan.mode == "misses" and context.plan.truth
-        self._waiting: deque[SignalBlock | Gap] = deque()
-        self._broken = False
+        self._waiting = Waiting(context.plan, spec.topic)
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
@@ -421,25 +416,19 @@ class PickerCurve:
 
     def feed(self, item: SignalBlock | Gap) -> None:
         """Take what the picker is given: a block, or a gap."""
-        if item.topic != self._spec.topic:
-            return
-        self._waiting.append(item)
-        if not self._seldom:
+        self._waiting.add(item)
+        if self._waiting.at_once:
             self._compute()
-        while self._waiting and self._waiting[0].end_ns < item.end_ns - KEEP_S * NS_PER_S:
-            self._waiting.popleft()
-            self._broken = True
 
     def _compute(self) -> None:
         """Compute the curve over what waits; anew where a part was left out."""
-        if self._broken:
+        items, broken = self._waiting.taken()
+        if broken:
             self._retold = RecomputedCurve(self._session, self._spec)
-            self._broken = False
-        for item in self._waiting:
+        for item in items:
             curve = self._retold.feed(item)
             if curve is not None:
                 self._excerpts.push(curve.time_ns, curve.value)
-        self._waiting.clear()
 
     def expect(self, time_ns: int) -> None:
         """Take an arrival, which may become a step, or a true step, which may be missed."""

@@ -646,6 +646,8 @@ LIT_NS = NS_PER_S // 2
 COMPLETE_NS = NS_PER_S * 7 // 20
 #: So many arrivals are remembered: a step is announced when a later arrival closes its window.
 MOST_PICKS = 1024
+#: Steps may be announced this much out of their order [ns].
+LATE_NS = 10 * NS_PER_S
 #: The plugin that locates by regions.
 BY_SIGNS = "so-tdoa"
 
@@ -749,6 +751,8 @@ class StepDetails(View):
 
     def _picks_of(self, due: PendingStep) -> list[Pick]:
         """Return the arrivals of a step, of the stage that has the last word on them."""
+        while self._picks and self._picks[0].time_ns < due.time_ns - LATE_NS:
+            self._picks.popleft()
         end_ns = due.time_ns + round(self._window_s * NS_PER_S)
         picking = self._context.stages.last("pick")
         stage = picking.stage if picking is not None else ""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import Pick, StepEvent
+    from groundtrace_codecs.events import Gap, Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     #: Times, shape (n,) [ns], and values, shape (n, n_columns).
@@ -384,6 +384,41 @@ class Excerpts:
         values = np.concatenate([piece[1] for piece in known[-1].pieces])
         first, last = np.searchsorted(times, [time_ns - self._before_ns, time_ns + self._after_ns])
         return times[first:last], values[first:last]
+
+
+class Waiting:
+    """Blocks and gaps of a topic that are worked on when a moment is shown, if it ever is.
+
+    Parameters
+    ----------
+    plan
+        Where few moments are shown, and those within seconds, the items of the last
+        :data:`KEEP_S` wait: far longer than a picker remembers. Elsewhere none does.
+    topic
+        Whose items.
+    """
+
+    def __init__(self, plan: Plan, topic: str) -> None:
+        self.at_once = not (plan.mode == "misses" and plan.truth)
+        self._topic = topic
+        self._items: deque[SignalBlock | Gap] = deque()
+        self._broken = False
+
+    def add(self, item: SignalBlock | Gap) -> None:
+        """Take an item."""
+        if item.topic != self._topic:
+            return
+        self._items.append(item)
+        while self._items[0].end_ns < item.end_ns - KEEP_S * NS_PER_S:
+            self._items.popleft()
+            self._broken = True
+
+    def taken(self) -> tuple[list[SignalBlock | Gap], bool]:
+        """Return what waits, and whether something before it was left out; then none waits."""
+        items, broken = list(self._items), self._broken
+        self._items.clear()
+        self._broken = False
+        return items, broken
 
 
 #: Of slow streams so much is kept [s]: what a step of a walk is may be said when the walk ends.

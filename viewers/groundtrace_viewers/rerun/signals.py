@@ -13,7 +13,7 @@ from .samples import FULL_RATE_HZ, curves_of, enveloped
 from .timeline import NORM, Entity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     import rerun as rr
     from numpy.typing import NDArray
@@ -115,6 +115,7 @@ class SignalView:
         self._pending = 0
         self._end_ns: int | None = None
         self._patience_ns = stream.period_ns * (IRREGULAR_PERIODS if stream.irregular else 1.0)
+        self._slow = not all(enveloped(stream, curves.quantity) for curves in self._curves)
         for curves in self._curves:
             if plan.whole or not enveloped(stream, curves.quantity):
                 self._declare(curves)
@@ -152,15 +153,16 @@ class SignalView:
                 self._log(curves, times, values)
 
     def _take(self, block: SignalBlock) -> None:
-        values = block.values
         if self._end_ns is not None and block.start_ns - self._end_ns > self._patience_ns:
             self._break(self._end_ns)
         self._end_ns = block.end_ns
-        self._times.append(block.sample_times())
-        self._values.append(values)
-        self._pending += len(block)
         for level in self._levels:
-            level.push(block, values)
+            level.push(block)
+        first_ns, end_ns = self._plan.span_ns
+        if self._slow or (block.start_ns < end_ns and block.last_ns >= first_ns):
+            self._times.append(block.sample_times())
+            self._values.append(block.values)
+            self._pending += len(block)
         if self._pending >= self._rows:
             self.flush()
 
@@ -305,24 +307,23 @@ class Envelope:
     ----------
     factor
         Samples per bucket.
+    stream
+        Of the blocks.
+    columns
+        Which of its channels.
     """
 
-    def __init__(self, factor: int) -> None:
+    def __init__(self, factor: int, stream: Stream, columns: Sequence[int]) -> None:
         self._factor = factor
+        self._columns = None if len(columns) == len(stream.channels) else list(columns)
+        self._scales = np.abs(stream.scales[list(columns)])
         self._anchor_ns: int | None = None
         self._period_ns = 0.0
         self._bucket = 0
         self._peak: NDArray[np.float64] | None = None
 
-    def push(self, block: SignalBlock, values: NDArray[np.float64]) -> Piece:
+    def push(self, block: SignalBlock) -> Piece:
         """Take a block and return the buckets it completes.
-
-        Parameters
-        ----------
-        block
-            Gives the samples' place in their run.
-        values
-            Its values, shape (n, n_channels).
 
         Returns
         -------
@@ -335,7 +336,11 @@ class Envelope:
             block.first // self._factor, -(-(block.first + len(block)) // self._factor)
         )
         starts = np.maximum(index * self._factor - block.first, 0)
-        peaks = np.maximum.reduceat(np.abs(values), starts, axis=0)
+        # of samples as stored, as converters' integers are several times faster than their values
+        samples = block.samples if self._columns is None else block.samples[:, self._columns]
+        ends = (ufunc.reduceat(samples, starts, axis=0) for ufunc in (np.maximum, np.minimum))
+        high, low = (np.abs(end.astype(np.float64)) for end in ends)
+        peaks = np.maximum(high, low) * self._scales
         if self._peak is not None:
             if index[0] == self._bucket:
                 peaks[0] = np.maximum(peaks[0], self._peak)
@@ -396,14 +401,13 @@ class EnvelopeView:
         self._rows = 0
         self._most = max(1, round(chunk_s / bucket_s))
         self._path = entity_path(role, curves)
-        self._envelope = Envelope(max(1, round(stream.rate_hz * bucket_s)))
+        factor = max(1, round(stream.rate_hz * bucket_s))
+        self._envelope = Envelope(factor, stream, curves.columns)
         timeline.declare(*styles.envelope(curves, role, bucket_s))
 
-    def push(self, block: SignalBlock, values: NDArray[np.float64]) -> None:
-        """Take a block and its values, shape (n, n_channels)."""
-        columns = self._curves.columns
-        own = values if len(columns) == values.shape[1] else values[:, columns]
-        self._take(self._envelope.push(block, own))
+    def push(self, block: SignalBlock) -> None:
+        """Take a block."""
+        self._take(self._envelope.push(block))
         if self._rows >= self._most:
             self._log()
 

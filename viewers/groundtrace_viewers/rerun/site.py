@@ -286,9 +286,8 @@ class SensorMap(View):
     kinds: ClassVar = {Pick: pick}
 
 
-def first_at(signs: Sequence[Sign], picks: Sequence[Pick]) -> dict[str, int]:
-    """Return the first arrival of each sign that has one [ns], by the sign's name."""
-    owner = {channel: sign.name for sign in signs for channel in sign.channels}
+def first_at(owner: Mapping[str, str], picks: Sequence[Pick]) -> dict[str, int]:
+    """Return first arrivals [ns] by the names of signs, which own channels."""
     found: dict[str, int] = {}
     for pick in picks:
         name = owner.get(pick.channel)
@@ -326,11 +325,12 @@ class ArrivalSigns:
     ) -> None:
         self._timeline = timeline
         self._signs = named(signs_of(geometry, colours)) if geometry is not None else []
+        self._owner = {channel: sign.name for sign in self._signs for channel in sign.channels}
         self._rows: list[tuple[int, list[str], list[int]]] = []
 
     def step(self, time_ns: int, picks: Sequence[Pick]) -> None:
         """Show a step's arrivals."""
-        arrived = first_at(self._signs, picks)
+        arrived = first_at(self._owner, picks)
         shades = [s.colour if s.name in arrived else SILENT for s in self._signs]
         self._rows.append((time_ns, shown_names(self._signs, arrived), shades))
 

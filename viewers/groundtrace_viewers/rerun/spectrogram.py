@@ -18,7 +18,7 @@ from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
-from .samples import Excerpts
+from .samples import Excerpts, Waiting
 from .timeline import Entity, heat
 
 if TYPE_CHECKING:
@@ -383,9 +383,7 @@ class FineSpectrograms(View):
             if not seismic or stream.rate_hz < LEAST_RATE_HZ:
                 continue
             if context.channels or not self._parts:
-                self._parts[stream.topic] = StreamSpectra(
-                    context.timeline, stream, context.channels
-                )
+                self._parts[stream.topic] = StreamSpectra(context, stream)
 
     @staticmethod
     def fits(context: ViewContext) -> bool:
@@ -420,25 +418,33 @@ class StreamSpectra:
 
     Parameters
     ----------
-    timeline
-        Where to.
+    context
+        Where to, and which channels.
     stream
         Of the channels.
-    channels
-        Names, those of other streams among them; empty takes the first seismic channel.
     """
 
-    def __init__(self, timeline: Timeline, stream: Stream, channels: Sequence[str]) -> None:
-        self._columns = chosen(stream, channels)
+    def __init__(self, context: ViewContext, stream: Stream) -> None:
+        self._columns = chosen(stream, context.channels)
         names = [stream.channels[column].name for column in self._columns]
-        self._parts = [FineSpectrogram(timeline, stream, name) for name in names]
+        self._parts = [FineSpectrogram(context.timeline, stream, name) for name in names]
+        self._waiting = Waiting(context.plan, stream.topic)
         self._excerpts = Excerpts(BEFORE_S, AFTER_S)
         self._shown_to_ns = 0
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
-        if self._columns and len(block):
-            self._excerpts.push(block.sample_times(), block.select(self._columns).values)
+        if self._columns:
+            self._waiting.add(block)
+            if self._waiting.at_once:
+                self._cut()
+
+    def _cut(self) -> None:
+        """Keep what lies around moments of the blocks that wait."""
+        for block in self._waiting.taken()[0]:
+            if isinstance(block, SignalBlock):
+                values = block.select(self._columns).values
+                self._excerpts.push(block.sample_times(), values)
 
     def expect(self, time_ns: int) -> None:
         """Take an arrival, which may become a step, or a true step, which may be missed."""
@@ -446,6 +452,7 @@ class StreamSpectra:
 
     def show(self, time_ns: int) -> None:
         """Log the spectrograms around a moment, without what was shown around others."""
+        self._cut()
         piece = self._excerpts.around(time_ns)
         if piece is None:
             return
