@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.geometry import Geometry
+from groundtrace_codecs.importers.units import RANGES
 from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -37,7 +38,10 @@ from .known_truth import annotations_to_show
 from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from groundtrace_codecs.events import Gap, Note
+    from groundtrace_codecs.signals import SignalBlock
 
     from ..pipeline.engine import ReplayCounts, Sink
     from .files import Report
@@ -214,10 +218,6 @@ class PlannedReplay:
         progress
             Called with the part that is done, 0 to 1.
         """
-        # what filters is not imported before there is something to filter
-        from ..inertial.placement import noted
-        from ..inertial.worn_sensor_faults import judged
-
         session = self.session
         first_ns, last_ns = session.shown_ns or (session.start_ns, session.end_ns)
         length_ns = max(last_ns - first_ns, 1)
@@ -235,8 +235,7 @@ class PlannedReplay:
         try:
             clock = Clock(rate) if rate else None
             loop = ReplayLoop(self.ready.chain, sinks, clock=clock, progress=reached)
-            placed = noted(source, dict.fromkeys(self.ready.looked_at))
-            items = judged(placed, source.streams)
+            items = with_warnings(source, self.ready.looked_at)
             tally = loop.through(itertools.chain(self.ready.notes, items))
             done = True
             return tally
@@ -244,6 +243,25 @@ class PlannedReplay:
             with ExitStack() as closing:  # each is closed, whatever comes of the others
                 for sink in reversed(sinks):
                     closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))
+
+
+def with_warnings(source: Source, looked_at: Iterable[str]) -> Iterable[SignalBlock | Gap | Note]:
+    """Return what a source gives, with warnings of worn sensors: where they are worn, and faults.
+
+    Parameters
+    ----------
+    source
+        Of the recording.
+    looked_at
+        Topics whose placement is known, so that none is guessed.
+    """
+    if not any(c.quantity in RANGES for stream in source.streams for c in stream.channels):
+        return source  # geophones are worn by nobody
+    # what filters is not imported before there is something to filter
+    from ..inertial.placement import noted
+    from ..inertial.worn_sensor_faults import judged
+
+    return judged(noted(source, dict.fromkeys(looked_at)), source.streams)
 
 
 def _span(

@@ -31,6 +31,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.known_truth import truth_of_recording
 from ..api.pipelines import default_pipeline
+from ..api.replay import with_warnings
 from ..errors import GroundtraceError, PipelineError, RecordingError
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.report import answers_of, score_events
@@ -39,8 +40,6 @@ from ..explain.reasons import StepReasons
 from ..explain.suitability import Prepared, prepared
 from ..explain.unfiltered import Unfiltered
 from ..export.base import file_part
-from ..inertial.placement import noted
-from ..inertial.worn_sensor_faults import judged
 from ..pipeline.config import (
     build_pipeline,
     load_pipeline,
@@ -470,7 +469,7 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
         labels, row = _with_truth(task, row, opened)
         ready = _ready(task, opened)
         source = Source(opened)
-        items = judged(noted(source, dict.fromkeys(ready.looked_at)), source.streams)
+        items = with_warnings(source, ready.looked_at)
         tally = replay(itertools.chain(ready.notes, items), ready.chain, [sink])
         if not tally.samples:
             raise RecordingError(f"{opened.name}: expected signals to replay, found none")
