@@ -83,6 +83,14 @@ class PositionScore:
     by_stage: list[PositionErrors]
 
 
+def answerable_places(labels: Sequence[Label], fixes: Sequence[Fix]) -> Places:
+    """Return the true places that fixes are scored against: of vehicles those at their times."""
+    truth = true_places(labels)
+    if not len(truth) or not fixes or not has_vehicles(labels):
+        return truth
+    return places_at(truth, np.array([fix.time_ns for fix in fixes], np.int64))
+
+
 def score_positions(
     labels: Sequence[Label], fixes: Sequence[Fix], tolerance_s: float = STEP_TOLERANCE_S
 ) -> PositionScore | None:
@@ -104,11 +112,9 @@ def score_positions(
     -------
     The score, or None where there are no true places or no fixes.
     """
-    truth = true_places(labels)
+    truth = answerable_places(labels, fixes)
     if not len(truth) or not fixes:
         return None
-    if has_vehicles(labels):
-        truth = places_at(truth, np.array([fix.time_ns for fix in fixes], np.int64))
     stages = list(dict.fromkeys(fix.stage for fix in fixes))
     matched = {
         s: matched_fixes(truth, [f for f in fixes if f.stage == s], tolerance_s) for s in stages

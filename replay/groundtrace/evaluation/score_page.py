@@ -15,7 +15,7 @@ from .headings import heading_errors
 from .matching import STEP_TOLERANCE_S, best_shift, found_text, match_steps, timing_pairs
 from .page import rendered
 from .picks import pick_residuals
-from .positions import matched_fixes, true_places
+from .positions import answerable_places, matched_fixes, true_places
 from .report import answers_of, last_word
 from .tracks import moments
 from .truth import ScoredTruth
@@ -109,7 +109,8 @@ class Scored:
     def position_errors(self, stage: str) -> NDArray[np.float64]:
         """Return the errors of a stage's fixes [m], shape (n, 2)."""
         fixes = [fix for fix in self.said.fixes if fix.stage == stage]
-        return matched_fixes(true_places(self.labels), fixes, self.tolerance_s)[1]
+        truth = answerable_places(self.labels, self.said.fixes)
+        return matched_fixes(truth, fixes, self.tolerance_s)[1]
 
     @property
     def map(self) -> Markup:

@@ -14,7 +14,7 @@ from groundtrace.cli.main import main
 from groundtrace.evaluation.report import score_events
 from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.engine import ReplaySession
-from groundtrace.pipeline.results import Provenance, ResultsSink, read_results
+from groundtrace.pipeline.results import Provenance, Results, ResultsSink, read_results
 from groundtrace_codecs.events import (
     Disturbance,
     Event,
@@ -232,3 +232,17 @@ def test_the_command_writes_the_page_and_keeps_an_existing_one(
     assert "expected a new file" in capsys.readouterr().err
     main(["score", str(results), "--html", str(page), "--tolerance", "0.5", "--force"])
     assert "within 500 ms" in page.read_text("utf-8")
+
+
+def test_errors_of_fixes_between_the_waypoints_of_a_vehicle_are_drawn() -> None:
+    truth = tuple(
+        Label(ns(t), "waypoint", x_m=10.0 * t, y_m=0.0, target="vehicle 1") for t in range(9)
+    )
+    truth += (Label(ns(5), "pass", channel="A", label="forward", target="vehicle 1"),)
+    fixes = tuple(
+        Fix(ns(t), 10.0 * t + 1, 2, SPREAD, 0.0, "ratios", 4, "places") for t in (3.5, 5.5)
+    )
+    origin = Provenance("cars.mcap", "0" * 64, START_NS, END_NS, "")
+    score = score_events(truth, fixes, START_NS, END_NS)
+    page = score_page(Results("a", origin, truth, None, fixes), truth, score)
+    assert page.count("<title>+1.00 m, +2.00 m</title>") == 2
