@@ -44,8 +44,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from numpy.typing import NDArray
-
     from .annotations import Annotation, Sidecar
     from .events import Event, Label, SingleEvent
     from .geometry import Geometry
