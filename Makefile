@@ -63,6 +63,7 @@ bench: dev
 	$(BIN)/python bench/replay_speed.py
 	$(BIN)/python bench/two_cores.py
 	$(BIN)/python bench/startup.py
+	$(BIN)/python bench/whole_job.py --long
 	$(BIN)/python bench/file_speed.py
 	$(BIN)/python bench/sweep_speed.py
 	$(BIN)/python bench/why_speed.py
