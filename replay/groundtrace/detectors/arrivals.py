@@ -23,7 +23,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..dsp.filters import SampleClock, SampleHistory
 from ..dsp.noise import CELL_S, LocalMaxima, LocalMaximaWithOnset, NoiseLevel, NoiseRatio
-from ..kernels import compiled
+from ..kernels.compiling import inlined as compiled
 from ..kernels.lanes import LANES, every, greater, put_row, row
 from ..kernels.logarithms import ROUGHNESS, logarithm, rough_logarithm
 from ..kernels.picker import times_of

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import compiled
+from .compiling import inlined as compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import compiled, in_place
+from .compiling import inlined as compiled
+from .compiling import inlined as in_place
 from .lanes import (
     LANES,
     LANES_32,

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
-from groundtrace.kernels import compiled
+from groundtrace.kernels.compiling import inlined as compiled
 from groundtrace.kernels.lanes import (
     LANES,
     LANES_32,
@@ -31,9 +26,6 @@ from groundtrace.kernels.lanes import (
 from groundtrace.kernels.logarithms import ROUGHNESS, logarithm, rough_logarithm
 from groundtrace.kernels.picker import load
 from groundtrace.kernels.tiles import TILE, turn
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RNG = np.random.default_rng(4)
 
@@ -152,19 +144,3 @@ def test_a_square_is_turned_and_converted(kind, wanted):
     expected = np.zeros_like(target)
     expected[:, 2 : 2 + TILE] = source[:, 1 : 1 + TILE].T
     assert np.array_equal(target, expected)
-
-
-def _run(code: str, **environment: str) -> str:
-    paths = os.pathsep.join(p for p in sys.path if p)
-    given = os.environ | {"PYTHONPATH": paths} | environment
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, env=given, check=True, capture_output=True, text=True).stdout
-
-
-def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same(tmp_path: Path):
-    code = (
-        "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = [];"
-        "from groundtrace.kernels import compiled;"
-        "print(compiled(lambda x: x + 1)(41))"
-    )
-    assert _run(code) == "42\n"
