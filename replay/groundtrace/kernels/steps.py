@@ -9,8 +9,8 @@ import numpy as np
 
 from .compiling import inlined as compiled
 from .compiling import inlined as in_place
+from .grid import TOGETHER, sums_together
 from .lanes import LANES
-from .picker import TOGETHER, sums_together
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
