@@ -85,7 +85,11 @@ class FrameTrace:
         """Take columns as :meth:`add` does, but the times of those alone that begin a frame."""
         if self._columns.shape[2]:
             begins = np.concatenate([[self._begin_ns], begins])
-        columns = np.concatenate([self._columns, np.stack(rows)], axis=2)
+        before = self._columns.shape[2]
+        columns = np.empty((*self._columns.shape[:2], before + rows[0].shape[1]))
+        columns[:, :, :before] = self._columns
+        for row, own in zip(rows, columns, strict=True):
+            own[:, before:] = row
         count = columns.shape[2] // self.length
         whole, self._columns = np.split(columns, [count * self.length], axis=2)
         self._begin_ns = int(begins[-1])
@@ -118,11 +122,12 @@ class FrameTrace:
         line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
         self._past = line[:, :, len(times) :]
         noise, least = (window_maxima(kind, self.history) for kind in line)
-        still = high == low
-        still = still[..., 1:] & still[..., :-1]  # and as in the column before:
-        still &= high[..., 1:] == high[..., :-1]
-        at_end = (high == highest[..., None]) | (high == lowest[..., None])
-        flat = (still & at_end[..., 1:]).sum(axis=-1) / self.rate_hz
+        flat, still = np.zeros(level.shape), high == low
+        if still.any():
+            still = still[..., 1:] & still[..., :-1]  # and as in the column before:
+            still &= high[..., 1:] == high[..., :-1]
+            at_end = (high == highest[..., None]) | (high == lowest[..., None])
+            flat = (still & at_end[..., 1:]).sum(axis=-1) / self.rate_hz
         values = (
             decision.max(axis=-1),
             peak.max(axis=-1),

@@ -240,13 +240,15 @@ class LocalMaxima:
         # most cells are out at the first look: at their neighbours
         likely = (here > self.floor) & (here > line[:, first - 1 : stop - 1])
         likely &= here >= line[:, first + 1 : stop + 1]
-        peak, channel = np.nonzero(likely.T)
+        channel, peak = np.nonzero(likely)
         peak += first
         value = line[channel, peak]
         step = np.arange(1, self.reach + 1)
         before, after = (line[channel[:, None], peak[:, None] + s] for s in (-step, step))
         true = ((before < value[:, None]) & (after <= value[:, None])).all(axis=1)
-        peak, channel, value = peak[true], channel[true], value[true]
+        order = np.flatnonzero(true)
+        order = order[np.lexsort((channel[order], peak[order]))]
+        peak, channel, value = peak[order], channel[order], value[order]
         rising = line[channel[:, None], peak[:, None] - np.arange(1, self.back + 1)] > self.floor
         rise = np.logical_and.accumulate(rising, axis=1).sum(axis=1)
         offset = self.settled - first
