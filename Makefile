@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check warm test golden build wheel bench fuzz big accept proto screenshot recompile clean
+.PHONY: demo dev fmt check test golden build wheel bench fuzz big accept proto screenshot clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -34,14 +34,6 @@ check: dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
-
-warm: dev ## what replays run is compiled once, before those who would compile it at the same time
-	mkdir -p build/warm
-	for pair in room-walk:room-footsteps waist-walk:pedestrian waist-walk:foot-inertial \
-	  waist-walk:step-types vehicle-pass:vehicle-tracks; do \
-	  $(BIN)/groundtrace replay recordings/groundtrace_recordings/$${pair%:*}.mcap --force \
-	    --pipeline $${pair#*:} --no-viewer --out build/warm/$${pair#*:}.results.mcap || exit 1; \
-	done
 
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
@@ -104,8 +96,6 @@ screenshot: $(VENV)/installed ## the picture in the README
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
 	$(BIN)/python -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
 
-recompile: ## forget compiled functions: after a change of one that other files' functions call
-	find . -name "*.nb[ci]" -delete
-
-clean: recompile
+clean:
+	find . -name "kernels-*" -path "*/__pycache__/*" -prune -exec rm -rf {} +
 	rm -rf $(VENV) build dist

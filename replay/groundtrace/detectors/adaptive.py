@@ -24,10 +24,10 @@ import numpy as np
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
+from .. import kernels
 from ..dsp.filters import HIGHEST_CORNER
 from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
 from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian, lowpass
-from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
@@ -39,10 +39,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..kernels import steps as steps_kernels
     from ..pipeline.stage import Frames
-else:
-    steps_kernels = Later("groundtrace.kernels.steps")
 
 #: Placements at which the sensor moves with the body's mass, and hardly ever without steps.
 TRUNK = frozenset({"waist", "trunk"})
@@ -325,7 +322,7 @@ class StepBand:
         found = np.empty((len(Followed._fields), end - start))
         if end > start:
             hop = start // HOP
-            steps_kernels.step_bands(
+            kernels.steps.step_bands(
                 self._up.between(start, end + 2 * self._reach)[0],
                 self._kernels,
                 self._spans,
@@ -396,7 +393,7 @@ class Peaks:
         if end <= self._next:
             return np.empty((0, len(COLUMNS)))
         span, self._next = (self._next, end), end
-        found = steps_kernels.peaks(
+        found = kernels.steps.peaks(
             self._kept.contiguous(),
             self._kept.first,
             span,

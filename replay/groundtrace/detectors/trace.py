@@ -12,7 +12,7 @@ import numpy as np
 
 from groundtrace_codecs.events import Quantity
 
-from ..kernels.picker import FRAME, close_frame, fold_frames, frame_values, open_frame
+from ..dsp.noise import window_maxima
 from ..pipeline.stage import Frames
 
 if TYPE_CHECKING:
@@ -56,11 +56,9 @@ class FrameTrace:
         self.rate_hz = rate_hz
         self.length = max(1, round(FRAME_S * rate_hz))
         self.history = max(1, round(NOISE_S * rate_hz / self.length))
-        self._state = np.empty((channels, FRAME))
-        open_frame(self._state)
-        self._filled = 0
+        self._columns = np.empty((5, channels, 0))  # of the frame under way
         self._begin_ns = 0
-        self._past = np.full((2 * channels, self.history - 1), -np.inf)
+        self._past = np.full((2, channels, self.history - 1), -np.inf)
 
     def add(self, times: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
         """Take columns.
@@ -83,35 +81,61 @@ class FrameTrace:
 
     def begins(self, columns: int) -> slice:
         """Return which of the next columns begin a frame."""
-        return slice(-self._filled % self.length, columns, self.length)
+        return slice(-self._columns.shape[2] % self.length, columns, self.length)
 
     def take(self, begins: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
         """Take columns as :meth:`add` does, but the times of those alone that begin a frame."""
-        decision, peak, power, high, low = (np.ascontiguousarray(r, np.float64) for r in rows)
-        state = (self._state, self._filled, self.length)
-        folded = fold_frames(decision, peak, power, high, low, *state)
-        if self._filled:
+        if self._columns.shape[2]:
             begins = np.concatenate([[self._begin_ns], begins])
-        self._filled = (self._filled + decision.shape[1]) % self.length
+        before = self._columns.shape[2]
+        columns = np.empty((*self._columns.shape[:2], before + rows[0].shape[1]))
+        columns[:, :, :before] = self._columns
+        for row, own in zip(rows, columns, strict=True):
+            own[:, before:] = row
+        count = columns.shape[2] // self.length
+        whole, self._columns = np.split(columns, [count * self.length], axis=2)
         self._begin_ns = int(begins[-1])
-        return self._frames(begins[: len(folded)], folded)
+        return self._frames(begins[:count], whole, self.length)
 
     def finish(self) -> Frames:
         """Return the last, shorter frame."""
-        if not self._filled:
+        columns, self._columns = self._columns, self._columns[:, :, :0]
+        if not columns.shape[2]:
             return self.nothing()
-        folded = np.empty((1, len(self._state), 5))
-        for state, found in zip(self._state, folded[0], strict=True):
-            close_frame(state, self._filled, found)
-        open_frame(self._state)
-        self._filled = 0
-        return self._frames(np.array([self._begin_ns]), folded)
+        return self._frames(np.array([self._begin_ns]), columns, columns.shape[2])
 
     def nothing(self) -> Frames:
         """Return no frames."""
-        return Frames(np.empty(0, np.int64), np.empty((0, len(self._state), 6), np.float32))
+        return Frames(np.empty(0, np.int64), np.empty((0, self._past.shape[1], 6), np.float32))
 
-    def _frames(self, times: NDArray[np.int64], folded: NDArray[np.float64]) -> Frames:
-        """Return frames with the quietest of the last 5 s beside each."""
-        value, self._past = frame_values(folded, self._past, self.rate_hz)
-        return Frames(times, value)
+    def _frames(
+        self, times: NDArray[np.int64], columns: NDArray[np.float64], length: int
+    ) -> Frames:
+        """Return frames of columns, shape (5, rows, n), with the quietest of the last 5 s."""
+        if not len(times):
+            return self.nothing()
+        folded = columns.reshape(*columns.shape[:2], -1, length)  # (5, rows, frames, length)
+        decision, peak, power, high, low = folded
+        level = np.sqrt(power.mean(axis=-1))
+        highest, lowest = high.max(axis=-1), low.min(axis=-1)
+        swing = (highest - lowest) / 2.0
+        # dead stretches say nothing about the noise
+        quiet = np.stack([level, swing])
+        line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
+        self._past = line[:, :, len(times) :]
+        noise, least = (window_maxima(kind, self.history) for kind in line)
+        flat, still = np.zeros(level.shape), high == low
+        if still.any():
+            still = still[..., 1:] & still[..., :-1]  # and as in the column before:
+            still &= high[..., 1:] == high[..., :-1]
+            at_end = (high == highest[..., None]) | (high == lowest[..., None])
+            flat = (still & at_end[..., 1:]).sum(axis=-1) / self.rate_hz
+        values = (
+            decision.max(axis=-1),
+            peak.max(axis=-1),
+            np.where(noise > -np.inf, -noise, 0.0),
+            swing,
+            np.where(least > -np.inf, -least, 0.0),
+            flat,
+        )
+        return Frames(times, np.stack(values, axis=-1).transpose(1, 0, 2).astype(np.float32))

@@ -21,11 +21,10 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
+from .. import kernels
 from ..dsp.butterworth import steady_state
-from ..dsp.filters import bandpass, planar_as_stored
-from ..dsp.noise import PartialCells, RunningMaximum
-from ..kernels.lanes import in_lanes, zero_rows
-from ..kernels.picker import COEFFICIENTS, SECTIONS, spread, variance_cells, variance_levels
+from ..dsp.filters import bandpass
+from ..dsp.noise import CompleteCells, RunningMaximum, cell_length
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Input, Stage
@@ -38,7 +37,6 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..dsp.filters import SampleHistory
-    from ..dsp.noise import CompleteCells
     from ..pipeline.stage import Curve, Measured
 
 
@@ -61,7 +59,7 @@ class VarianceChangeParameters:
 
 
 class _Variance:
-    """Band-pass and moving average of the square, in lanes: what the decision function is.
+    """Band-pass and moving average of the square, reduced to cells: the decision function.
 
     Parameters
     ----------
@@ -74,58 +72,45 @@ class _Variance:
     """
 
     def __init__(self, stream: Stream, sos: NDArray[np.float64], alpha: float) -> None:
-        unit = [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * (SECTIONS - len(sos))
-        self._sos = np.concatenate([sos, np.array(unit).reshape(-1, 6)])
-        self._coefficients = zero_rows(COEFFICIENTS)
-        spread(self._sos, self._coefficients)
+        self._sos = sos
+        self._sections = kernels.picker.sections_of(sos)
         self._alpha = alpha
-        self._cells = PartialCells(stream.rate_hz, len(stream.channels))
-        groups = self._cells.groups
-        self._scales = in_lanes(stream.scales)
-        self._memory: NDArray[np.float64] | None = None
-        self._mean = zero_rows(groups, 1)
-        self._at_cell = zero_rows(groups, 1)  # the mean at the end of the last cell
-        self._before = self._at_cell  # and at the end of the one before the last block's
+        self._count = len(stream.channels)
+        self._length = cell_length(stream.rate_hz)
+        self._filled = self._first = 0  # samples of the open cell, which cell of the run it is
+        self._channels: NDArray[np.void] | None = None
+        self._before: NDArray[np.float64] = np.zeros(0)  # the average before the last block's cells
 
     def __call__(self, block: SignalBlock, history: SampleHistory) -> CompleteCells:
         """Take a block; add it, filtered, to the history and return the cells it completes."""
-        cells, n = self._cells, len(block)
+        n = len(block)
         history.extend(n)
-        samples = planar_as_stored(block)
-        if self._memory is None:
-            self._memory = self._steady(samples[:, 0] * block.stream.scales)
-        self._before = self._at_cell.copy()
-        found = cells.room(n)
-        variance_cells(
-            samples,
-            self._scales,
-            history.recent(n),
-            self._coefficients,
-            self._memory,
-            self._alpha,
-            self._mean,
-            self._at_cell,
-            cells.cell,
-            cells.filled,
-            cells.length,
-            found,
+        rows = history.recent(n)
+        rows[:] = block.samples
+        if self._channels is None:
+            scales = block.stream.scales
+            memory = self._steady(rows[0] * scales)
+            self._channels = kernels.picker.channels_of(scales, memory)
+        self._before = self._channels["at_cell"].ravel()[: self._count].copy()
+        filled, first = self._filled, self._first
+        complete = (filled + n) // self._length
+        cells = np.empty((kernels.picker.CELL, self._count, complete))
+        kernels.picker.variance_cells(
+            rows, self._sections, self._alpha, self._channels, filled, self._length, cells
         )
-        return cells.done(found, n)
+        self._filled, self._first = (filled + n) % self._length, first + complete
+        return CompleteCells(first, *cells)
 
     def level(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the moving average over the filtered samples of the last block's cells.
-
-        Shape (n, n_channels); the samples are shaped (groups, n, LANES).
-        """
-        groups, n, lanes = rows.shape
-        levels = np.empty((n * groups, lanes))
-        variance_levels(rows, self._alpha, self._before, levels)
-        return levels.reshape(n, groups * lanes)[:, : self._cells.channels]
+        """Return the moving average over the filtered samples of the last block's cells."""
+        levels = np.empty(rows.shape)
+        kernels.picker.variance_levels(rows, self._alpha, self._before, levels)
+        return levels
 
     def _steady(self, first: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filter's memory in the steady state of the first samples."""
-        memory = zero_rows(self._cells.groups, 2 * SECTIONS)
-        memory[:] = steady_state(self._sos).reshape(-1, 1) * in_lanes(first)
+        memory = np.zeros((2 * kernels.picker.SECTIONS, len(first)))
+        memory[: 2 * len(self._sos)] = steady_state(self._sos).reshape(-1, 1) * first
         return memory
 
 

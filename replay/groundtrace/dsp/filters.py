@@ -10,12 +10,10 @@ none of its 60 MB.
 from __future__ import annotations
 
 from bisect import bisect_right
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..kernels.lanes import LANES, zero_rows
-from ..kernels.picker import load, times_of
 from .butterworth import butterworth, steady_state
 
 if TYPE_CHECKING:
@@ -32,12 +30,6 @@ def planar(block: SignalBlock) -> NDArray[np.float64]:
     """Return a block's values channel by channel, shape (n_channels, n_samples), contiguous."""
     scales = block.stream.scales
     return np.ascontiguousarray(block.samples.T, dtype=np.float64) * scales[:, None]
-
-
-def planar_as_stored(block: SignalBlock) -> NDArray[Any]:
-    """Return a block's samples channel by channel, as compiled functions take them: not scaled."""
-    samples = np.ascontiguousarray(block.samples.T, block.samples.dtype.newbyteorder("="))
-    return samples if samples.flags.behaved else samples.copy()
 
 
 def corner(hz: float, rate_hz: float) -> float:
@@ -222,11 +214,6 @@ class SampleClock:
     """Times of a run's samples by their index from its first block on.
 
     The anchor of the times may move from block to block: the source follows small steps of a clock.
-
-    Attributes
-    ----------
-    table
-        Anchors, as :func:`~.kernels.picker.times_of` takes them.
     """
 
     def __init__(self) -> None:
@@ -234,7 +221,6 @@ class SampleClock:
         self._period_ns = 0.0
         self._starts = [0]  # index from which an anchor holds
         self._anchors = [(0, 0)]  # time of the anchor, and which index before ours it counts from
-        self.table = np.zeros((1, 3), np.int64)  # both, for compiled functions
 
     def add(self, block: SignalBlock) -> None:
         """Count in a block of the run."""
@@ -243,12 +229,13 @@ class SampleClock:
         if not self._count or self._anchors[-1] != anchor:
             kept = len(self._anchors) if self._count else 0
             self._starts[kept:], self._anchors[kept:] = [self._count], [anchor]
-            self._tabulate()
         self._count += len(block)
 
     def at(self, index: NDArray[np.intp]) -> NDArray[np.int64]:
         """Return the times of samples [ns], shape (n,), as their blocks have them."""
-        return times_of(np.asarray(index, np.intp), self.table, self._period_ns)
+        own = np.maximum(np.searchsorted(self._starts, index, side="right") - 1, 0)
+        anchor_ns, before = np.array(self._anchors, np.int64)[own].T
+        return np.asarray(anchor_ns + np.rint((index + before) * self._period_ns).astype(np.int64))
 
     def time_of(self, index: int) -> int:
         """Return the time of one sample [ns]."""
@@ -259,11 +246,6 @@ class SampleClock:
         """Forget anchors of samples before one."""
         while len(self._starts) > 1 and self._starts[1] <= index:
             del self._starts[0], self._anchors[0]
-            self._tabulate()
-
-    def _tabulate(self) -> None:
-        rows = [(start, *anchor) for start, anchor in zip(self._starts, self._anchors, strict=True)]
-        self.table = np.array(rows, np.int64)
 
 
 class SampleHistory:
@@ -286,19 +268,17 @@ class SampleHistory:
         self.first = 0
         self.end = 0
         self._begin = 0  # row of the first sample kept
-        groups = -(-channels // LANES)
-        self._rows = zero_rows(signals, groups, 0)
+        self._rows = np.empty((signals, 0, channels))
 
     def extend(self, samples: int) -> None:
         """Make room for some more samples; they are written by :meth:`recent`."""
         kept = self.end - self.first
-        if self._begin + kept + samples > self._rows.shape[2]:
-            signals, groups, room, _ = self._rows.shape
-            # little more than a block stays near in the caches, and yet what is kept moves seldom;
-            # with a row to spare no view of several groups is contiguous: one type to compile for
-            wanted = max(room, 4 * kept + samples + 1)
-            rows = self._rows if wanted == room else zero_rows(signals, groups, wanted)
-            rows[:, :, :kept] = self._rows[:, :, self._begin : self._begin + kept]
+        if self._begin + kept + samples > self._rows.shape[1]:
+            signals, room, channels = self._rows.shape
+            # little more than a block stays near in the caches, and yet what is kept moves seldom
+            wanted = max(room, 4 * kept + samples)
+            rows = self._rows if wanted == room else np.empty((signals, wanted, channels))
+            rows[:, :kept] = self._rows[:, self._begin : self._begin + kept]
             self._rows, self._begin = rows, 0
         self.end += samples
 
@@ -307,25 +287,23 @@ class SampleHistory:
         n = signals[0].shape[1]
         self.extend(n)
         for index, signal in enumerate(signals):
-            for group, rows in enumerate(self.recent(n, index)):
-                load(np.ascontiguousarray(signal), group * LANES, 0, rows)
+            self.recent(n, index)[:] = signal.T
 
     def recent(self, samples: int, signal: int = 0) -> NDArray[np.float64]:
-        """Return the last samples of a signal, shape (n_groups, n, LANES): a view."""
-        stop = self._begin + self.end - self.first
-        return self._rows[signal, :, stop - samples : stop]
+        """Return the last samples of a signal, shape (n, n_channels): a view."""
+        return self.between(self.end - samples, self.end, signal)
 
     def rows(self, signal: int = 0) -> NDArray[np.float64]:
-        """Return what is kept of a signal, shape (n_groups, n, LANES): a view."""
-        return self._rows[signal, :, self._begin : self._begin + self.end - self.first]
+        """Return what is kept of a signal, shape (n, n_channels): a view."""
+        return self.between(self.first, self.end, signal)
 
     def between(self, start: int, stop: int, signal: int = 0) -> NDArray[np.float64]:
-        """Return samples ``[start, stop)`` of a signal, shape (n_groups, n, LANES): a view.
+        """Return samples ``[start, stop)`` of a signal, shape (n, n_channels): a view.
 
         What was dropped is there until more samples come.
         """
         begin = self._begin + start - self.first
-        return self._rows[signal, :, begin : begin + stop - start]
+        return self._rows[signal, begin : begin + stop - start]
 
     def drop_before(self, index: int) -> None:
         """Drop the samples before one; they are there until more samples come."""

@@ -8,24 +8,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..kernels.lanes import LANES, zero_rows
-from ..kernels.picker import (
-    OPEN,
-    empty_cell,
-    load,
-    ratio_to_noise,
-    reduce_cells,
-    settled_maxima,
-    window_maxima,
-)
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 #: Length of a cell [s]. Chosen by judgement: a wave's onset takes some milliseconds.
 CELL_S = 0.001
+#: Noise up to this is none: a filter's memory of what was before the silence.
+SILENCE = 1e-140
 #: Gives the noise level up to and including each cell, from the cells' levels; keeps its state.
 NoiseLevel = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+
+
+def cell_length(rate_hz: float) -> int:
+    """Return the samples of a cell."""
+    return max(1, round(CELL_S * rate_hz))
 
 
 class RunningMaximum:
@@ -45,8 +41,23 @@ class RunningMaximum:
         """Return the maximum up to and including each cell, shape (n_channels, n)."""
         if self._tail is None:
             self._tail = np.zeros((level.shape[0], self.cells - 1))
-        found, self._tail = window_maxima(self._tail, level)
-        return found
+        line = np.concatenate([self._tail, level], axis=1)
+        self._tail = line[:, level.shape[1] :]
+        return window_maxima(line, self.cells)
+
+
+def window_maxima(line: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return the maximum of every window of a line, shape (rows, n) to (rows, n - width + 1).
+
+    The maximum of twice as many neighbours is that of two maxima, again and again; what overlaps
+    counts twice without harm.
+    """
+    reach = 1
+    while 2 * reach <= width:
+        line = np.maximum(line[:, :-reach], line[:, reach:])
+        reach *= 2
+    rest = width - reach
+    return np.maximum(line[:, : line.shape[1] - rest], line[:, rest:]) if rest else line
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,70 +84,44 @@ class CompleteCells:
         return int(self.level.shape[1])
 
 
-class PartialCells:
-    """The cells under way of all channels, at fixed places of the run, whatever the blocks.
+class CellReducer:
+    """Reduces signals to cells, where all of them are there sample by sample.
 
     Attributes
     ----------
     length
         Samples of a cell.
-    groups
-        Channels are taken in groups of :data:`~.kernels.lanes.LANES`.
-    cell
-        Shape (groups, OPEN, LANES): what the cells under way hold.
-    filled
-        How many samples they have.
     """
 
     def __init__(self, rate_hz: float, channels: int) -> None:
-        self.length = max(1, round(CELL_S * rate_hz))
-        self.channels = channels
-        self.groups = -(-channels // LANES)
-        self.cell = zero_rows(self.groups, OPEN)
-        for cell in self.cell:
-            empty_cell(cell)
-        self.filled = 0
-        self._first = 0
-
-    def room(self, samples: int) -> NDArray[np.float64]:
-        """Return an array for the cells that some more samples complete, (OPEN, channels, n)."""
-        return np.empty((OPEN, self.channels, (self.filled + samples) // self.length))
-
-    def done(self, cells: NDArray[np.float64], samples: int) -> CompleteCells:
-        """Return the cells, now that the samples were taken."""
-        first, count = self._first, cells.shape[2]
-        self._first += count
-        self.filled = (self.filled + samples) % self.length
-        return CompleteCells(first, *cells)
-
-
-class CellReducer:
-    """Reduces signals to cells, where all of them are there sample by sample."""
-
-    def __init__(self, rate_hz: float, channels: int) -> None:
-        self._open = PartialCells(rate_hz, channels)
-        self._levels = np.empty((channels, 0))  # from the last block's first cell on
-        self._first = 0  # sample of the run that they begin with
+        self.length = cell_length(rate_hz)
+        self._rows = np.empty((3, channels, 0))  # from the last block's first cell on
+        self._first = 0  # cell of the run that they begin with
+        self._count = 0  # cells that they complete
 
     def add(self, *signals: NDArray[np.float64]) -> CompleteCells:
         """Take the recorded signal, the filtered one and the level, each (n_channels, n)."""
-        cells, n = self._open, signals[0].shape[1]
-        tail = self._levels.shape[1] - cells.filled
-        self._levels = np.concatenate([self._levels[:, tail:], signals[-1]], axis=1)
-        self._first += tail
-        found = cells.room(n)
-        for group in range(cells.groups):
-            rows = zero_rows(len(signals), n)
-            for signal, lanes in zip(signals, rows, strict=True):
-                load(np.ascontiguousarray(signal), group * LANES, 0, lanes)
-            recorded, filtered, level = rows
-            state = (group * LANES, cells.cell[group], cells.filled, cells.length)
-            reduce_cells(recorded, filtered, level, *state, found)
-        return cells.done(found, n)
+        rest = self._rows[:, :, self._count * self.length :]
+        self._rows = np.concatenate([rest, np.stack(signals)], axis=2)
+        self._first += self._count
+        self._count = self._rows.shape[2] // self.length
+        whole = self._rows[:, :, : self._count * self.length]
+        recorded, filtered, level = whole.reshape(*whole.shape[:2], self._count, self.length)
+        # along the first axis numpy adds in order, as the pickers' kernel does
+        power = np.moveaxis(filtered * filtered, -1, 0).copy().sum(axis=0) / self.length
+        return CompleteCells(
+            self._first,
+            level.max(axis=-1, initial=-np.inf),
+            np.abs(filtered).max(axis=-1, initial=0.0),
+            power,
+            recorded.max(axis=-1, initial=-np.inf),
+            recorded.min(axis=-1, initial=np.inf),
+        )
 
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:
         """Return the level of samples whose cells the last block completed, (n, n_channels)."""
-        return self._levels[:, start - self._first : stop - self._first].T
+        first = self._first * self.length
+        return self._rows[2][:, start - first : stop - first].T
 
 
 class NoiseRatio:
@@ -173,10 +158,14 @@ class NoiseRatio:
         noise = self._noise(level)
         if self._tail is None:
             self._tail = np.repeat(noise[:, :1], self.gap, axis=1)
-        known, self._count = self._count - self.gap + 1, self._count + n
-        level, noise = np.ascontiguousarray(level), np.ascontiguousarray(noise)
-        ratio, self._tail = ratio_to_noise(level, self._tail, noise, known, self.warm_up)
-        return ratio
+        known = np.maximum(self._count - self.gap + 1 + np.arange(n), 0)
+        trust = np.divide(known, known + self.warm_up, out=np.zeros(n), where=known > 0)
+        self._count += n
+        line = np.concatenate([self._tail, noise], axis=1)
+        before, self._tail = line[:, :n], line[:, n:]
+        # over digital silence nothing has a ratio: a sensor coming alive is not an arrival
+        ratio = np.divide(level, before, out=np.zeros(level.shape), where=before > SILENCE)
+        return np.asarray(ratio * trust)
 
 
 class LocalMaximaWithOnset(NamedTuple):
@@ -236,10 +225,32 @@ class LocalMaxima:
 
     def add(self, values: NDArray[np.float64], *, final: bool = False) -> LocalMaximaWithOnset:
         """Take the values of new cells; return the settled maxima, by cell and channel."""
-        rule, before = (self.reach, self.floor, self.back), self._tail.shape[1]
-        found = settled_maxima(self._tail, values, self._keep, rule, final)
-        (begin, peak, channel), value, self._tail = found
-        begin, peak = begin + self.settled, peak + self.settled
-        after = self.reach if final else 0
-        self.settled += before + values.shape[1] + after - self._tail.shape[1]
-        return LocalMaximaWithOnset(begin, peak, channel, value)
+        line = np.concatenate([self._tail, values], axis=1)
+        if final:  # nothing follows
+            line = np.concatenate([line, np.full((len(line), self.reach), -np.inf)], axis=1)
+        count = max(0, line.shape[1] - self._keep - self.reach)
+        found = self._among(line, count)
+        self._tail = line[:, count:].copy()
+        self.settled += count
+        return found
+
+    def _among(self, line: NDArray[np.float64], count: int) -> LocalMaximaWithOnset:
+        """Find the maxima of ``count`` cells of a line, which begins ``_keep`` cells before."""
+        first, stop = self._keep, self._keep + count
+        here = line[:, first:stop]
+        # most cells are out at the first look: at their neighbours
+        likely = (here > self.floor) & (here > line[:, first - 1 : stop - 1])
+        likely &= here >= line[:, first + 1 : stop + 1]
+        channel, peak = np.nonzero(likely)
+        peak += first
+        value = line[channel, peak]
+        step = np.arange(1, self.reach + 1)
+        before, after = (line[channel[:, None], peak[:, None] + s] for s in (-step, step))
+        true = ((before < value[:, None]) & (after <= value[:, None])).all(axis=1)
+        order = np.flatnonzero(true)
+        order = order[np.lexsort((channel[order], peak[order]))]
+        peak, channel, value = peak[order], channel[order], value[order]
+        rising = line[channel[:, None], peak[:, None] - np.arange(1, self.back + 1)] > self.floor
+        rise = np.logical_and.accumulate(rising, axis=1).sum(axis=1)
+        offset = self.settled - first
+        return LocalMaximaWithOnset(peak - rise + offset, peak + offset, channel, value)

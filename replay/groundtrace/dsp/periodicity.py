@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..later import Later
+from .. import kernels
 from .resample import GRID_HZ, ColumnBuffer
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..kernels import steps as steps_kernels
-else:
-    steps_kernels = Later("groundtrace.kernels.steps")
 
 #: Points of the grid from one window to the next. Chosen by judgement: a rhythm is told four times
 #: a second.
@@ -109,7 +106,7 @@ def repetitions(signal: NDArray[np.float64], length: int, repeats: int) -> NDArr
     fastest = PERIODS_S[0] * GRID_HZ
     periods = (int(fastest), int(longest_s * GRID_HZ))
     signal = np.ascontiguousarray(signal)
-    found = steps_kernels.rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
+    found = kernels.steps.rhythms(signal, HOP, length, repeats, periods, fastest, _CLIP, _PART)
     found[1] = np.where(found[1] > 0, found[1] / GRID_HZ, USUAL_STEP_S)
     return found
 
@@ -188,7 +185,7 @@ class Rhythm:
         """Take in what a scale says of the next hops."""
         hops = (self._next, self._next + values.shape[1])
         width = scale.points // HOP
-        best = steps_kernels.strongest(found.contiguous(), found.first, hops, self.ahead, width)
+        best = kernels.steps.strongest(found.contiguous(), found.first, hops, self.ahead, width)
         if scale is self.scales[0]:
             values[1] = np.where(np.isfinite(best[0]), best[1], values[1])
         stronger = best[0] > values[0]

@@ -13,15 +13,11 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..later import Later
+from .. import kernels
 from .filters import corner
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from ..kernels import picker as picker_kernels
-else:
-    picker_kernels = Later("groundtrace.kernels.picker")
 
 #: Points per second of the grid [Hz]. Chosen by judgement: steps have their strength below 6 Hz.
 GRID_HZ = 40.0
@@ -107,7 +103,7 @@ class UniformResampler:
         """Return the next points that lie at or before a sample of the run."""
         start = self._next
         end = max(start, int(np.floor(sample * GRID_HZ / self.rate_hz + 1e-9)) + 1)
-        low, recorded, own, past = picker_kernels.grid_points(
+        low, recorded, own, past = kernels.grid.grid_points(
             self._values,
             self._first,
             start,
@@ -153,7 +149,7 @@ class CentredFilter:
         self._past = joined[:, x.shape[1] :]
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
-        return picker_kernels.weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
+        return kernels.grid.weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
 
     def finish(self) -> NDArray[np.float64]:
         """Return what the last values lack."""

@@ -4,8 +4,7 @@ A transform of a few tens of samples, or to a few frequencies, is fastest as a p
 matrix. A window that is symmetric about its middle halves the work: the sums of the samples at
 equal distances from the middle give the real part, their differences the imaginary one. So does the
 transform: at distances that add up to half its length, cosines are the same in even frequencies and
-opposite in odd ones, sines the other way round. As many windows are done at once as a row has
-lanes.
+opposite in odd ones, sines the other way round.
 """
 
 from __future__ import annotations
@@ -14,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kernels.lanes import LANES, LANES_32
-from ..kernels.picker import put_power
-from ..kernels.tiles import TILE
+from .. import kernels
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
@@ -75,11 +72,17 @@ class WindowPower:
         self.frequencies = transform // 2 + 1 if frequencies is None else frequencies
         self._pairs, weights = _folds(taper, transform)
         self._weights = weights.astype(kind)
-        self._share = np.array([2.0 / self.window if mean_removed else 0.0], kind)
+        self._share = self._weights.dtype.type(2.0 / self.window if mean_removed else 0.0)
         before = (self.window - 1) / 2 - self._pairs[0]
-        padded = -(-self.frequencies // TILE) * TILE
-        angle = 2 * np.pi / transform * before * np.arange(padded)[:, None]
-        self._cosines, self._sines = np.cos(angle).astype(kind), np.sin(angle).astype(kind)
+        record = kernels.spectra.record_of(kind)
+        blocks = -(-self.frequencies // (2 * kernels.spectra.WAVES))
+        self._waves = np.zeros((blocks, len(before)), record)
+        self._sums = np.zeros(1, record)
+        frequency = np.arange(blocks * 2 * kernels.spectra.WAVES).reshape(blocks, 1, -1, 2)
+        angle = 2 * np.pi / transform * before[:, None, None] * frequency
+        waves = [part[..., odd] for part in (np.cos(angle), np.sin(angle)) for odd in range(2)]
+        for name, values in zip(record.names or (), waves, strict=True):
+            self._waves[name] = values
 
     def __call__(
         self,
@@ -98,13 +101,14 @@ class WindowPower:
         start, hop, count
             Where the first window begins, from one to the next [samples], and how many there are.
         before
-            Samples that these follow, contiguous: there ``start`` may lie, less than 0.
+            Samples that these follow: there ``start`` may lie, less than 0.
         """
-        rows = np.ascontiguousarray(np.atleast_2d(samples))
-        before = rows[:, :0].copy() if before is None else before
-        lanes = LANES if self._cosines.itemsize == 8 else LANES_32
-        shape = (len(rows), -(-count // lanes) * lanes, len(self._cosines))
-        power = np.empty(shape, self._cosines.dtype)
-        window = (self._pairs, self._weights, self._share, self._cosines, self._sines)
-        put_power(before, rows, start, self.window, hop, *window, power)
-        return power.reshape(*samples.shape[:-1], *shape[1:])[..., :count, : self.frequencies]
+        rows = np.atleast_2d(samples)
+        if before is not None and start < 0:
+            rows, start = np.concatenate([before, rows], axis=1), start + before.shape[1]
+        rows = np.ascontiguousarray(rows, self._weights.dtype)
+        even = -(-self.frequencies // 16) * 16
+        power = np.empty((len(rows), count, even), self._weights.dtype)
+        window = (self._pairs, self._weights, self._share, self._waves, self._sums)
+        kernels.spectra.window_power(rows, start, hop, self.window, *window, power)
+        return power.reshape(*samples.shape[:-1], *power.shape[1:])[..., : self.frequencies]

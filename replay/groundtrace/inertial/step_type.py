@@ -49,9 +49,9 @@ from scipy import signal
 from groundtrace_codecs.events import Quantity, StepEvent
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
+from .. import kernels
 from ..detectors.body_signals import NOMINAL_CADENCE_HZ
 from ..dsp.filters import StreamingFilter, corner, phase_delay_s, planar
-from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
 from ..pipeline.source import NonFiniteHold
@@ -69,13 +69,10 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
     from groundtrace_codecs.signals import Stream
 
-    from ..kernels import steps as steps_kernels
     from ..pipeline.gates import GateState
     from .body_motion import Axis, Swing
 
     Array = NDArray[np.float64]
-else:
-    steps_kernels = Later("groundtrace.kernels.steps")
 
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
 #: Chosen by judgement: many steps, and less than an offset drifts in.
@@ -146,12 +143,12 @@ class BodyAxes:
         force = np.ascontiguousarray(values[self._force])
         rate = np.ascontiguousarray(values[self._turning])
         keeps = (self._keep, self._keep_offset, self._gravity_s)
-        gravity = steps_kernels.directions(force, rate, self._state, keeps)
+        gravity = kernels.steps.directions(force, rate, self._state, keeps)
         if self.forward == "walk":
             self.forward = level_axis(gravity[:, 0] / max(math.hypot(*gravity[:, 0]), 1e-300))
         nominal = axis_vector(self.forward)
         return BodyPart(
-            block.sample_times(), steps_kernels.resolved(force, gravity, nominal, STEEP)
+            block.sample_times(), kernels.steps.resolved(force, gravity, nominal, STEEP)
         )
 
 
@@ -241,7 +238,7 @@ def strip_of(times_s: Array, values: Array, step_s: float) -> Array:
         Time of a step [s].
     """
     out = np.empty((len(values), len(PHASE)))
-    steps_kernels.strip(times_s, np.ascontiguousarray(values), PHASE * step_s, _WEIGHTS, out)
+    kernels.steps.strip(times_s, np.ascontiguousarray(values), PHASE * step_s, _WEIGHTS, out)
     return out
 
 
@@ -256,7 +253,7 @@ def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
         Of the step (:func:`.body_motion.step_swing`); its phase is the lead of
         a step without a frontal maximum of its own.
     """
-    window, lead, density, slopes = steps_kernels.frontal(
+    window, lead, density, slopes = kernels.steps.frontal(
         strip, PHASE, CONTACT, _TOP, _NEAR, _ABOUT, POINTS, _NEAR_CONTACT
     )
     if np.isnan(lead):
@@ -267,7 +264,7 @@ def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
 def lateral(strip: Array) -> LateralShape:
     """Measure the lateral pattern of a strip."""
     # over two steps the mean is what a turn adds to the lateral acceleration
-    found = steps_kernels.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
+    found = kernels.steps.lateral(strip, CONTACT, _DEEP, _NEAR_CONTACT, POINTS)
     return LateralShape(*found)
 
 

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import compiled, in_place
+from .compiling import inlined as compiled
+from .compiling import inlined as in_place
 from .lanes import LANES, every, put_row, row_from
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import compiled
+from .compiling import compiled, inlined
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,7 +21,7 @@ SUMS = 5
 TINY = 2.2250738585072014e-308
 
 
-@compiled
+@inlined
 def _summed(
     u: Array, times: Array, line: Array, threshold: float, robust: bool, sums: Array
 ) -> None:
@@ -42,7 +42,7 @@ def _summed(
             sums[4, j] += weighted * t
 
 
-@compiled
+@inlined
 def _fitted(sums: Array, slope: float, line: Array) -> None:
     """Put the best slope, at least 0, and moment of each node in ``line``, of those sums."""
     for j in range(sums.shape[1]):
@@ -58,7 +58,7 @@ def _fitted(sums: Array, slope: float, line: Array) -> None:
         line[1, j] = t_mean - k * u_mean
 
 
-@compiled
+@inlined
 def _lost(u: Array, times: Array, line: Array, threshold: float, loss: Array) -> None:
     """Put the mean of twice Huber's loss at each node of a block in ``loss``."""
     loss[:] = 0.0
@@ -72,7 +72,7 @@ def _lost(u: Array, times: Array, line: Array, threshold: float, loss: Array) ->
         loss[j] /= len(times)
 
 
-@compiled
+@compiled("void(f8[:, :, ::1], f8[:, ::1], f8, f8, i8, f8[:, ::1])")
 def robust_losses(
     u: Array, times_s: Array, slope: float, threshold_s: float, passes: int, losses: Array
 ) -> None:

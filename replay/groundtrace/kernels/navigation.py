@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import compiled, in_place
 from .attitude import (
     add_matrix,
     carry,
@@ -34,6 +33,8 @@ from .attitude import (
     turn_by,
     wrap_angle,
 )
+from .compiling import inlined as compiled
+from .compiling import inlined as in_place
 from .lanes import LANES, every, put_row, row
 
 if TYPE_CHECKING:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import compiled, in_place
+from .compiling import inlined as compiled
+from .compiling import inlined as in_place
+from .grid import TOGETHER, sums_together
 from .lanes import LANES
-from .picker import TOGETHER, sums_together
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

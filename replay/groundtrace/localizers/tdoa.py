@@ -22,20 +22,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import shapely
 
+from .. import kernels
 from ..dsp.robust import HUBER
 from ..errors import PipelineError
-from ..later import Later
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from .base import EXPONENT, outline_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..kernels import locate as locate_kernels
-
     Array = NDArray[np.float64]
-else:
-    locate_kernels = Later("groundtrace.kernels.locate")
 
 #: Place and moment. Source: definition.
 HYPERBOLIC_UNKNOWNS = 3
@@ -343,7 +339,7 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     slope = float("nan") if model.slope is None else model.slope
     nodes = u if u.ndim == 3 else u[None]
     loss = np.empty((len(times_s), nodes.shape[2]))
-    locate_kernels.robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
+    kernels.locate.robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
     return loss
 
 

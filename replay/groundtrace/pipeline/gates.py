@@ -15,8 +15,6 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, GateSpec
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..later import Later
-
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -24,9 +22,6 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Quantity, StageSpec
 
-    from ..kernels import picker as picker_kernels
-else:
-    picker_kernels = Later("groundtrace.kernels.picker")
 
 #: Part by which a threshold must lie over what is reached: values are float32, and what they reach
 #: may have been sought on a grid. Chosen by judgement: over float32's rounding and a grid's step,
@@ -206,18 +201,14 @@ class Refractory:
         last = carry.last_ns.setdefault(self.name, {})
         if not len(candidates):
             return np.empty(0)
-        since_s, times = picker_kernels.time_since_passed(
-            np.ascontiguousarray(candidates.time_ns),
-            np.ascontiguousarray(candidates.channel),
-            alive,
-            threshold,
-            np.array([*last, *last.values()], np.int64),
-            NS_PER_S,
-        )
-        for channel, time_ns in enumerate(times.tolist()):
-            if time_ns != picker_kernels.NEVER:
+        since_s = []
+        rows = (candidates.time_ns.tolist(), candidates.channel.tolist(), alive.tolist())
+        for time_ns, channel, is_alive in zip(*rows, strict=True):
+            over_s = (time_ns - last[channel]) / NS_PER_S if channel in last else np.inf
+            since_s.append(over_s)
+            if is_alive and over_s >= threshold:
                 last[channel] = time_ns
-        return since_s
+        return np.array(since_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,9 +265,9 @@ def decide(
     for column, gate in enumerate(gates):
         threshold = float(getattr(parameters, gate.parameter))
         seen = gate.values(candidates, columns, alive, threshold, carry)
-        alive = picker_kernels.judge(
-            seen, threshold, gate.at_least, alive, value[:, column], margin[:, column]
-        )
+        distance = seen - threshold if gate.at_least else threshold - seen
+        value[:, column], margin[:, column] = seen, distance
+        alive = alive & (distance >= 0.0)
     return Decisions(value, margin, alive), carry
 
 

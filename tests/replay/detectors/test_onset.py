@@ -5,19 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from groundtrace.detectors.arrivals import EDGE, criterion_of, lane_onsets, memory_of
-from groundtrace.kernels.lanes import LANES
+from groundtrace.kernels.picker import EDGE, criterion_of, onsets
 
 
 def aic(windows: np.ndarray) -> np.ndarray:
     """Return AIC(k) for k = 1 ... n-1 of windows of shape (m, n); shape (m, n-1)."""
     m, n = windows.shape
-    found, sums = np.empty((m, n - 1)), memory_of(n)
-    criterion = np.empty(sums[0].shape)
+    found = np.empty((m, n))
     for window, own in zip(np.ascontiguousarray(windows), found, strict=True):
-        criterion_of(window, sums, criterion, np.inf)
-        own[:] = criterion.ravel()[: n - 1]
-    return found
+        criterion_of(window, np.inf, np.empty((2, n)), own)
+    return found[:, : n - 1]
 
 
 def aic_onset(windows: np.ndarray, correlation: float) -> tuple[np.ndarray, np.ndarray]:
@@ -26,7 +23,7 @@ def aic_onset(windows: np.ndarray, correlation: float) -> tuple[np.ndarray, np.n
     Parameters
     ----------
     windows
-        Shape (m, n), as :func:`lane_onsets` takes them one by one.
+        Shape (m, n), as :func:`onsets` takes them one by one.
     correlation
         Correlation length of the signal [samples].
 
@@ -38,11 +35,9 @@ def aic_onset(windows: np.ndarray, correlation: float) -> tuple[np.ndarray, np.n
         Shape (m,).
     """
     m, n = windows.shape
-    rows = np.zeros((-(-m // LANES), n, LANES))
-    for i, window in enumerate(windows):
-        rows[i // LANES, :, i % LANES] = window
+    rows = np.ascontiguousarray(windows.T, dtype=np.float64)
     starts, lengths = np.zeros(m, np.intp), np.full(m, n, np.intp)
-    found = lane_onsets(rows, starts, lengths, np.arange(m), correlation)
+    found = onsets(rows, starts, lengths, np.arange(m), correlation)
     return found[0], found[1]
 
 
@@ -76,11 +71,10 @@ def test_the_criterion_is_maedas_formula():
 
 def test_far_from_the_least_the_criterion_is_rough_but_above_what_matters():
     (window,) = bursts(1, 200, 120, 20.0)
-    (exact,), sums, margin = aic(window[None, :]), memory_of(200), 30.0
-    found = np.empty(sums[0].shape)
-    criterion_of(window, sums, found, margin)
+    (exact,), margin, found = aic(window[None, :]), 30.0, np.empty(200)
+    criterion_of(window, margin, np.empty((2, 200)), found)
     inner = slice(EDGE, -EDGE)
-    exact, rough = exact[inner], found.ravel()[:199][inner]
+    exact, rough = exact[inner], found[:199][inner]
     near = exact <= exact.min() + margin
     assert np.array_equal(rough[near], exact[near])
     assert (rough[~near] > exact.min() + margin).all()

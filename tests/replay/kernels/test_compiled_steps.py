@@ -29,7 +29,7 @@ from groundtrace.inertial.strapdown import (
     SensorNoise,
     integrate,
 )
-from groundtrace.kernels.picker import TOGETHER
+from groundtrace.kernels.grid import TOGETHER
 from groundtrace.kernels.steps import autocorrelation, clip_window
 from groundtrace.localizers.gcc_phat import (
     MISFIT_S,

@@ -1,0 +1,111 @@
+"""How the loops of this folder are compiled, and where what was compiled is kept.
+
+What is compiled is kept in a folder named by the content of all files here and by the versions of
+Python, numba and numpy: a change of one of them compiles anew, and nothing else does. The folder
+lies in ``NUMBA_CACHE_DIR``, beside the source, or, where neither can be written, in
+``~/.cache/groundtrace``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numba
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    F = TypeVar("F", bound=Callable[..., Any])
+
+#: How long a function takes to compile, more or less [s].
+FUNCTION_S = 0.7
+#: Folders of other contents are dropped after this time [s]: other versions may still use them.
+OUTDATED_S = 86_400.0
+_HERE = Path(__file__).parent
+
+
+def compiled(signature: Any) -> Callable[[F], F]:
+    """Compile a function for arguments of the types that a signature names, where it is defined.
+
+    It runs without the interpreter's lock; divisions by zero give what IEEE 754 says, and sums keep
+    the order in which they are written.
+
+    Parameters
+    ----------
+    signature
+        As numba writes it: ``"f8(f8[:, ::1], i8)"``, or one of its signatures where records are
+        among the types.
+    """
+
+    def compile_it(function: F) -> F:
+        _announce(function.__module__, function.__code__.co_filename)
+        return _njit(function, signature)
+
+    return compile_it
+
+
+def inlined(function: F) -> F:
+    """Compile a function for those of this folder that call it, with whatever types they give."""
+    return _njit(function)
+
+
+def _njit(function: Any, *signature: Any) -> Any:
+    options = {"nogil": True, "error_model": "numpy"}
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
+    try:
+        return numba.njit(*signature, cache=True, **options)(function)
+    except RuntimeError:  # no place at all can be written: compiled anew in every process
+        return numba.njit(*signature, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def _announce(module: str, file: str) -> None:
+    """Say on a terminal that a file of functions is compiled, when its first one asks for it."""
+    if numba.config.DISABLE_JIT or not sys.stderr.isatty():
+        return
+    with suppress(OSError):
+        (FOLDER / module).touch(exist_ok=False)
+        count = Path(file).read_text("utf-8").count("\n@compiled(")
+        about = f"{count} functions, about {max(1, round(count * FUNCTION_S))} s"
+        print(f"compiling {module} once: {about}", file=sys.stderr)
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+def _folder() -> Path:
+    """Return where functions of this content are kept; drop what has long been of another."""
+    content = hashlib.sha256(repr((sys.version, numba.__version__, np.__version__)).encode())
+    for source in sorted(_HERE.glob("*.py")):
+        content.update(source.read_bytes())
+    places = [_HERE / "__pycache__"]
+    with suppress(RuntimeError):  # a process without a home
+        places.append(Path("~/.cache/groundtrace").expanduser())
+    if numba.config.CACHE_DIR:
+        places.insert(0, Path(numba.config.CACHE_DIR))
+    place = next((place for place in places if _writable(place)), places[0])
+    folder = place / f"kernels-{content.hexdigest()[:16]}"
+    if not folder.exists() and _writable(folder):
+        for other in place.glob("kernels-*"):
+            with suppress(OSError):  # another process drops it, too
+                if time.time() - other.stat().st_mtime > OUTDATED_S:
+                    shutil.rmtree(other)
+    return folder
+
+
+#: Where what is compiled is kept.
+FOLDER = _folder()

@@ -1,0 +1,178 @@
+"""Signals on one even grid: a low-pass evaluated at its points, and weighted sums of neighbours."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .compiling import compiled, inlined
+from .lanes import LANES, every, put_row, row_from
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Places = NDArray[np.int64]
+
+#: Phases of the grid against the samples whose weights are kept.
+_PHASES = 8
+#: Sums of every eighth product: they do not wait for each other.
+_SUMS = 8
+#: Sums that are made together, in registers.
+TOGETHER = 4 * LANES
+
+
+@inlined
+def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Array) -> Array:
+    """Return the low-pass's weights of the samples about a point ``past`` one of them, in samples.
+
+    Parameters
+    ----------
+    past, reach
+        How far the point lies after the middle sample, and how many samples count before and after
+        that.
+    rate_hz
+        Sampling rate [Hz].
+    at_s, table
+        Times and weights between which straight lines are drawn, shape (m,).
+    """
+    out = np.empty(2 * reach + 1)
+    last = len(at_s) - 1
+    for k in range(2 * reach + 1):
+        away_s = abs((k - reach) - past) / rate_hz
+        j = int(away_s / at_s[last] * last)
+        while j > 0 and at_s[j] > away_s:
+            j -= 1
+        while j < last and at_s[j + 1] <= away_s:
+            j += 1
+        if j >= last:
+            out[k] = table[last]
+        else:
+            slope = (table[j + 1] - table[j]) / (at_s[j + 1] - at_s[j])
+            out[k] = slope * (away_s - at_s[j]) + table[j]
+    return out
+
+
+@inlined
+def _product_sum(x: Array, at: int, weights: Array, sums: Array) -> float:
+    """Return the sum of products of weights and what stands from ``at`` on."""
+    sums[:] = 0.0
+    for k in range(0, len(weights), _SUMS):
+        for i in range(_SUMS):
+            sums[i] += weights[k + i] * x[at + k + i]
+    s = sums
+    return float(((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7])))
+
+
+@inlined
+def _sum(values: Array, start: int, stop: int) -> float:
+    total = 0.0
+    for k in range(start, stop):
+        total += values[k]
+    return total
+
+
+@compiled(
+    "Tuple((f8[:, ::1], f8[:, ::1], i8[::1], f8[::1]))"
+    "(f8[:, ::1], i8, i8, i8, f8, f8, i8, f8[::1], f8[::1])"
+)
+def grid_points(
+    values: Array,
+    first: int,
+    start: int,
+    end: int,
+    step: float,
+    rate_hz: float,
+    reach: int,
+    at_s: Array,
+    table: Array,
+) -> tuple[Array, Array, Places, Array]:
+    """Evaluate a low-passed signal at points ``[start, end)`` of the grid.
+
+    Parameters
+    ----------
+    values
+        Shape (n_channels, n), of the samples from ``first`` on.
+    step
+        Samples from point to point.
+    rate_hz, reach, at_s, table
+        As those of :func:`weights_at`.
+
+    Returns
+    -------
+    Low-passed and straight between samples, shape (n_channels, m) each; the sample before each
+    point, counted from ``first``, and how far after it the point lies [samples], shape (m,).
+    """
+    channels, n = values.shape
+    taps, count = 2 * reach + 1, end - start
+    low, recorded = np.empty((channels, count)), np.empty((channels, count))
+    own, past = np.empty(count, np.int64), np.empty(count)
+    padded = -(-taps // _SUMS) * _SUMS
+    known, kept = np.full(_PHASES, -1.0), np.zeros((_PHASES, padded))
+    # nothing stands before the run and after its end
+    lines, sums = np.zeros((channels, n + padded + reach + _SUMS)), np.empty(_SUMS)
+    lines[:, reach : reach + n] = values
+    for m in range(count):
+        place = (start + m) * step
+        base = math.floor(place + 1e-9)
+        past[m] = place - base
+        weight, phase = kept[(start + m) % _PHASES], (start + m) % _PHASES
+        if known[phase] != past[m]:
+            known[phase] = past[m]
+            weight[:taps] = weights_at(past[m], reach, rate_hz, at_s, table)
+        at = base - first
+        total = _sum(weight, max(0, reach - at), min(taps, n + reach - at))
+        own[m] = min(at, n - 1)
+        after = min(own[m] + 1, n - 1)
+        for c in range(channels):
+            low[c, m] = _product_sum(lines[c], at, weight, sums) / total
+            x, y = values[c, own[m]], values[c, after]
+            recorded[c, m] = x * (1 - past[m]) + y * past[m]
+    return low, recorded, own, past
+
+
+@compiled("f8[:, ::1](f8[:, ::1], f8[::1])")
+def weighted_sums(x: Array, kernel: Array) -> Array:
+    """Return sums of neighbours, shape (n_channels, n) to (n_channels, n - len(kernel) + 1).
+
+    The oldest is added first: the same sums whatever the blocks.
+    """
+    taps = len(kernel)
+    sums = np.zeros((len(x), x.shape[1] - taps + 1))
+    for c in range(len(x)):
+        line, own = x[c], sums[c]
+        for k in range(taps):
+            weight = kernel[taps - 1 - k]
+            for i in range(len(own)):
+                own[i] += weight * line[i + k]
+    return sums
+
+
+@inlined
+def sums_together(
+    x: Array, at: int, weights: Array, span: tuple[int, int], out: Array, to: int
+) -> None:
+    """Put weighted sums of neighbours, of :data:`TOGETHER` points from ``at`` on, in four rows.
+
+    Parameters
+    ----------
+    x
+        Shape (n,), to at least TOGETHER behind the last neighbour.
+    weights, span
+        Weights from the oldest neighbour on, and those that count.
+    out, to
+        Rows of LANES, and the first of the four.
+    """
+    one, two, three, four = every(0.0), every(0.0), every(0.0), every(0.0)
+    for k in range(span[0], span[1]):
+        weight = every(weights[k])
+        one = one + weight * row_from(x, at + k)
+        two = two + weight * row_from(x, at + k + LANES)
+        three = three + weight * row_from(x, at + k + 2 * LANES)
+        four = four + weight * row_from(x, at + k + 3 * LANES)
+    put_row(out, to, one)
+    put_row(out, to + 1, two)
+    put_row(out, to + 2, three)
+    put_row(out, to + 3, four)

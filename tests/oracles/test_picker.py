@@ -1,0 +1,202 @@
+"""Kernels of arrival pickers against plain Python, sample by sample, on any signal."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from groundtrace.dsp.filters import bandpass
+from groundtrace.kernels import grid, locate, picker
+
+RNG = np.random.default_rng(22)
+CHANNELS = (1, 3, 8, 9, 16, 17, 33)
+TINY = 5e-324
+
+
+def signals(n: int, channels: int) -> dict[str, np.ndarray]:
+    """Return signals that are hard on a filter, each (n, channels)."""
+    noise = 1e-6 * RNG.normal(size=(n, channels))
+    burst = np.where(np.arange(n)[:, None] < n // 2, 0.0, noise)
+    hostile = noise.copy()
+    hostile[n // 3], hostile[n // 2], hostile[-1, 0] = np.nan, np.inf, -np.inf
+    denormal = TINY * RNG.integers(-9, 9, (n, channels))
+    return {
+        "noise": noise,
+        "zeros": 0.0 * noise,
+        "constant": np.full_like(noise, 0.7),
+        "out of silence": burst,
+        "denormal": denormal,
+        "large": 1e300 * noise,
+        "not finite": hostile,
+    }
+
+
+def cells_of(x: np.ndarray, sos: np.ndarray, alpha: float, length: int) -> tuple[list, list]:
+    """Filter one channel, sum its cells up: rows (level, peak, power, high, low)."""
+    memory, level = [[0.0, 0.0] for _ in sos], 0.0
+    filtered, cells, cell = [], [], []
+    for recorded in x.tolist():
+        y = recorded
+        for (b0, b1, b2, _, a1, a2), m in zip(sos.tolist(), memory, strict=True):
+            given, y = y, b0 * y + m[0]
+            m[0], m[1] = b1 * given - a1 * y + m[1], b2 * given - a2 * y
+        level = alpha * (y * y) + (1.0 - alpha) * level
+        filtered.append(y)
+        cell.append((level, y, recorded))
+        if len(cell) == length:
+            levels, ys, xs = (np.array(v) for v in zip(*cell, strict=True))
+            total = 0.0
+            for value in ys.tolist():
+                total += value * value
+            peak, power = np.fmax.reduce(np.abs(ys), initial=0.0), total / length
+            ends = np.fmax.reduce(xs, initial=-np.inf), np.fmin.reduce(xs, initial=np.inf)
+            cells.append((np.fmax.reduce(levels, initial=-np.inf), peak, power, *ends))
+            cell = []
+            level = 0.0 if abs(level) < picker.NOTHING else level
+            memory = [[0.0 if abs(v) < picker.NOTHING else v for v in m] for m in memory]
+    return filtered, cells
+
+
+def picked(x: np.ndarray, sos: np.ndarray, alpha: float, length: int, block: int) -> tuple:
+    """Run the kernel over blocks."""
+    n, channels = x.shape
+    rows, cells, filled = x.copy(), [], 0
+    state = picker.channels_of(np.ones(channels), np.zeros((4, channels)))
+    sections = picker.sections_of(sos)
+    for start in range(0, n, block):
+        part = rows[start : start + block]
+        found = np.empty((picker.CELL, channels, (filled + len(part)) // length))
+        picker.variance_cells(part, sections, alpha, state, filled, length, found)
+        filled = (filled + len(part)) % length
+        cells.append(found)
+    return rows, np.concatenate(cells, axis=2)
+
+
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
+@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize("block", [1, 7, 50, 120])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_cells_are_those_of_a_plain_loop_to_the_last_bit(channels, block, order):
+    sos = bandpass(20.0, 0.0 if order == 1 else 400.0, 2000.0) if order else bandpass(0, 0, 2000.0)
+    for name, x in signals(120, channels).items():
+        rows, cells = picked(x, sos, 0.2, 7, block)
+        for c in range(channels):
+            filtered, expected = cells_of(x[:, c], sos, 0.2, 7)
+            assert np.array_equal(rows[:, c], filtered, equal_nan=True), name
+            assert np.array_equal(cells[:, c].T, expected, equal_nan=True), name
+
+
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_levels_are_the_moving_average_that_cells_have(channels):
+    for name, x in signals(40, channels).items():
+        before, levels = RNG.random(channels), np.empty(x.shape)
+        picker.variance_levels(x, 0.3, before, levels)
+        for c in range(channels):
+            level, expected = before[c], []
+            for y in x[:, c].tolist():
+                level = 0.3 * (y * y) + 0.7 * level
+                expected.append(level)
+            assert np.array_equal(levels[:, c], expected, equal_nan=True), name
+
+
+def onset_of(window: list[float], correlation: float) -> tuple[float, float]:
+    """Return onset and deviation by Akaike weights of Maeda's criterion, in plain steps."""
+    n = len(window)
+    if n < 2 * picker.EDGE + 3:
+        return n / 2, n / math.sqrt(12.0)
+    x = [v - window[0] for v in window]
+
+    def variance(part: list[float]) -> float:
+        mean = math.fsum(part) / len(part)
+        return math.fsum((v - mean) ** 2 for v in part) / len(part)
+
+    pairs = [(variance(x[:k]), variance(x[k:])) for k in range(1, n)]
+    least = max(picker.LEAST_PART * max(after for _, after in pairs), picker.LEAST)
+    criterion = [
+        k * math.log(before + least) + (n - k) * math.log(after + least)
+        for k, (before, after) in enumerate(pairs, 1)
+    ]
+    inner = range(1 + picker.EDGE, n - picker.EDGE)
+    lowest = min(criterion[k - 1] for k in inner)
+    scale = 1.0 / (2.0 * max(correlation, 1.0))
+    weights = [math.exp(-scale * (criterion[k - 1] - lowest)) for k in inner]
+    mass = math.fsum(weights)
+    onset = math.fsum(w * k for w, k in zip(weights, inner, strict=True)) / mass
+    spread = math.fsum(w * (k - onset) ** 2 for w, k in zip(weights, inner, strict=True))
+    return onset, math.sqrt(spread / mass)
+
+
+@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize("correlation", [0.0, 4.0])
+def test_onsets_are_those_of_plain_steps(channels, correlation):
+    n = 90
+    x = RNG.normal(size=(n, channels)) * np.where(np.arange(n) < 50, 1.0, 8.0)[:, None]
+    x[:, 0] = np.where(np.arange(n) < 50, 0.0, x[:, 0])
+    channel = np.arange(channels)
+    for start, length in ((0, 90), (13, 60), (40, 9), (3, 8), (5, 1)):
+        window = (np.full(channels, start), np.full(channels, length), channel)
+        found = picker.onsets(x, *window, correlation)
+        expected = [onset_of(x[start : start + length, c].tolist(), correlation) for c in channel]
+        assert np.allclose(found.T, expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("rate_hz", [6.0, 50.0, 128.0])
+def test_points_of_the_grid_are_weighted_means_of_the_samples_around(channels, rate_hz):
+    at_s = np.linspace(0.0, 0.5, 200)
+    table, reach, n = np.exp(-((at_s / 0.1) ** 2)), int(np.ceil(0.5 * rate_hz)), int(4 * rate_hz)
+    values, step, first = RNG.normal(size=(channels, n)), rate_hz / 40.0, 5
+    start, end = math.ceil(first / step), int((first + n - 1) / step)
+    grid_of = (values, first, start, end, step, rate_hz, reach, at_s, table)
+    low, recorded, own, past = grid.grid_points(*grid_of)
+    for m in range(start, end):
+        place = m * step - first
+        k = np.arange(max(0, own[m - start] - reach), min(n, own[m - start] + reach + 1))
+        weight = np.interp(np.abs(k - place) / rate_hz, at_s, table)
+        expected = values[:, k] @ weight / weight.sum()
+        assert np.allclose(low[:, m - start], expected, rtol=1e-9, atol=1e-9)
+        assert own[m - start] + past[m - start] == pytest.approx(place, abs=1e-8)
+        line = [np.interp(place, np.arange(n), row) for row in values]
+        assert np.allclose(recorded[:, m - start], line, atol=1e-8)
+
+
+@pytest.mark.parametrize("taps", [1, 5, 40])
+def test_weighted_sums_are_a_convolution(taps):
+    x, kernel = RNG.normal(size=(3, 70)), RNG.normal(size=taps)
+    expected = [np.convolve(row, kernel, "valid") for row in x]
+    assert np.allclose(grid.weighted_sums(x, kernel), expected, rtol=1e-12, atol=1e-12)
+    assert grid.weighted_sums(x[:, : taps - 1].copy(), kernel).shape == (3, 0)
+
+
+def loss_at(u: np.ndarray, t: np.ndarray, slope: float, threshold: float, passes: int) -> float:
+    """Fit a line by reweighting and return the mean of twice Huber's loss, of one node."""
+    weight, k, moment = np.ones(len(t)), 0.0, 0.0
+    for index in range(passes + 1):
+        if index:
+            weight = threshold / np.maximum(np.abs(t - k * u - moment), threshold)
+        total = weight.sum()
+        u_mean, t_mean = (weight * u).sum() / total, (weight * t).sum() / total
+        k = slope
+        if np.isnan(slope):
+            square = max((weight * (u - u_mean) ** 2).sum(), locate.TINY)
+            k = max((weight * (u - u_mean) * (t - t_mean)).sum() / square, 0.0)
+        moment = t_mean - k * u_mean
+    size = np.abs(t - k * u - moment)
+    inner = np.minimum(size, threshold)
+    return float((inner * (2 * size - inner)).mean())
+
+
+@pytest.mark.parametrize("nodes", [1, 3, 64, 65, 130])
+@pytest.mark.parametrize("sensors", [3, 8, 17])
+@pytest.mark.parametrize("slope", [math.nan, 0.002])
+def test_losses_are_those_of_a_line_fitted_at_each_node(nodes, sensors, slope):
+    times = 0.01 * RNG.random((2, sensors))
+    for own in (1, 2):
+        u, found = 5 * RNG.random((own, sensors, nodes)), np.empty((2, nodes))
+        locate.robust_losses(u, times, slope, 1e-3, 2, found)
+        for row, index in np.ndindex(found.shape):
+            expected = loss_at(u[row % own, :, index], times[row], slope, 1e-3, 2)
+            assert found[row, index] == pytest.approx(expected, rel=1e-6)

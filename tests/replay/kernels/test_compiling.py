@@ -1,0 +1,76 @@
+"""How kernels are compiled: kept by content, where that can be, and once told on a terminal."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import groundtrace.kernels
+
+FOLDER = Path(groundtrace.kernels.__file__).parent
+
+
+def _run(code: str, **environment: str) -> str:
+    given = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)} | environment
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, env=given, check=True, capture_output=True, text=True).stdout
+
+
+def _folder_of(kernels: Path, **environment: str) -> Path:
+    code = "from kernels.compiling import FOLDER; print(FOLDER)"
+    return Path(_run(code, PYTHONPATH=str(kernels.parent), **environment).strip())
+
+
+def _copied(tmp_path: Path) -> Path:
+    kernels = tmp_path / "kernels"
+    shutil.copytree(FOLDER, kernels, ignore=shutil.ignore_patterns("__pycache__"))
+    return kernels
+
+
+def test_what_is_compiled_is_kept_by_the_content_of_all_files(tmp_path):
+    kernels = _copied(tmp_path)
+    first = _folder_of(kernels)
+    assert first.parent == kernels / "__pycache__"
+    assert _folder_of(kernels) == first
+    with (kernels / "locate.py").open("a") as file:
+        file.write("# another line\n")
+    second = _folder_of(kernels)
+    assert second != first
+    assert first.exists()  # others may still run it
+    os.utime(first, (0, 0))
+    os.utime(second, (0, 0))
+    with (kernels / "locate.py").open("a") as file:
+        file.write("# and one more\n")
+    _folder_of(kernels)
+    assert not first.exists()
+    assert not second.exists()
+
+
+def test_the_place_that_is_named_is_taken_and_the_next_that_can_be_written(tmp_path):
+    kernels = _copied(tmp_path)
+    named = _folder_of(kernels, NUMBA_CACHE_DIR=str(tmp_path / "named"))
+    assert named.parent == tmp_path / "named"
+    for blocked in (tmp_path / "a file", kernels / "__pycache__"):
+        shutil.rmtree(blocked, ignore_errors=True)
+        blocked.touch()  # a file there: no folder can be made
+    given = {"NUMBA_CACHE_DIR": str(tmp_path / "a file"), "HOME": str(tmp_path / "home")}
+    assert _folder_of(kernels, **given).parent == tmp_path / "home" / ".cache" / "groundtrace"
+
+
+def test_where_nothing_can_be_kept_functions_are_compiled_all_the_same():
+    code = (
+        "from groundtrace.kernels.compiling import compiled;"  # a text has no place
+        "print(compiled('i8(i8)')(lambda x: x + 1)(41))"
+    )
+    assert _run(code) == "42\n"
+
+
+def test_a_file_of_kernels_is_imported_when_it_is_first_asked_for():
+    code = (
+        "import sys; from groundtrace import kernels; print('numba' in sys.modules);"
+        "kernels.locate; print('numba' in sys.modules); print(hasattr(kernels, 'missing'))"
+    )
+    assert _run(code).split() == ["False", "True", "False"]
