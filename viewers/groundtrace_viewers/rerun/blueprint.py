@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import isinf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
@@ -519,7 +519,7 @@ def streets_view(entities: Sequence[Entity]) -> rrb.View:
     )
 
 
-def _seen(entities: Iterable[Entity], role: str) -> dict[str, rrb.VisibleTimeRanges]:
+def _seen(entities: Iterable[Entity], role: str) -> dict[Any, rrb.VisibleTimeRanges]:
     """Return what of a map is seen after its time: all before the cursor, or of some seconds."""
     import rerun.blueprint as rrb
 
