@@ -12,9 +12,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import attitude, locate, navigation, picker, steps
+    from . import attitude, locate, navigation, picker, reckoning, steps
 
-__all__ = ["attitude", "locate", "navigation", "picker", "steps"]
+__all__ = ["attitude", "locate", "navigation", "picker", "reckoning", "steps"]
 
 
 def __getattr__(name: str) -> Any:

@@ -32,7 +32,7 @@ OUTDATED_S = 86_400.0
 _HERE = Path(__file__).parent
 
 
-def compiled(signature: str) -> Callable[[F], F]:
+def compiled(signature: Any) -> Callable[[F], F]:
     """Compile a function for arguments of the types that a signature names, where it is defined.
 
     It runs without the interpreter's lock; divisions by zero give what IEEE 754 says, and sums keep
@@ -41,7 +41,8 @@ def compiled(signature: str) -> Callable[[F], F]:
     Parameters
     ----------
     signature
-        As numba writes it: ``"f8(f8[:, ::1], i8)"``.
+        As numba writes it: ``"f8(f8[:, ::1], i8)"``, or one of its signatures where records are
+        among the types.
     """
 
     def compile_it(function: F) -> F:
@@ -56,7 +57,7 @@ def inlined(function: F) -> F:
     return _njit(function)
 
 
-def _njit(function: Any, *signature: str) -> Any:
+def _njit(function: Any, *signature: Any) -> Any:
     options = {"nogil": True, "error_model": "numpy"}
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
     try:
