@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 GOLDEN = Path(__file__).parent / "golden"
 #: A number may be off by this part of itself, or of the median of its column.
 RELATIVE = 1e-6
-#: What is smaller is what rounding leaves of nothing, in whatever unit.
-ROUNDING = 1e-16
+#: This part of the largest of a column is what rounding leaves of nothing.
+ROUNDING = 1e-12
 #: Of a trace, 50 ms a frame, every so many frames are kept; its length is, too.
 TRACE_EVERY = 16
 
@@ -229,7 +229,8 @@ def _same(one: NDArray[Any], other: NDArray[Any], *, of_matrices: bool) -> NDArr
     if of_matrices:  # what is zero beside a matrix's other values is so but for rounding
         typical = magnitude.max(axis=1, keepdims=True)
     off = np.abs(np.where(finite, other, 0.0) - np.where(finite, one, 0.0))
-    near = finite & (off <= np.maximum(RELATIVE * np.maximum(magnitude, typical), ROUNDING))
+    least = ROUNDING * magnitude.max(axis=0)
+    near = finite & (off <= np.maximum(RELATIVE * np.maximum(magnitude, typical), least))
     return near | (one == other) | (np.isnan(one) & np.isnan(other))
 
 

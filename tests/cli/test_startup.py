@@ -48,7 +48,6 @@ OF_A_REPLAY = {
     "evaluation",
     "explain",
     "kernels",
-    "later",
     "localizers",
     "pipeline",
     "runtime",

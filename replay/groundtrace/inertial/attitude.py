@@ -9,42 +9,29 @@ known of the field itself, never the tilt (the principle of Laidig and Seel, Inf
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, overload
 
 import numpy as np
 
-from groundtrace_codecs.signals import G0_MPS2
-
-from ..later import Later
+from .. import kernels
 from ..pipeline.parameters import measured
-from .rotations import levelled, matrix
+from .rotations import levelled, normalised, product
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
-    from ..kernels import attitude as attitude_kernels
-    from .frames import InertialFrame, Samples
+    from .frames import Samples
     from .rotations import Array
-else:
-    attitude_kernels = Later("groundtrace.kernels.attitude")
 
-#: Rows of the error state: rotation in the earth frame, velocity, bias in the body frame, field of
-#: the iron that turns with the body, and the earth's field: north and up.
-TURN, SPEED, BIAS, IRON, EARTH = (
-    slice(0, 3),
-    slice(3, 6),
-    slice(6, 9),
-    slice(9, 12),
-    slice(12, 14),
-)
-#: Source: definition.
-SIZE = 14
-_ONE = np.eye(SIZE)
-_PICK_SPEED, _PICK_BIAS = _ONE[SPEED], _ONE[BIAS]
+#: Rows of the error state: field of the iron, field of the earth. Source:
+#: definition.
+IRON, EARTH = slice(9, 12), slice(12, 14)
+#: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
+#: Chosen by judgement: two samples at 100 Hz.
+DELAY_PRIOR = (1e-6 / 0.02) ** 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,18 +40,18 @@ class AttitudeNoise:
 
     Attributes
     ----------
-    walk
+    gyro_walk
         Random walk of the integrated gyroscope [rad/sqrt(s)].
-    scale
+    gyro_scale
         Unknown part of a turn that the gyroscope misses (scale, axes), as white noise: error of
         the turn over the square root of a radian turned [sqrt(rad)].
     bias_start, bias_walk
         Bias at the start [rad/s] and its random walk [rad/s/sqrt(s)].
     force_walk
         Random walk of the integrated specific force [m/s/sqrt(s)].
-    speed
+    speed_mps
         Velocity that a wearer has about the mean, its correlation time taken as 1 s [m/s].
-    rest_rate
+    rest_rate_left
         Angular velocity left at rest, per frame [rad/s].
     iron_start, iron_walk
         Field of iron on the sensor that its calibration left [T], and its random walk
@@ -73,23 +60,24 @@ class AttitudeNoise:
         Random walk of the earth's field about the place [T/sqrt(s)].
     """
 
-    walk: float = 5e-4
-    scale: float = 0.015
+    gyro_walk: float = 5e-4
+    gyro_scale: float = 0.015
     bias_start: float = 0.02
     bias_walk: float = 1e-5
     force_walk: float = 0.1
-    speed: float = 0.5
-    rest_rate: float = 0.005
+    speed_mps: float = 0.5
+    rest_rate_left: float = 0.005
     iron_start: float = 1.5e-6
     iron_walk: float = 2e-8
     earth_walk: float = 2e-8
 
-    @property
-    def row(self) -> Array:
-        """As compiled functions lay the beginning of their settings out, and gravity after it."""
-        noise = (self.walk, self.scale, self.bias_walk, self.force_walk, self.speed)
-        walks = (self.rest_rate, self.iron_walk, self.earth_walk)
-        return np.array([*noise, *walks, *[0.0] * 5, G0_MPS2])
+
+def _unknown() -> NDArray[Any]:
+    """Return the state of a filter that knows nothing yet."""
+    state = np.zeros((), kernels.attitude.STATE)
+    state["orientation"][0], state["earth_field"] = 1.0, np.nan
+    state["delay_sums"] = 0.0, DELAY_PRIOR
+    return state
 
 
 @dataclass(slots=True)
@@ -100,18 +88,10 @@ class Attitude:
     ----------
     noise
         What the sensors are taken for.
-    orientation
-        Body to earth at the end of the last frame, shape (4,).
-    velocity
-        About the mean velocity, earth frame, shape (3,) [m/s].
-    bias
-        Of the gyroscope, body frame, shape (3,) [rad/s].
-    iron
-        Field of the iron on the sensor, body frame, shape (3,) [T].
-    earth
-        Field of the earth: north and up, shape (2,) [T]; NaN until there was one.
-    covariance
-        Of the error state, shape (14, 14).
+    state
+        A record, shape (), as :data:`.kernels.attitude.STATE` names its fields.
+    started
+        Whether there was a frame.
     free
         Whether the heading is the gyroscope's alone: about the vertical it only integrates. That a
         walker's velocity stays near its mean tells the tilt. About the vertical it would tell
@@ -119,122 +99,79 @@ class Attitude:
     """
 
     noise: AttitudeNoise
-    orientation: Array = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))
-    velocity: Array = field(default_factory=lambda: np.zeros(3))
-    bias: Array = field(default_factory=lambda: np.zeros(3))
-    iron: Array = field(default_factory=lambda: np.zeros(3))
-    earth: Array = field(default_factory=lambda: np.full(2, np.nan))
-    covariance: Array = field(default_factory=lambda: np.zeros((SIZE, SIZE)))
+    state: NDArray[Any] = field(default_factory=_unknown)
     started: bool = False
     free: bool = False
 
     @property
+    def orientation(self) -> Array:
+        """Body to earth at the end of the last frame, shape (4,)."""
+        return np.array(self.state["orientation"])
+
+    @property
+    def bias(self) -> Array:
+        """Bias of the gyroscope, body frame, shape (3,) [rad/s]."""
+        return np.array(self.state["gyro_bias"])
+
+    @property
+    def earth(self) -> Array:
+        """Field of the earth: north and up, shape (2,) [T]; NaN until there was one."""
+        return np.array(self.state["earth_field"])
+
+    @property
     def heading_sigma_rad(self) -> float:
         """Standard deviation of the heading [rad]."""
-        return float(np.sqrt(max(self.covariance[2, 2], 0.0)))
+        return float(np.sqrt(max(self.state["covariance"][2, 2], 0.0)))
 
-    def start(self, frame: InertialFrame) -> None:
+    def start(self, force: Array) -> None:
         """Level by the first frame's specific force; the heading is the body's x axis for now."""
-        self.orientation = levelled(frame.force)
-        tilt, speed = np.radians(5.0), self.noise.speed
+        tilt, speed = np.radians(5.0), self.noise.speed_mps
         bias, iron = self.noise.bias_start, self.noise.iron_start
         sigma = [tilt, tilt, np.pi] + 3 * [speed] + 3 * [bias] + 3 * [iron] + 2 * [0.0]
-        self.covariance = np.diag(np.array(sigma) ** 2)
+        self.state["orientation"] = levelled(force)
+        self.state["covariance"] = np.diag(np.array(sigma) ** 2)
         self.started = True
-
-    def predict(self, frame: InertialFrame) -> None:
-        """Go on to the end of a frame."""
-        axes = matrix(self.orientation)
-        x, y, z = (axes @ frame.force).tolist()
-        self._go_on(
-            attitude_kernels.predict,
-            axes @ frame.mean_turn,
-            (x, y, z),
-            frame.turns[-1],
-            frame.speed,
-            frame.length_s,
-            self.noise.row,
-        )
-
-    def hold_velocity(self, dt_s: float, sigma_mps: float | None = None) -> None:
-        """Take it that the velocity is near its mean: within the noise's, or at rest ``sigma``."""
-        if self.free:
-            self.reset_heading(0.0)
-        variance = self.noise.speed**2 * 2.0 / dt_s if sigma_mps is None else sigma_mps**2
-        self._update(_PICK_SPEED, -self.velocity, variance)
-
-    def hold_bias(self, rate: Array) -> None:
-        """Take the mean rate of a frame at rest for the bias."""
-        self._update(_PICK_BIAS, rate - self.bias, self.noise.rest_rate**2)
 
     def face(self, field: Array, sigma_t: float) -> None:
         """Turn north to where a field points, earth frame, shape (3,) [T]."""
-        x, y, z = field.tolist()
-        self._go_on(attitude_kernels.face, (x, y, z), sigma_t, self.noise.iron_start)
+        self.turn_heading(math.atan2(field[0], field[1]))
+        flat = max(math.hypot(field[0], field[1]), 1e-9)
+        self.reset_heading(math.hypot(sigma_t, self.noise.iron_start) / flat)
 
     def take_earth(self, north_t: float, up_t: float, sigma_t: float) -> None:
         """Take a field for the earth's, by its horizontal and vertical part [T]."""
-        self._go_on(attitude_kernels.take_earth, north_t, up_t, sigma_t)
+        self.state["earth_field"] = north_t, up_t
+        self.reset(EARTH, np.eye(2) * sigma_t**2)
 
     def reset_heading(self, sigma_rad: float) -> None:
         """Take the heading to be known to ``sigma_rad``, by what this filter does not see."""
-        attitude_kernels.know_heading(self.covariance, sigma_rad)
+        self.reset(slice(2, 3), np.array([[sigma_rad**2]]))
 
     def turn_heading(self, angle_rad: float) -> None:
         """Turn the whole estimate about the vertical, counter-clockwise."""
-        self._go_on(attitude_kernels.turn_heading, angle_rad)
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        half = np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
+        state, turn = self.state, np.array([[c, -s], [s, c]])
+        state["orientation"] = normalised(product(half, state["orientation"]))
+        state["velocity"][:2] = turn @ state["velocity"][:2]
+        covariance = state["covariance"]
+        for rows in (slice(0, 2), slice(3, 5)):
+            covariance[rows] = turn @ covariance[rows]
+        for rows in (slice(0, 2), slice(3, 5)):
+            covariance[:, rows] = covariance[:, rows] @ turn.T
 
     def forget_field(self) -> None:
         """Know nothing of earth and iron again: the magnetometer became another one."""
-        self.earth, self.iron = np.full(2, np.nan), np.zeros(3)
-        self.covariance[IRON, :] = self.covariance[:, IRON] = 0.0
-        self.covariance[IRON, IRON] = np.eye(3) * self.noise.iron_start**2
+        for name in ("hard_iron", "doubted", "verified_rad", "fields"):
+            self.state[name] = 0
+        self.state["earth_field"] = np.nan
+        self.reset(IRON, np.eye(3) * self.noise.iron_start**2)
 
-    def _update(
-        self,
-        pick: Array,
-        innovation: Array,
-        variance: float,
-        frozen: NDArray[np.bool_] | None = None,
-    ) -> None:
-        """Update by a measurement of three values (Joseph's form: the states' units lie far apart).
-
-        Parameters
-        ----------
-        pick
-            Measurement matrix, shape (3, 14).
-        innovation, variance
-            The measurement against what was expected, shape (3,), and its noise.
-        frozen
-            Rows that keep their estimate (Schmidt); the covariance stays that of what is done.
-        """
-        x, y, z = innovation.tolist()
-        kept = attitude_kernels.NONE if frozen is None else frozen
-        self._go_on(
-            attitude_kernels.update,
-            pick,
-            (x, y, z),
-            variance,
-            kept,
-            np.empty((attitude_kernels.ROOM, SIZE)),
-        )
-
-    def _go_on(self, change: Callable[..., None], *given: Any) -> None:
-        """Let a compiled function change state and covariance."""
-        state = self._state()
-        self.covariance = self.covariance.copy()  # others may hold what is known of a moment
-        change(state, self.covariance, *given)
-        self._take(state)
-
-    def _state(self) -> Array:
-        """Return all but the covariance as compiled functions lay it out, shape (15,)."""
-        parts = (self.orientation, self.velocity, self.bias, self.iron, self.earth)
-        return np.concatenate(parts)
-
-    def _take(self, state: Array) -> None:
-        """Take over what :meth:`_state` gave."""
-        self.orientation, self.velocity, self.bias = state[:4], state[4:7], state[7:10]
-        self.iron, self.earth = state[10:13], state[13:15]
+    def reset(self, rows: slice, covariance: Array) -> None:
+        """Let some of the errors be independent of the others, with this covariance."""
+        whole = self.state["covariance"]
+        whole[rows, :] = whole[:, rows] = 0.0
+        whole[rows, rows] = covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,7 +29,6 @@ import numpy as np
 
 from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 
-from ..later import Later
 from .attitude import Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
 from .heading import HeadingEstimator, joined
 from .rotations import turned
@@ -39,13 +38,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..kernels import navigation as navigation_kernels
     from .attitude import HeadingFrame
     from .frames import Samples
 
     Array = NDArray[np.float64]
-else:
-    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 #: Bias that a gyroscope may have at the start [rad/s]: more lets the turns of a walk pass for it.
 #: Chosen by judgement: 0.2 deg/s, what is left of an offset after standing still.
@@ -84,7 +80,7 @@ class LevelFrameMotion:
 
     def between(self, start_ns: int, stop_ns: int) -> LevelFrameMotion:
         """Return the samples in ``[start_ns, stop_ns)``; the nearest one where there is none."""
-        rows = slice(*self._rows(start_ns, stop_ns))
+        rows = self.rows(start_ns, stop_ns)
         return LevelFrameMotion(
             self.time_ns[rows],
             self.orientation[rows],
@@ -95,10 +91,12 @@ class LevelFrameMotion:
 
     def rested_by(self, start_ns: int, stop_ns: int) -> float:
         """Return how long the sensor has been at rest by the end of what is between [s]."""
-        return float(self.rested_s[self._rows(start_ns, stop_ns)[1] - 1])
+        return float(self.rested_s[self.rows(start_ns, stop_ns).stop - 1])
 
-    def _rows(self, start_ns: int, stop_ns: int) -> tuple[int, int]:
-        return navigation_kernels.rows_between(self.time_ns, start_ns, stop_ns)
+    def rows(self, start_ns: int, stop_ns: int) -> slice:
+        """Return where the samples in ``[start_ns, stop_ns)`` are; that of one that is near."""
+        first = min(int(self.time_ns.searchsorted(start_ns)), len(self.time_ns) - 1)
+        return slice(first, max(int(self.time_ns.searchsorted(stop_ns)), first + 1))
 
 
 @dataclass(slots=True)
@@ -272,8 +270,13 @@ def step_swing(values: NDArray[np.float64], phase: NDArray[np.float64]) -> Swing
     -------
     Complex parts of the vertical swing, or None where there is no vertical swing.
     """
-    found, ahead, right = navigation_kernels.swing(np.ascontiguousarray(values), phase)
-    return (ahead, right) if found else None
+    # over two whole steps, in which what repeats with every second step adds up to nothing
+    inside = (phase >= -1.0) & (phase < 1.0)
+    ahead, right, up = (values[:, inside] @ np.exp(-2j * np.pi * phase[inside])).tolist()
+    if not abs(up) > 0:
+        return None
+    back = up.conjugate() / abs(up) ** 2
+    return ahead * back, right * back
 
 
 def level_axis(up: Sequence[float] | NDArray[np.float64]) -> Axis:

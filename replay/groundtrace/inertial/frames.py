@@ -11,13 +11,13 @@ and field can be averaged over a frame however fast the sensor turns.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S, UNKNOWN_UNITS
 
-from ..later import Later
+from .. import kernels
 from ..pipeline.source import NonFiniteHold
 
 if TYPE_CHECKING:
@@ -25,10 +25,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from ..kernels import attitude as attitude_kernels
     from .rotations import Array
-else:
-    attitude_kernels = Later("groundtrace.kernels.attitude")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,33 +66,15 @@ class InertialFrame:
     ----------
     turns
         Rotation from the body at the end of each sample to the frame's start, shape (n, 4).
-    mean_turn
-        Mean of these rotations as a matrix, shape (3, 3): what it makes of a constant in the
-        turning body.
     length_s
         Length of the frame [s].
-    force, field
-        Means, shape (3,) [m/s2], [T]; the field is NaN where a sample has none.
-    rate
-        Mean angular velocity as measured, in moving body axes, shape (3,) [rad/s].
-    speed
-        Root mean square angular velocity [rad/s].
-    rate_spread, force_spread
-        Root mean square deviation from the mean in the frame [rad/s], [m/s2].
-    delay_sums
-        Products (x y, x x) that tell how late the field is [T^2/s], [T^2/s^2].
+    record
+        The rest, a record of shape (), as :data:`.kernels.attitude.FRAME` names its fields.
     """
 
     turns: Array
-    mean_turn: Array
     length_s: float
-    force: Array
-    field: Array
-    rate: Array
-    speed: float
-    rate_spread: float
-    force_spread: float
-    delay_sums: tuple[float, float]
+    record: NDArray[Any]
 
 
 def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> InertialFrame:
@@ -112,36 +91,13 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
     delay_s
         How much later than the gyroscope the magnetometer answers [s].
     """
-    turns, said = np.empty((len(samples), 2, 4)), np.empty(attitude_kernels.FRAME)
-    attitude_kernels.sum_up(
-        np.ascontiguousarray(samples.rate),
-        np.ascontiguousarray(samples.force),
-        np.ascontiguousarray(samples.field),
-        bias,
-        delay_s,
-        step_s,
-        turns,
-        np.empty((len(samples) + 1, 6)),
-        said,
+    turns, record = np.empty((len(samples), 4)), np.zeros((), kernels.attitude.FRAME)
+    kernels.attitude.integrate_frame(
+        *(np.ascontiguousarray(x) for x in (samples.rate, samples.force, samples.field)),
+        *(tuple(bias.tolist()), delay_s, step_s),
+        *(turns, np.empty((len(samples), 6)), record[()]),
     )
-    field = said[attitude_kernels.FIELD : attitude_kernels.RATE]
-    seen = bool(np.isfinite(field).all())
-    return InertialFrame(
-        turns=np.ascontiguousarray(turns[:, 0]),
-        mean_turn=said[attitude_kernels.MEAN_TURN : attitude_kernels.FORCE].reshape(3, 3),
-        length_s=len(samples) * step_s,
-        force=said[attitude_kernels.FORCE : attitude_kernels.FIELD],
-        field=field,
-        rate=said[attitude_kernels.RATE : attitude_kernels.FRAME_SPEED],
-        speed=float(said[attitude_kernels.FRAME_SPEED]),
-        rate_spread=float(said[attitude_kernels.RATE_SPREAD]),
-        force_spread=float(said[attitude_kernels.FORCE_SPREAD]),
-        # a field that comes late by d is too far on by d (rate x field): in the axes of the
-        # frame's start, where a constant field stands still, its samples move along that
-        delay_sums=(float(said[attitude_kernels.CROSSWISE]), float(said[attitude_kernels.ALONG]))
-        if seen
-        else (0.0, 0.0),
-    )
+    return InertialFrame(turns, len(samples) * step_s, record)
 
 
 #: What a sensor may measure; only the last may be missing.

@@ -18,16 +18,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from groundtrace_codecs.events import Disturbance, Heading, Note
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, SignalBlock
 
-from ..later import Later
+from .. import kernels
 from ..pipeline.gates import Candidates
 from ..pipeline.stage import CannotStart, Context, Input, Stage
-from .attitude import Attitude, AttitudeNoise, HeadingFrame, HeadingFrames, HeadingParameters
+from .attitude import (
+    Attitude,
+    AttitudeNoise,
+    HeadingFrame,
+    HeadingFrames,
+    HeadingParameters,
+)
 from .frames import Samples, SensorAligner, columns_of_axes, frame_of
-from .heading_baselines import AzimuthKalman, Exponential, GyroscopeAlone
+from .heading_baselines import AzimuthKalman, Exponential, turn_about_vertical
 from .magnetometer import (
     COLUMNS,
+    DERIVATIVE_S,
+    DEVIATION_S,
     GATES,
     TESLA,
     TESTS,
@@ -36,7 +44,7 @@ from .magnetometer import (
     Compass,
     DisturbedSpans,
 )
-from .rotations import matrix, wrap_angle
+from .rotations import headings_of, matrix, product, wrap_angle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,18 +53,11 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import CandidateBlock, Event
 
-    from ..kernels import attitude as attitude_kernels
     from ..pipeline.stage import Output
     from .attitude import HeadingFilter
     from .frames import InertialFrame
     from .heading_baselines import ScalarFilter
     from .rotations import Array
-else:
-    attitude_kernels = Later("groundtrace.kernels.attitude")
-
-#: What is known of a magnetometer's delay before anything turned: 0, to 20 ms, by a noise of 1 uT.
-#: Chosen by judgement: two samples at 100 Hz.
-DELAY_PRIOR = (TESLA / 0.02) ** 2
 
 
 class HeadingEstimator:
@@ -71,14 +72,17 @@ class HeadingEstimator:
 
     Attributes
     ----------
-    attitude, compass, gyroscope, calibration
+    attitude, compass, calibration
         What it is made of.
     scalar
         The filter of one angle, if there is one.
-    rested_s
-        How long the sensor has rested [s].
-    delay_sums
-        Of all fields so far, as those of a frame.
+
+    Notes
+    -----
+    The headings of the gyroscope alone and of the compass alone are told beside the fused one. Both
+    share the tilt of the filter, which the field never changes, so that either differs from the
+    fused orientation by a turn about the vertical. The gyroscope's begins at the first field's
+    heading; of the bias it knows what the sensor showed at rest, nothing that the compass teaches.
     """
 
     def __init__(self, parameters: HeadingParameters, rate_hz: float) -> None:
@@ -86,19 +90,18 @@ class HeadingEstimator:
         self.rate_hz = rate_hz
         self.length = max(2, round(parameters.frame_s * rate_hz))
         self.axis = axis_of(parameters.axis)
-        self.attitude = Attitude(AttitudeNoise(scale=parameters.gyro_scale))
-        self.compass = Compass(parameters, self.length / rate_hz)
-        self.gyroscope = GyroscopeAlone()
+        self.attitude = Attitude(AttitudeNoise(gyro_scale=parameters.gyro_scale))
+        self.compass = Compass(parameters)
         self.scalar = _scalar_filter(parameters)
         self.calibration = Calibration()
         self._waiting: list[Samples] = []
-        self.rested_s = 0.0
-        self.delay_sums = (0.0, DELAY_PRIOR)
+        self._faced = False  # a field
 
     @property
     def delay_s(self) -> float:
         """How much later than the gyroscope the magnetometer answers [s]."""
-        return self.delay_sums[0] / self.delay_sums[1]
+        late, moved = self.attitude.state["delay_sums"].tolist()
+        return float(late / moved)
 
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
@@ -133,28 +136,25 @@ class HeadingEstimator:
         samples = replace(samples, field=self.calibration.corrected(samples.field))
         frame = frame_of(samples, 1.0 / self.rate_hz, attitude.bias, self.delay_s)
         if not attitude.started:
-            attitude.start(frame)
-        if np.isnan(attitude.earth[0]) and np.isfinite(frame.field).all():
-            self._meet(matrix(attitude.orientation) @ frame.field)
+            attitude.start(frame.record["force"])
+        field = frame.record["field"]
+        if np.isnan(attitude.earth[0]) and np.isfinite(field).all():
+            self._meet(matrix(attitude.orientation) @ field)
         return frame
 
     def _frame(self, samples: Samples, scalar: ScalarFilter) -> HeadingFrame:
         """Go on by one frame, the heading by a filter of one angle."""
         attitude = self.attitude
-        frame = self._begin(samples)
-        axes, bias, offset = matrix(attitude.orientation), attitude.bias, self.gyroscope.offset_rad
-        orientation, heading = attitude_kernels.headings(
-            attitude.orientation, frame.turns, self.axis
-        )
-        sigma = attitude.heading_sigma_rad
+        state, frame = attitude.state, self._begin(samples)
+        orientation = product(attitude.orientation, frame.turns)
+        heading = headings_of(orientation, self.axis)
+        sigma, offset = attitude.heading_sigma_rad, float(state["gyroscope_offset_rad"])
         resting = self._move(frame, scalar)
-        self.gyroscope.go_on(frame, axes, bias, resting=resting)
         moved = attitude.orientation
-        tests, undisturbed = self._look(frame, axes, scalar)
-        self.gyroscope.leave_out(moved, attitude.orientation)
+        tests, compass_rad, undisturbed = self._look(frame, scalar)
+        state["gyroscope_offset_rad"] -= turn_about_vertical(moved, attitude.orientation)
         compass = bool(np.isfinite(tests).all())
-        alone = (offset, self.compass.turn_rad if compass else math.nan)
-        values = [*tests, *(math.degrees(wrap_angle(heading[0] + turn)) for turn in alone)]
+        alone = (wrap_angle(heading[0] + turn) for turn in (offset, compass_rad))
         raw = samples.field[len(samples) // 2 : len(samples) // 2 + 1]
         notes = self.calibrate(raw, np.array([compass]), np.array([undisturbed]))
         return HeadingFrame(
@@ -162,8 +162,8 @@ class HeadingEstimator:
             orientation=orientation,
             heading_rad=heading,
             sigma_rad=min(sigma, math.pi),
-            bias=attitude.bias.copy(),
-            values=np.array(values),
+            bias=attitude.bias,
+            values=np.array([*tests, *map(math.degrees, alone)]),
             undisturbed=undisturbed,
             compass=compass,
             resting=resting,
@@ -173,48 +173,51 @@ class HeadingEstimator:
     def _meet(self, field: Array) -> None:
         """Take the first field, earth frame [T], for the earth's."""
         sigma_t = self.parameters.field_sigma_ut * TESLA
-        self.attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), sigma_t)
-        before = self.attitude.orientation
-        self.attitude.face(field, sigma_t)
-        self.gyroscope.meet(before, self.attitude.orientation)
+        attitude, state, before = self.attitude, self.attitude.state, self.attitude.orientation
+        attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), sigma_t)
+        attitude.face(field, sigma_t)
+        turn = turn_about_vertical(before, attitude.orientation)
+        state["gyroscope_offset_rad"] = state["gyroscope_offset_rad"] - turn if self._faced else 0.0
+        self._faced = True
 
     def _move(self, frame: InertialFrame, scalar: ScalarFilter) -> bool:
         """Go on to the frame's end by gyroscope and specific force; say whether it rests."""
-        attitude, before = self.attitude, float(self.attitude.covariance[2, 2])
-        attitude.predict(frame)
-        still = (
-            float(np.linalg.norm(frame.rate)) < REST_RATE
-            and frame.rate_spread < REST_SPREAD
-            and frame.force_spread < REST_FORCE
-        )
-        self.rested_s = self.rested_s + frame.length_s if still else 0.0
-        resting = self.rested_s > REST_S
-        attitude.hold_velocity(frame.length_s, REST_SPEED if resting else None)
-        if resting:
-            attitude.hold_bias(frame.rate)
-        grown = max(float(attitude.covariance[2, 2]) - before, 0.0)
+        attitude = self.attitude
+        state, p, length_s = attitude.state, settings_of(self, frame.length_s), frame.length_s
+        before, last = float(state["covariance"][2, 2]), tuple(frame.turns[-1].tolist())
+        kernels.attitude.propagate(state[()], frame.record[()], last, length_s, p[()])
+        resting = kernels.attitude.motion_update(state[()], frame.record[()], length_s, p[()]) > 0
+        grown = max(float(state["covariance"][2, 2]) - before, 0.0)
         turn = scalar.advance(frame.length_s, grown)
         attitude.turn_heading(turn)
-        self.gyroscope.offset_rad -= turn
+        state["gyroscope_offset_rad"] -= turn
         return resting
 
-    def _look(self, frame: InertialFrame, axes: Array, scalar: ScalarFilter) -> tuple[Array, bool]:
-        """Test the frame's field and learn from it; return the tests' values and the verdict."""
-        if not np.isfinite(frame.field).all():
-            return np.full(len(TESTS), np.nan), True
-        values = self.compass.examine(self.attitude, frame, axes)
-        undisturbed = attitude_kernels.passes(values, limits_of(self.parameters))
+    def _look(self, frame: InertialFrame, scalar: ScalarFilter) -> tuple[Array, float, bool]:
+        """Test the frame's field and learn from it.
+
+        Return the tests' values, the compass's heading over that of the attitude [rad], and the
+        verdict.
+        """
+        record, state, compass = frame.record, self.attitude.state, self.compass
+        if not np.isfinite(record["field"]).all():
+            return np.full(len(TESTS), np.nan), math.nan, True
+        p = settings_of(self, frame.length_s)
+        compass.make_room(state, int(p["deviation_frames"]), 1)
+        state["fields"] += 1
+        record["earth_field"] = seen = record["axes"] @ record["field"]
+        kernels.attitude.field_tests(
+            *(state[()], record[()], compass.norms, compass.azimuths, frame.length_s, p[()])
+        )
+        undisturbed = bool((p["limits"] - record["tests"].astype(np.float32) >= 0.0).all())
         if undisturbed:
-            seen = axes @ frame.field
-            north = self.attitude.earth[0]
-            sigma = self.parameters.field_sigma_ut * TESLA / max(north, TESLA)
+            sigma = self.parameters.field_sigma_ut * TESLA / max(state["earth_field"][0], TESLA)
             sigma *= math.sqrt(2 * self.parameters.field_memory_s / frame.length_s)
             self.attitude.turn_heading(scalar.correct(math.atan2(seen[0], seen[1]), sigma))
-            late, moved = frame.delay_sums
-            late += self.delay_s * moved
-            self.delay_sums = (self.delay_sums[0] + late, self.delay_sums[1] + moved)
+            late, moved = record["delay_sums"].tolist()
+            state["delay_sums"] += late + self.delay_s * moved, moved
         self.attitude.reset_heading(scalar.sigma_rad)
-        return values, undisturbed
+        return np.array(record["tests"]), float(compass.azimuths[-1]), undisturbed
 
     def calibrate(
         self, raws: Array, seen: NDArray[np.bool_], passed: NDArray[np.bool_]
@@ -247,7 +250,7 @@ class HeadingEstimator:
     def _calibrated(self) -> str:
         """Begin anew with a field that is calibrated; return what a person should know."""
         assert self.calibration.ellipsoid is not None
-        self.compass = Compass(self.parameters, self.length / self.rate_hz)
+        self.compass = Compass(self.parameters)
         self.attitude.forget_field()
         x, y, z = (self.calibration.ellipsoid.centre / TESLA).tolist()
         return f"magnetometer calibrated: hard iron {x:.1f}, {y:.1f}, {z:.1f} uT taken out"
@@ -285,105 +288,93 @@ def _scalar_filter(parameters: HeadingParameters) -> ScalarFilter | None:
 REST_RATE, REST_SPREAD, REST_FORCE, REST_S = 0.05, 0.02, 0.15, 1.0
 #: Velocity left at rest [m/s]. Chosen by judgement: who stands sways by some 0.01 m/s.
 REST_SPEED = 0.02
+#: What of the noise frames are filtered by.
+NOISE = (
+    *("gyro_walk", "gyro_scale", "bias_walk", "force_walk", "iron_walk", "earth_walk"),
+    *("speed_mps", "rest_rate_left"),
+)
 
 
 def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> HeadingFrames:
-    """Go on by frames of so many samples, at least one, until a calibration changes anything.
+    """Go on by frames of so many samples, at least one, until a calibration may change anything.
 
-    What they begin with, tilt and earth's field, must be known.
+    What they begin with, tilt and earth's field, must be known; they end before the first field
+    where the earth's is not.
     """
-    compass, calibration = one.compass, one.calibration
-    compass.last(length / one.rate_hz)
-    state, watched = _state(one), calibration.watched
-    count, orientation, heading, told = attitude_kernels.frames(
-        np.ascontiguousarray(samples.rate),
-        np.ascontiguousarray(samples.force),
-        np.ascontiguousarray(calibration.corrected(samples.field)),
-        length,
-        state,
-        one.attitude.covariance,
-        (compass.belief, compass.fields, compass.recent, compass.counts),
-        watched,
-        calibration.tries,
-        one.axis,
-        _settings(one, length / one.rate_hz),
-        limits_of(one.parameters),
-    )
-    told, rows = told[:count], count * length
-    _take(one, state)
-    seen, passed = (
-        np.isfinite(told[:, attitude_kernels.VALUES]),
-        told[:, attitude_kernels.PASSED] > 0,
-    )
+    attitude, calibration, compass = one.attitude, one.calibration, one.compass
+    state, p = attitude.state, settings_of(one, length / one.rate_hz)
+    field = np.ascontiguousarray(calibration.corrected(samples.field))
+    count = min(len(samples) // length, calibration.next_try)
+    if np.isnan(attitude.earth[0]):
+        sees = np.isfinite(field[: count * length]).reshape(count, -1).all(axis=1)
+        count = max(int(np.argmax(sees)) if sees.any() else count, 1)
+    rows = count * length
+    orientation, heading = np.empty((rows, 4)), np.empty(rows)
+    told, frame = np.zeros(count, kernels.attitude.TOLD), np.zeros((), kernels.attitude.FRAME)
+    told["tests"] = told["compass_rad"] = np.nan
+    compass.make_room(state, int(p["deviation_frames"]), count)
+    given = (np.ascontiguousarray(samples.rate), np.ascontiguousarray(samples.force), field, length)
+    into = (compass.norms, compass.azimuths, orientation, heading, told)
+    records, at = (state[()], frame[()], p[()], one.axis), 0
+    while (at := kernels.attitude.filter_frames(*given, at, *records, *into)) < count:
+        late, moved = frame["delay_sums"].tolist()
+        delay_s = one.delay_s
+        if compass.judge(attitude, frame, length / one.rate_hz, p):
+            state["delay_sums"] += late + delay_s * moved, moved
+        else:
+            told["passed"][at] = 0.0
+        told["tests"][at], told["gyro_bias"][at] = frame["tests"], state["gyro_bias"]
+        at += 1
+    alone = np.stack([told["gyroscope_rad"], told["compass_rad"]], axis=1) + heading[::length, None]
+    alone = np.degrees((alone + math.pi) % (2 * math.pi) - math.pi)
+    seen, passed = np.isfinite(told["compass_rad"]), told["passed"] > 0
     return HeadingFrames(
         time_ns=samples.time_ns[:rows],
-        orientation=orientation[:rows],
-        heading_rad=heading[:rows],
+        orientation=orientation,
+        heading_rad=heading,
         first=np.arange(0, rows + 1, length),
-        sigma_rad=told[:, attitude_kernels.SIGMA],
-        bias=told[:, attitude_kernels.TOLD_BIAS : attitude_kernels.VALUES],
-        values=told[:, attitude_kernels.VALUES : attitude_kernels.PASSED],
+        sigma_rad=told["sigma_rad"],
+        bias=told["gyro_bias"],
+        values=np.concatenate([told["tests"], alone], axis=1),
         undisturbed=passed,
         compass=seen,
-        resting=told[:, attitude_kernels.RESTING] > 0,
+        resting=told["resting"] > 0,
         notes=one.calibrate(samples.field[length // 2 : rows : length], seen, passed),
     )
 
 
-def _state(one: HeadingEstimator) -> Array:
-    """Return the state as compiled functions lay it out."""
-    a, g = one.attitude, one.gyroscope
-    return np.concatenate(
-        [
-            *(a.orientation, a.velocity, a.bias, a.iron, a.earth),
-            (one.rested_s, *one.delay_sums, g.offset_rad),
-            *(g.bias, (g.rests,)),
-        ]
-    )
+def settings_of(one: HeadingEstimator, length_s: float) -> NDArray[Any]:
+    """Return what the filter takes its sensors for, for frames of a length [s].
 
-
-def _settings(one: HeadingEstimator, length_s: float) -> Array:
-    """Return the settings as compiled functions lay them out."""
-    p, noise = one.parameters, one.attitude.noise
-    plain_t = p.field_sigma_ut * TESLA
-    lasting_t = plain_t * math.sqrt(2 * p.field_memory_s / length_s)
-    row = noise.row
-    rest = (REST_RATE, REST_SPREAD, REST_FORCE, REST_S, REST_SPEED)
-    row[attitude_kernels.REST_RATE : attitude_kernels.GRAVITY] = rest
-    last = (p.drift_factor, float(one.attitude.free), 1 / one.rate_hz)
-    return np.array([*row, lasting_t, plain_t, noise.iron_start, *last])
+    A record of shape (), as :data:`.kernels.attitude.SETTINGS` names its fields.
+    """
+    p, noise, settings = one.parameters, one.attitude.noise, np.zeros((), kernels.attitude.SETTINGS)
+    window = max(round(DEVIATION_S / length_s), 2), max(round(DERIVATIVE_S / length_s), 2)
+    field_sigma_t = p.field_sigma_ut * TESLA * math.sqrt(2 * p.field_memory_s / length_s)
+    for name, value in {
+        **{name: getattr(noise, name) for name in NOISE},
+        "gravity_mps2": G0_MPS2,
+        "rest_rate": REST_RATE,
+        "rest_rate_spread": REST_SPREAD,
+        "rest_force_spread": REST_FORCE,
+        "rest_s": REST_S,
+        "rest_speed_mps": REST_SPEED,
+        "field_sigma_t": field_sigma_t,
+        "drift_factor": p.drift_factor,
+        "limits": limits_of(p),
+        "step_s": 1 / one.rate_hz,
+        "deviation_frames": window[0],
+        "derivative_frames": window[1],
+        "gyroscope_heading": one.attitude.free,
+    }.items():
+        settings[name] = value
+    return settings
 
 
 def limits_of(parameters: HeadingParameters) -> Array:
     """Return the threshold of each test, shape (8,)."""
     by_name = {gate.name: float(getattr(parameters, gate.parameter)) for gate in GATES}
     return np.array([by_name[test.name] for test in TESTS])
-
-
-def _take(one: HeadingEstimator, state: Array) -> None:
-    """Take over what the frames left behind."""
-    a, g = one.attitude, one.gyroscope
-    parts = np.split(
-        state,
-        [
-            attitude_kernels.VELOCITY,
-            attitude_kernels.BIAS,
-            attitude_kernels.IRON,
-            attitude_kernels.EARTH,
-            attitude_kernels.RESTED,
-        ],
-    )
-    a.orientation, a.velocity, a.bias, a.iron, a.earth = parts[:5]
-    one.rested_s = float(state[attitude_kernels.RESTED])
-    one.delay_sums = (
-        float(state[attitude_kernels.DELAY]),
-        float(state[attitude_kernels.DELAY + 1]),
-    )
-    g.offset_rad, g.bias = (
-        float(state[attitude_kernels.OFFSET]),
-        state[attitude_kernels.ALONE : attitude_kernels.RESTS],
-    )
-    g.rests = int(state[attitude_kernels.RESTS])
 
 
 class HeadingStage(Stage):
@@ -481,10 +472,11 @@ class HeadingStage(Stage):
     def _headings(self, frames: HeadingFrames) -> Iterator[Heading]:
         """Return the headings that are due."""
         every_ns = max(NS_PER_S / self.parameters.output_hz, self._period_ns)
-        due_ns = -1 if self._due_ns is None else self._due_ns
-        due, self._due_ns = attitude_kernels.due_places(
-            frames.time_ns, due_ns, every_ns, self._period_ns
-        )
+        due = []
+        for place, time_ns in enumerate(frames.time_ns.tolist()):
+            if self._due_ns is None or time_ns >= self._due_ns - self._period_ns / 2:
+                due.append(place)
+                self._due_ns = round(max(self._due_ns or 0, time_ns - every_ns / 2) + every_ns)
         sigma = np.repeat(frames.sigma_rad, frames.lengths)[due]
         columns = (frames.time_ns[due], frames.heading_rad[due], sigma)
         return map(Heading, *(x.tolist() for x in columns), repeat(self._stage))

@@ -1,4 +1,4 @@
-"""Heading filters of one angle, after EPFL, and the headings of gyroscope and compass alone.
+"""Heading filters of one angle, after EPFL.
 
 Source: Moix, Steiner, Ladetto and Merminod (EPFL), "Recalage du systeme avec un filtre a
 correlation exponentielle" and "... avec un filtre de Kalman". Two signs are corrected:
@@ -7,10 +7,6 @@ correlation exponentielle" and "... avec un filtre de Kalman". Two signs are cor
   is the gyroscope's lead over the compass: ``phi* = a phi_gyro + (1 - a) phi_compass``;
 - the bias is printed as ``b_{j+1} = b_j + db``; the gyroscope is mechanised with ``b*``, so that it
   must be ``b_{j+1} = b*_j + db``. As printed the loop overshoots (poles of modulus sqrt(a)).
-
-The headings of the gyroscope alone and of the compass alone are shown beside the fused one. Both
-share the tilt of the filter, which the field never changes, so that either differs from the fused
-orientation by a turn about the vertical.
 """
 
 from __future__ import annotations
@@ -24,7 +20,6 @@ import numpy as np
 from .rotations import wrap_angle
 
 if TYPE_CHECKING:
-    from .frames import InertialFrame
     from .rotations import Array
 
 
@@ -163,60 +158,7 @@ class AzimuthKalman:
         return turn
 
 
-@dataclass(slots=True)
-class GyroscopeAlone:
-    """The turn from the fused heading to that of the gyroscope alone.
-
-    It begins at the first field's heading. Of the bias it knows what the sensor showed at rest,
-    nothing that the compass teaches.
-
-    Attributes
-    ----------
-    offset_rad
-        That turn, counter-clockwise [rad].
-    bias
-        Mean rate at rest so far, body frame, shape (3,) [rad/s]; 0 before any rest.
-    rests
-        Frames at rest so far.
-    """
-
-    offset_rad: float = 0.0
-    bias: Array = field(default_factory=lambda: np.zeros(3))
-    rests: int = 0
-    _faces: bool = False
-
-    def go_on(self, frame: InertialFrame, axes: Array, bias: Array, *, resting: bool) -> None:
-        """Go on by a frame that the filter integrated with its own bias.
-
-        Parameters
-        ----------
-        frame
-            Gone on by.
-        axes
-            Rotation matrix of the body at the frame's start.
-        bias
-            Taken out of the frame by the filter, shape (3,) [rad/s].
-        resting
-            Whether the sensor stands still.
-        """
-        left = axes @ frame.mean_turn @ (bias - self.bias)
-        self.offset_rad += float(left[2]) * frame.length_s
-        if resting:
-            self.rests += 1
-            self.bias = self.bias + (frame.rate - self.bias) / self.rests
-
-    def meet(self, before: Array, after: Array) -> None:
-        """Face the first field as the filter does, and leave out what it makes of a later one."""
-        self.leave_out(before, after)
-        if not self._faces:
-            self.offset_rad, self._faces = 0.0, True
-
-    def leave_out(self, before: Array, after: Array) -> None:
-        """Leave out a turn of the filter towards the compass, between two orientations (4,)."""
-        self.offset_rad -= _turn_about_vertical(before, after)
-
-
-def _turn_about_vertical(before: Array, after: Array) -> float:
+def turn_about_vertical(before: Array, after: Array) -> float:
     """Return by how much an orientation was turned about the vertical [rad]."""
     # w and z of after times the inverse of before; there is no x and y where the tilt is kept
     (bw, bx, by, bz), (aw, ax, ay, az) = before.tolist(), after.tolist()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from groundtrace_codecs.events import SMOOTHED, Note, Quantity, TrackPoint
-from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..later import Later
+from .. import kernels
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.source import NonFiniteHold
 from ..pipeline.stage import CannotStart, Context, Input, Stage
@@ -26,6 +25,7 @@ from .strapdown import (
     FootNavigatorParameters,
     Pose,
     SensorNoise,
+    filter_state,
 )
 
 if TYPE_CHECKING:
@@ -36,13 +36,12 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock
     from groundtrace_codecs.signals import Stream
 
-    from ..kernels import navigation as navigation_kernels
     from ..pipeline.stage import Output
     from .strapdown import Innovation, Segment, SegmentRun, Segments
 
     Array = NDArray[np.float64]
-else:
-    navigation_kernels = Later("groundtrace.kernels.navigation")
+    #: Moments of a walk in columns, by their names in :data:`.kernels.navigation.KNOT`, shape (n,).
+    FilterHistory = NDArray[Any]
 
 #: Errors of a standing foot's velocity and rate go on for about so long [s]. Chosen by judgement: a
 #: part of a stance, so that its samples are not taken for as many witnesses.
@@ -50,7 +49,13 @@ CORRELATION_S = 0.1
 #: Where place and velocity of a pose in the plane are, and the place's covariance. Source:
 #: definition.
 COLUMNS = [7, 8, 4, 5]
+#: Values of a pose as a row.
+POSE = 16
 PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.start + 1] * 2])
+#: Most knots of one call: they take memory before it is known how many there are.
+ROOM = 128
+#: What is counted of standing, of being under way and of rest [s], and whether the foot stands.
+CLOCKS = ("stood_s", "swung_s", "rested_s", "stands")
 #: Of a point without an update that stands for itself.
 NO_NIS = float("nan")
 
@@ -111,37 +116,40 @@ class InsTrajectory:
         The segment where that is, or the number of segments; and whether the foot stood before it.
         Points wait for :meth:`told`.
         """
-        pose, covariance = self.filter.pose.row, self.filter.covariance.copy()
-        since, at, full = self._transition.copy(), start, True
-        clocks = np.array([self.stood_s, self.swung_s, self.rested_s, float(stands)])
+        state, at, full = filter_state(self.filter.pose, self.filter.covariance), start, True
+        state["transition"], state["pointed_ns"] = self._transition, self._pointed_ns
+        clocks = (self.stood_s, self.swung_s, self.rested_s, stands)
+        for name, value in zip(CLOCKS, clocks, strict=True):
+            state[name] = value
         s, settings = segments, self._settings()
         while full:
-            at, self._pointed_ns, *knots = navigation_kernels.walk(
+            knots = np.empty(min(len(s) - at, ROOM), kernels.navigation.KNOT)
+            at, count = kernels.navigation.navigate(
                 *(at, s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
-                *(pose, covariance, since, clocks, self._pointed_ns, settings),
+                *(state[()], settings[()], knots),
             )
-            full = len(knots[0]) == navigation_kernels.ROOM
-            self._add(FilterHistory(*(np.array(column) for column in knots)), NO_NIS)
+            full = count == ROOM
+            self._pointed_ns = int(state["pointed_ns"])
+            self._add(knots[:count].copy(), NO_NIS)
         if at > start:
-            self.filter.pose, self.filter.covariance = Pose.of(pose), covariance
-            self._transition = since
-            self.stood_s, self.swung_s, self.rested_s, still = clocks.tolist()
-            stands = still > 0
-        return at, stands
+            self.filter.pose, self.filter.covariance = Pose.of(state["pose"]), state["covariance"]
+            self._transition = state["transition"]
+            self.stood_s, self.swung_s, self.rested_s, stands = (state[x].item() for x in CLOCKS)
+        return at, bool(stands)
 
     def told(self) -> list[TrackPoint]:
         """Return the points that are known by now."""
         told, self._told = self._told, []
         return told
 
-    def _settings(self) -> Array:
-        """Return the settings as compiled functions lay them out."""
-        n, p = self.filter.noise, self.parameters
-        noise = (n.gyro_walk, n.force_walk, n.gyro_scale, n.force_scale)
-        walks = (n.gyro_bias_walk, n.force_bias_walk)
-        still = (p.sure, p.share, p.sole_m, p.still_mps, p.still_radps, p.rest_s, p.lost_s)
-        last = (p.point_s * NS_PER_S, CORRELATION_S, LOST_MPS, G0_MPS2, float(p.smooth))
-        return np.array([*noise, *walks, *still, *last])
+    def _settings(self) -> NDArray[Any]:
+        """Return the settings as :data:`.kernels.navigation.SETTINGS` names them, shape ()."""
+        p, settings = self.parameters, self.filter.noise.settings()
+        for name in ("sure", "share", "sole_m", "still_mps", "still_radps", "rest_s", "lost_s"):
+            settings[name] = getattr(p, name)
+        settings["point_ns"], settings["keep_all"] = p.point_s * NS_PER_S, p.smooth
+        settings["correlation_s"], settings["lost_mps"] = CORRELATION_S, LOST_MPS
+        return settings
 
     def stillness(self, segment: Segment) -> Innovation:
         """Return what it says of the velocity if the foot stands in a segment just predicted."""
@@ -189,9 +197,10 @@ class InsTrajectory:
     def finish(self) -> list[TrackPoint]:
         """Return where the track ends, and the track smoothed, as far as not said yet."""
         points: list[TrackPoint] = []
-        if self._knots and not self._knots[-1].shown[-1]:
+        if self._knots and not self._knots[-1]["shown"][-1]:
             last = self._knots[-1]
-            self._knots[-1:] = [last.rows(0, len(last) - 1), _shown(last.rows(len(last) - 1, None))]
+            self._knots[-1:] = [last[:-1], last[-1:].copy()]
+            self._knots[-1]["shown"] = 1
             points += self._points(self._knots[-1], self.stage, NO_NIS)
         points += self._smoothed()
         self._knots = []
@@ -217,12 +226,10 @@ class InsTrajectory:
     ) -> None:
         now, sure = self.filter.pose, self.filter.covariance
         if self.parameters.smooth or shown:
-            columns = (predicted.row, spread, now.row, sure, self._transition)
-            knot = FilterHistory(
-                np.array([time_ns], np.int64),
-                np.array([shown]),
-                *(np.array(column)[None] for column in columns),
-            )
+            knot = np.zeros(1, kernels.navigation.KNOT)
+            knot["time_ns"], knot["shown"], knot["transition"] = time_ns, shown, self._transition
+            knot["predicted"], knot["predicted_covariance"] = predicted.row, spread
+            knot["pose"], knot["covariance"] = now.row, sure
             self._pointed_ns = time_ns if shown else self._pointed_ns
             self._add(knot, nis)
         self._transition = np.eye(STATES)
@@ -232,35 +239,32 @@ class InsTrajectory:
         self._told += self._points(knots, self.stage, nis)
         if not (self.parameters.smooth and len(knots)):
             return
-        begin, times, longest_ns = 0, knots.time_ns.tolist(), self.parameters.smooth_s * NS_PER_S
-        for place in np.flatnonzero(knots.shown).tolist():
-            first = int(self._knots[0].time_ns[0]) if self._knots else times[begin]
+        begin, times, longest_ns = 0, knots["time_ns"].tolist(), self.parameters.smooth_s * NS_PER_S
+        for place in np.flatnonzero(knots["shown"]).tolist():
+            first = int(self._knots[0]["time_ns"][0]) if self._knots else times[begin]
             if times[place] - first > longest_ns:
-                self._knots.append(knots.rows(begin, place + 1))
+                self._knots.append(knots[begin : place + 1])
                 self._told += self._smoothed()[:-1]
-                self._knots, begin = [knots.rows(place, place + 1)], place + 1
+                self._knots, begin = [knots[place : place + 1]], place + 1
         if begin < len(knots):
-            self._knots.append(knots.rows(begin, len(knots)))
+            self._knots.append(knots[begin:])
 
     def _smoothed(self) -> list[TrackPoint]:
         """Return the points of all knots that are kept as all of them tell."""
         told: list[list[TrackPoint]] = []
         if not self._knots:
             return []
-        last = self._knots[-1].rows(len(self._knots[-1]) - 1, None)
-        pose, spread = last.pose[0].copy(), last.spread[0].copy()
+        last = self._knots[-1][-1:]
+        state = np.zeros((), kernels.navigation.STATE)
+        state["pose"], state["covariance"] = last["pose"][0], last["covariance"][0]
         told.append(self._points(last, self.stage + SMOOTHED, NO_NIS))
-        before = [*self._knots[:-1], self._knots[-1].rows(0, len(self._knots[-1]) - 1)]
         later = last
-        for part in before[::-1]:
+        for part in [*self._knots[:-1], self._knots[-1][:-1]][::-1]:
             if not len(part):
                 continue
-            found, planar = navigation_kernels.smooth(
-                *(part.pose, part.spread, part.predicted, part.predicted_spread, part.transition),
-                *(later.predicted[0], later.predicted_spread[0], later.transition[0]),
-                *(pose, spread),
-            )
-            told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, found, planar))
+            poses, planar = np.empty((len(part), POSE)), np.empty((len(part), 3))
+            kernels.navigation.smooth(part, later[0], state[()], poses, planar)
+            told.append(self._points(part, self.stage + SMOOTHED, NO_NIS, poses, planar))
             later = part
         return [point for points in told[::-1] for point in points]
 
@@ -273,22 +277,22 @@ class InsTrajectory:
         planar: Array | None = None,
     ) -> list[TrackPoint]:
         """Return points where knots are shown, by their own poses or by others."""
-        rows, number = np.flatnonzero(knots.shown), self.number
+        rows, number = np.flatnonzero(knots["shown"]), self.number
         if not len(rows):
             return []
-        pose = knots.pose if pose is None else pose
-        own = knots.spread[rows[:, None], PLANE[0], PLANE[1]] if planar is None else planar[rows]
-        columns = (knots.time_ns[rows], pose[rows[:, None], COLUMNS], own)
+        pose = knots["pose"] if pose is None else pose
+        own = (
+            knots["covariance"][rows[:, None], PLANE[0], PLANE[1]]
+            if planar is None
+            else planar[rows]
+        )
+        columns = (knots["time_ns"][rows], pose[rows[:, None], COLUMNS], own)
         return [
             TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
             for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(
                 *(column.tolist() for column in columns), strict=True
             )
         ]
-
-
-def _shown(knots: FilterHistory) -> FilterHistory:
-    return replace(knots, shown=np.ones(len(knots), np.bool_))
 
 
 def _lasting(sigma: float, segment: Segment) -> float:
@@ -513,48 +517,3 @@ def segments_of(p: FootNavigatorParameters, rate_hz: float) -> Segments:
         p.window_s, p.acceleration_sigma, p.rotation_sigma, stride_s=p.stride_s
     )
     return Segments(rate_hz, statistic)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FilterHistory:
-    """What the filter said at consecutive moments, in columns.
-
-    Attributes
-    ----------
-    time_ns, shown
-        When, and whether a point of the track lies there, shape (n,).
-    predicted, predicted_spread
-        Pose, as :attr:`.strapdown.Pose.row`, before the measurements there, shape (n, 16), and the
-        covariance of its error, shape (n, 15, 15).
-    pose, spread
-        After them.
-    transition
-        From the knot before, shape (n, 15, 15).
-    """
-
-    time_ns: NDArray[np.int64]
-    shown: NDArray[np.bool_]
-    predicted: Array
-    predicted_spread: Array
-    pose: Array
-    spread: Array
-    transition: Array
-
-    def __len__(self) -> int:
-        return len(self.time_ns)
-
-    def __deepcopy__(self, memo: object) -> FilterHistory:
-        return self  # nothing in it changes
-
-    def rows(self, start: int, stop: int | None) -> FilterHistory:
-        """Return some of them."""
-        part = slice(start, stop)
-        return FilterHistory(
-            self.time_ns[part],
-            self.shown[part],
-            self.predicted[part],
-            self.predicted_spread[part],
-            self.pose[part],
-            self.spread[part],
-            self.transition[part],
-        )

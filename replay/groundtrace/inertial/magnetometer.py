@@ -23,14 +23,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from groundtrace_codecs.events import Disturbance, Quantity
 
-from ..later import Later
+from .. import kernels
 from ..pipeline.gates import Level
+from .attitude import EARTH, IRON
+from .heading_baselines import turn_about_vertical
 from .rotations import turned, wrap_angle
 
 if TYPE_CHECKING:
@@ -38,15 +40,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..kernels import attitude as attitude_kernels
     from .attitude import Attitude, HeadingParameters
-    from .frames import InertialFrame
     from .rotations import Array
 
     #: Centre, shape (3,), and the matrix that undoes the soft iron, shape (3, 3).
     Fit = tuple[Array, Array]
-else:
-    attitude_kernels = Later("groundtrace.kernels.attitude")
 
 #: What the tests look at.
 TESTS = (
@@ -78,63 +76,175 @@ TESLA = 1e-6
 DEVIATION_S, DERIVATIVE_S = 0.3, 0.3
 
 
+#: So many frames in a row must be explained by the learned iron before it is believed in, and so
+#: many better explained by the clean belief before it is dropped.
+TO_BELIEVE, TO_CLEAN = 5, 2
+#: What is left of a field when it is blamed on iron [T].
+BLAME_SIGMA_T = 2e-6
+#: A field this far from what the learned iron explains says that it is not iron [T].
+CONSISTENT_T = 3e-6
+#: Turning faster than this counts [rad/s]; so much of it makes a field known [s], [rad].
+TURNING_RPS, LEAST_S, LEAST_RAD = 0.3, 10.0, 4 * math.pi
+#: Norm and inclination hold still within these standard deviations [T], [rad].
+STILL_T, STILL_RAD = 1.5e-6, math.radians(2.5)
+
+
 @dataclass(slots=True)
 class Compass:
-    """What is known of the last fields, as compiled functions lay it out.
+    """What is known of the last fields, and what is believed where one fails its tests.
 
     Attributes
     ----------
     parameters
         Thresholds and noise.
-    length_s
-        Of a frame [s].
-    recent, counts
-        Norms and azimuths of the last frames [T], [rad], shape (2, m); how many there are and may
-        be, shape (2, 2).
-    belief, fields
-        What is believed of the sensor's iron, and fields that may be the place's: see
-        :mod:`.kernels.attitude`.
+    norms, azimuths
+        Of the last fields [T], [rad], with room for more.
+    for_clean, for_iron
+        Frames in a row that speak for the clean belief, and for that of other iron.
+    clean_covariance
+        Of the iron by the clean belief, shape (3, 3).
+    watched
+        Fields that failed while the sensor turned and may be the place's: horizontal and vertical
+        part, norm [T], inclination, and turn [rad].
     """
 
     parameters: HeadingParameters
-    length_s: float
-    recent: Array = field(init=False)
-    counts: NDArray[np.int64] = field(init=False)
-    belief: Array = field(init=False)
-    fields: Array = field(init=False)
+    norms: Array = field(default_factory=lambda: np.empty(0))
+    azimuths: Array = field(default_factory=lambda: np.empty(0))
+    for_clean: int = 0
+    for_iron: int = 0
+    clean_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    watched: list[tuple[float, ...]] = field(default_factory=list)
 
-    def __post_init__(self) -> None:
-        """Know nothing yet."""
-        self.counts = np.zeros((2, 2), np.int64)
-        self.last(self.length_s)
-        # the last frame of a run is shorter, so that one more counts
-        self.recent = np.zeros((2, int(self.counts.max()) + 1))
-        self.belief = np.zeros(attitude_kernels.BELIEF)
-        self.fields = np.zeros(
-            (int(attitude_kernels.LEAST_S / self.length_s) + 2, attitude_kernels.WATCH)
-        )
+    def make_room(self, state: NDArray[Any], keep: int, more: int) -> None:
+        """Keep norms and azimuths of the last fields, and have room for more."""
+        count = int(state["fields"])
+        rows, room = slice(max(count - keep, 0), count), np.empty(more)
+        self.norms = np.concatenate([self.norms[rows], room])
+        self.azimuths = np.concatenate([self.azimuths[rows], room])
+        state["fields"] = min(count, keep)
 
-    @property
-    def turn_rad(self) -> float:
-        """The compass's heading over that of the attitude, of the frame examined last [rad]."""
-        return float(self.recent[1, self.counts[1, 0] - 1])
+    def judge(self, attitude: Attitude, frame: NDArray[Any], length_s: float, p: Any) -> bool:
+        """Learn from a field that failed a test, or came in doubt; return whether it passes.
 
-    def last(self, length_s: float) -> None:
-        """Let the windows hold frames of a length [s]."""
-        for row, span_s in enumerate((DEVIATION_S, DERIVATIVE_S)):
-            self.counts[row, 1] = max(round(span_s / length_s), 2)
+        Parameters
+        ----------
+        attitude
+            Goes on in place.
+        frame
+            As :data:`.kernels.attitude.FRAME` names its fields; takes the value of the iron's test.
+        length_s
+            Of the frame [s].
+        p
+            As :data:`.kernels.attitude.SETTINGS` names them.
+        """
+        tests = frame["tests"]
+        tests[7] = self._iron_change(attitude.state, frame) / TESLA
+        passed = bool((p["limits"] - tests.astype(np.float32) >= 0.0).all())
+        before = attitude.orientation
+        self._learn(attitude, frame, length_s, p, passed=passed)
+        turn = turn_about_vertical(before, attitude.orientation)
+        attitude.state["gyroscope_offset_rad"] -= turn
+        return passed
 
-    def examine(self, attitude: Attitude, frame: InertialFrame, axes: Array) -> Array:
-        """Return what the tests look at; ``axes`` is the rotation matrix at its start."""
-        self.last(frame.length_s)
-        x, y, z = (axes @ (frame.field - frame.mean_turn @ attitude.iron)).tolist()
-        allowed = self.parameters.drift_factor * min(attitude.heading_sigma_rad, math.pi)
-        out = np.zeros(len(TESTS))
-        earth = attitude.earth
-        attitude_kernels.tests(
-            earth, (x, y, z), allowed, self.recent, self.counts, frame.length_s, out
-        )
-        return out
+    def _iron_change(self, state: NDArray[Any], frame: NDArray[Any]) -> float:
+        """Return how much the iron changed [T], 0 where that is no better explanation."""
+        if not state["doubted"]:
+            return 0.0
+        miss = math.hypot(*kernels.attitude.field_innovation(state[()], frame[()]))
+        seen = state["seen"]
+        variance = float(np.einsum("ij,ij", seen @ state["covariance"], seen)) / 3
+        explained = miss <= CONSISTENT_T + 2 * math.sqrt(variance)
+        self.for_iron = self.for_iron + 1 if explained else 0
+        self.for_clean = self.for_clean + 1 if frame["tests"][0] * TESLA < miss else 0
+        if self.for_iron < TO_BELIEVE or self.for_clean >= TO_CLEAN:
+            return 0.0
+        return float(np.linalg.norm(state["hard_iron"] - state["clean_iron"]))
+
+    def _learn(
+        self, attitude: Attitude, frame: NDArray[Any], length_s: float, p: Any, *, passed: bool
+    ) -> None:
+        """Correct the attitude by a field, as iron on the sensor where it is disturbed."""
+        state, turned_rad = attitude.state, float(frame["speed"]) * length_s
+        undecided = 0 < self.for_iron < TO_BELIEVE and self.for_clean < TO_CLEAN
+        plain_t = self.parameters.field_sigma_ut * TESLA
+        if passed and not (state["doubted"] and undecided):
+            state["verified_rad"] += turned_rad
+            self.watched.clear()
+            self._believe_clean(attitude)
+            self._correct(state, frame, p, kernels.attitude.TILT)
+        elif not passed and self._is_of_the_place(frame, turned_rad, length_s):
+            self._replace_reference(attitude, frame["clean_field"], plain_t)
+            self._believe_clean(attitude)
+        elif state["doubted"] and self.for_iron:
+            # where both beliefs explain it neither is dropped, and the clean one learns nothing
+            self._correct(state, frame, p, kernels.attitude.TILT_AND_EARTH)
+        else:
+            self._doubt(state)
+            self._blame_iron(attitude, frame)
+
+    def _correct(
+        self, state: NDArray[Any], frame: NDArray[Any], p: Any, frozen: NDArray[np.bool_]
+    ) -> None:
+        innovation = kernels.attitude.field_innovation(state[()], frame[()])
+        variance = float(p["field_sigma_t"]) ** 2
+        kernels.attitude.measurement_update(state[()], innovation, variance, frozen)
+
+    def _believe_clean(self, attitude: Attitude) -> None:
+        """Drop the belief in other iron."""
+        state = attitude.state
+        if state["doubted"]:
+            state["hard_iron"], state["doubted"] = state["clean_iron"], 0
+            attitude.reset(IRON, self.clean_covariance)
+            self.for_iron = self.for_clean = 0
+
+    def _doubt(self, state: NDArray[Any]) -> None:
+        """Keep the clean belief, where it is not kept yet; nothing speaks for one or the other."""
+        if not state["doubted"]:
+            state["doubted"], state["clean_iron"] = 1, state["hard_iron"]
+            self.clean_covariance = state["covariance"][IRON, IRON].copy()
+        self.for_iron = self.for_clean = 0
+
+    def _blame_iron(self, attitude: Attitude, frame: NDArray[Any]) -> None:
+        """Explain a frame's field by iron alone; it is known as well as orientation is."""
+        state, back = attitude.state, np.linalg.inv(frame["earth_turn"])
+        north, up = state["earth_field"].tolist()
+        state["hard_iron"] = back @ (frame["earth_field"] - [0.0, north, up])
+        slope = np.zeros((3, kernels.attitude.SIZE))
+        slope[:, 0] = back[:, 2] * north - back[:, 1] * up
+        slope[:, 1], slope[:, 2] = back[:, 0] * up, -back[:, 0] * north
+        slope[:, EARTH] = -back[:, 1:]
+        covariance = state["covariance"]
+        covariance[IRON, :] = covariance[:, IRON] = 0.0
+        across = slope @ covariance
+        covariance[IRON, :], covariance[:, IRON] = across, across.T
+        covariance[IRON, IRON] = across @ slope.T + BLAME_SIGMA_T**2 * np.eye(3)
+
+    def _is_of_the_place(self, frame: NDArray[Any], turned_rad: float, length_s: float) -> bool:
+        """Watch a field that failed; return whether those watched are the place's."""
+        if turned_rad < TURNING_RPS * length_s:
+            return False
+        x, y, z = frame["clean_field"].tolist()
+        flat = math.hypot(x, y)
+        self.watched.append((flat, z, math.hypot(flat, z), math.atan2(z, flat), turned_rad))
+        if len(self.watched) * length_s > LEAST_S:
+            del self.watched[0]
+        elif len(self.watched) * length_s <= LEAST_S - length_s:
+            return False
+        fields = np.array(self.watched)
+        norm_t, dip_rad = fields[:, 2:4].std(axis=0).tolist()
+        return norm_t < STILL_T and dip_rad < STILL_RAD and float(fields[:, 4].sum()) >= LEAST_RAD
+
+    def _replace_reference(self, attitude: Attitude, seen: Array, sigma_t: float) -> None:
+        """Take the watched fields for the place's; face them where the one before failed."""
+        state, fields = attitude.state, np.array(self.watched)
+        verified = state["verified_rad"] >= LEAST_RAD
+        state["verified_rad"] = fields[:, 4].sum()
+        self.watched.clear()
+        north, up = fields[:, :2].mean(axis=0).tolist()
+        attitude.take_earth(north, up, sigma_t)
+        if not verified:
+            attitude.face(seen, sigma_t)
 
 
 #: Least eigenvalue of the directions' second moments, 1/3 where they are all around. Chosen by
@@ -336,14 +446,9 @@ class Calibration:
         return fields if self.ellipsoid is None else self.ellipsoid.corrected(fields)
 
     @property
-    def tries(self) -> tuple[int, int, float]:
-        """Every how many fields, from how many on, and where what part fails it is tried."""
-        return TRY_EVERY, LEAST if self.ellipsoid is None else np.iinfo(np.int64).max, FAILING
-
-    @property
-    def watched(self) -> NDArray[np.int64]:
-        """How many fields there were, and how many of them failed."""
-        return np.array([self._seen, self._failed])
+    def next_try(self) -> int:
+        """After how many more fields a calibration may be tried."""
+        return TRY_EVERY - self._seen % TRY_EVERY if self.ellipsoid is None else 2**62
 
     def _keep(self, raws: Array) -> None:
         while len(raws):
@@ -366,9 +471,8 @@ class Calibration:
         """
         self._failed += failed
         self._keep(raws)
-        every, least, failing = self.tries
-        due = len(raws) and self._seen >= least and self._seen % every == 0
-        if not due or self._failed < failing * self._seen:
+        due = self.ellipsoid is None and len(raws) and self._seen >= LEAST
+        if not due or self._seen % TRY_EVERY or self._failed < FAILING * self._seen:
             return False
         kept = np.array(self._kept)
         turned = apart(kept)
@@ -388,7 +492,12 @@ class Calibration:
 def apart(fields: Array) -> Array:
     """Return fields, shape (n, 3), without those near to the one kept before."""
     least = APART * float(np.median(np.linalg.norm(fields, axis=1)))
-    return np.asarray(fields[attitude_kernels.far_apart(fields, least)])
+    rows, found = fields.tolist(), [0]
+    for i, (x, y, z) in enumerate(rows):
+        a, b, c = rows[found[-1]]
+        if max(abs(x - a), abs(y - b), abs(z - c)) > least:
+            found.append(i)
+    return np.asarray(fields[found[: len(rows)]])
 
 
 @dataclass(slots=True)

@@ -16,7 +16,6 @@ import numpy as np
 from groundtrace_codecs.events import Gap, Heading, Label, Note, Quantity, StepEvent, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..later import Later
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.stage import Context, Input, Stage
 from .body_motion import LevelFrameTracker
@@ -41,12 +40,9 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import CandidateBlock, Event
     from groundtrace_codecs.signals import Stream
 
-    from ..kernels import navigation as navigation_kernels
     from ..pipeline.stage import Output
     from .body_motion import Ahead, LevelFrameMotion
     from .steps import PositionReference
-else:
-    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 #: Time of a step that follows none [s]. Chosen by judgement: of a usual walk.
 USUAL_STEP_S = 0.55
@@ -485,9 +481,8 @@ class FieldDirection:
 
         Without a field that is None and NaN. The step lies in ``[start_ns, stop_ns)``.
         """
-        east, north, up = navigation_kernels.mean_vector(
-            motion.time_ns, motion.field, start_ns, stop_ns
-        )
+        field_ = motion.field[motion.rows(start_ns, stop_ns)]
+        east, north, up = field_.mean(axis=0).tolist()
         flat = math.hypot(east, north)
         if not math.isfinite(flat + up) or flat == 0:
             return None, math.nan

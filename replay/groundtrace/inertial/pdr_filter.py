@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,8 @@ from numpy.typing import NDArray
 from groundtrace_codecs.events import SMOOTHED, TrackPoint
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..later import Later
+from .. import kernels
 from .rotations import wrap_angle
-
-if TYPE_CHECKING:
-    from ..kernels import navigation as navigation_kernels
-else:
-    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 #: Of a point without an update by a known place.
 NO_NIS = float("nan")
@@ -75,7 +70,7 @@ class Track:
     @property
     def time_ns(self) -> int:
         """Until when the track goes."""
-        return int(self._knots.time_ns[self._knots.count - 1])
+        return int(self._knots.rows["time_ns"][self._knots.count - 1])
 
     def begin(self) -> list[TrackPoint]:
         """Return the point where the track begins."""
@@ -144,24 +139,19 @@ class Track:
         if one.lost:
             angle_rad = one.angle_to(fix.place, fix.sigma_m) or 0.0
             state = (one.state, one.covariance, one.origin)
-            navigation_kernels.turn(*state, angle_rad, knots.columns, knots.count)
+            kernels.reckoning.turn_track(*state, angle_rad, knots.rows[: knots.count])
 
     def _go(self, start: int, stop: int) -> TrackNode:
         """Go some of the strides, at least one; return where the walker was before the last.
 
         A track that is lost is turned as the compass says first.
         """
-        one, knots, noise, rows = self.filter, self._knots, self.filter.noise, slice(start, stop)
-        more = 2 * (stop - start)
+        one, knots, more = self.filter, self._knots, 2 * (stop - start)
         knots.make_room(more)
-        navigation_kernels.strides(
-            *(one.state, one.covariance, one.origin),
-            *(self._strides.time_ns[rows], self._strides.rows[rows]),
-            *(self._turn_rad, LOST_RAD),
-            (noise.drift, noise.wander, noise.length, noise.way),
-            knots.columns,
-            knots.count,
-            NS_PER_S,
+        kernels.reckoning.reckon(
+            *(one.state, one.covariance, one.origin, self._strides.rows[start:stop]),
+            *(self._turn_rad, LOST_RAD, one.noise.record),
+            *(knots.rows, knots.count, NS_PER_S, _room()),
         )
         knots.count += more
         before = knots.moment(-3)
@@ -175,7 +165,8 @@ class Track:
         waited = one.wait(max(0, fix.time_ns - self.time_ns) / NS_PER_S)
         knots.add(fix.time_ns, one.state, one.covariance, waited)
         nis = one.fix(fix.place, fix.sigma_m)
-        knots.pose[knots.count - 1], knots.spread[knots.count - 1] = one.state, one.covariance
+        last = knots.rows[knots.count - 1]
+        last["state"], last["covariance"] = one.state, one.covariance
         if not self.smooth_s:
             knots.keep_last()
         return nis
@@ -184,7 +175,7 @@ class Track:
         """Return smoothed points once there are enough."""
         if not self._settled:
             return []
-        if self.time_ns - int(self._knots.time_ns[0]) <= self.smooth_s * NS_PER_S:
+        if self.time_ns - int(self._knots.rows["time_ns"][0]) <= self.smooth_s * NS_PER_S:
             return []
         points = self._smoothed()[:-1]
         self._knots.keep_last()
@@ -245,6 +236,14 @@ class ReckoningNoise:
     way: float
     wander: float = 0.0
 
+    @property
+    def record(self) -> Any:
+        """What compiled functions need of it, as :data:`.kernels.reckoning.NOISE` names it."""
+        noise = np.zeros((), kernels.reckoning.NOISE)
+        for name in noise.dtype.names or ():
+            noise[name] = getattr(self, name)
+        return noise[()]
+
 
 class ReckoningFilter:
     """Follows one walker.
@@ -297,23 +296,19 @@ class ReckoningFilter:
 
     def wait(self, elapsed_s: float) -> Array:
         """Let time pass; return the transition, shape (6, 6)."""
-        step = np.empty((SIZE, SIZE))
-        navigation_kernels.wait(
-            self.state, self.covariance, elapsed_s, self.noise.wander, step, _room()
-        )
-        return step
+        room = _room()
+        kernels.reckoning.wait(self.state, self.covariance, elapsed_s, self.noise.wander, room)
+        return np.asarray(room[0])
 
     def rest(self, rested_s: float) -> None:
         """Take it that the gyroscope was zeroed at rest."""
-        navigation_kernels.rest(self.state, self.covariance, rested_s, self.noise.drift)
+        kernels.reckoning.zero_drift(self.state, self.covariance, rested_s, self.noise.drift)
 
     def step(self, length_m: float, heading_rad: float) -> Array:
         """Go a step; return the transition, shape (6, 6)."""
-        step, errors = np.empty((SIZE, SIZE)), (self.noise.length, self.noise.way)
-        navigation_kernels.go(
-            self.state, self.covariance, length_m, heading_rad, *errors, step, _room()
-        )
-        return step
+        room, given = _room(), (length_m, heading_rad, self.noise.record)
+        kernels.reckoning.advance(self.state, self.covariance, *given, room)
+        return np.asarray(room[0])
 
     def sight(self, offset_rad: float, sigma_rad: float, repeats: float) -> None:
         """Take a magnetic azimuth in, as the offset it asks for.
@@ -325,9 +320,8 @@ class ReckoningFilter:
         repeats
             How many sights in a row err alike.
         """
-        navigation_kernels.sight(
-            self.state, self.covariance, offset_rad, sigma_rad, repeats, _room()
-        )
+        given = (offset_rad, sigma_rad, repeats)
+        kernels.reckoning.azimuth_update(self.state, self.covariance, *given, _room())
 
     def fix(self, place: Array, sigma_m: float) -> float:
         """Take a known place in, shape (2,) [m]; return the NIS (2 degrees of freedom)."""
@@ -355,10 +349,9 @@ class ReckoningFilter:
 
 def _room() -> Array:
     """Return what compiled functions write over."""
-    return np.empty((2, SIZE, SIZE))
+    return np.empty((SIZE, SIZE, SIZE))
 
 
-_MATRIX = (SIZE, SIZE)
 #: Rows that there is room for at least, once there is for any. Chosen by judgement: it bounds how
 #: often arrays grow.
 _LEAST = 64
@@ -375,36 +368,18 @@ class TrackNode(NamedTuple):
 
 @dataclass(slots=True)
 class TrackHistory:
-    """Knots of a track in columns that have room for more.
+    """Knots of a track, in an array that has room for more.
 
     Attributes
     ----------
     count
         How many there are.
-    time_ns, shown
-        When, and whether a point of the track lies there, shape (m,).
-    predicted, predicted_spread
-        State before the measurements there, shape (m, 6), and covariance of its error, (m, 6, 6).
-    pose, spread
-        After them.
-    transition
-        From the knot before, shape (m, 6, 6).
+    rows
+        They and the room, as :data:`.kernels.reckoning.KNOT` names their parts, shape (m,).
     """
 
     count: int = 0
-    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    shown: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
-    predicted: Array = field(default_factory=lambda: np.empty((0, SIZE)))
-    predicted_spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
-    pose: Array = field(default_factory=lambda: np.empty((0, SIZE)))
-    spread: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
-    transition: Array = field(default_factory=lambda: np.empty((0, *_MATRIX)))
-
-    @property
-    def columns(self) -> Columns:
-        """All columns, as compiled functions take them."""
-        states = (self.predicted, self.predicted_spread, self.pose, self.spread)
-        return self.time_ns, self.shown, *states, self.transition
+    rows: NDArray[Any] = field(default_factory=lambda: np.empty(0, kernels.reckoning.KNOT))
 
     def begin(self, time_ns: int, state: Array, covariance: Array) -> None:
         """Forget all, and begin with the knot where a track does."""
@@ -413,54 +388,39 @@ class TrackHistory:
 
     def make_room(self, more: int) -> None:
         """Have room for some more."""
-        count = self.count
-        if count + more <= len(self.time_ns):
-            return
-        wider = []
-        for column in self.columns:
-            made = np.empty((max(2 * count + more, _LEAST), *column.shape[1:]), column.dtype)
-            made[:count] = column[:count]
-            wider.append(made)
-        self.time_ns, self.shown, self.predicted, self.predicted_spread = wider[:4]
-        self.pose, self.spread, self.transition = wider[4:]
+        if self.count + more > len(self.rows):
+            rows = np.empty(max(2 * self.count + more, _LEAST), self.rows.dtype)
+            rows[: self.count] = self.rows[: self.count]
+            self.rows = rows
 
     def keep_last(self) -> None:
         """Forget all but the last."""
-        for column in self.columns:
-            column[0] = column[self.count - 1]
+        self.rows[0] = self.rows[self.count - 1]
         self.count = 1
 
     def add(self, time_ns: int, state: Array, covariance: Array, transition: Array) -> None:
         """Add a shown one that is as it was predicted."""
         self.make_room(1)
-        at, self.count = self.count, self.count + 1
-        self.time_ns[at], self.shown[at], self.transition[at] = time_ns, True, transition
-        self.predicted[at], self.predicted_spread[at] = state, covariance
-        self.pose[at], self.spread[at] = state, covariance
+        knot = (time_ns, 1, state, covariance, state, covariance, transition)
+        self.rows[self.count] = knot
+        self.count += 1
 
     def moment(self, index: int) -> TrackNode:
         """Return where the walker was at one, counted from behind where negative."""
-        at = index if index >= 0 else self.count + index
-        place, spread = self.pose.item, self.spread.item
-        covariance = spread(at, 0, 0), spread(at, 0, 1), spread(at, 1, 1)
-        return TrackNode(self.time_ns.item(at), place(at, 0), place(at, 1), covariance)
+        return _node(self.rows[index if index >= 0 else self.count + index])
 
     def smoothed(self) -> list[TrackNode]:
         """Return the shown ones as all knots tell them; the last is the filter's."""
-        shown = self.shown[: self.count]
-        poses, spreads = navigation_kernels.smooth_track(
-            *(column[: self.count] for column in self.columns[2:])
-        )
-        places, times = poses[shown, PLACE].tolist(), self.time_ns[: self.count][shown].tolist()
-        found = spreads[shown][:, (0, 0, 1), (0, 1, 1)].tolist()
-        return [
-            TrackNode(time_ns, x, y, (xx, xy, yy))
-            for time_ns, (x, y), (xx, xy, yy) in zip(times, places, found, strict=True)
-        ]
+        knots = self.rows[: self.count].copy()
+        kernels.reckoning.smooth(knots, _room())
+        return [_node(knot) for knot in knots[knots["shown"] > 0]]
 
 
-if TYPE_CHECKING:
-    Columns = tuple[NDArray[np.int64], NDArray[np.bool_], Array, Array, Array, Array, Array]
+def _node(knot: Any) -> TrackNode:
+    """Return where the walker was at a knot."""
+    (x, y), covariance = knot["state"][:2].tolist(), knot["covariance"]
+    xx, xy, yy = covariance[0, 0].item(), covariance[0, 1].item(), covariance[1, 1].item()
+    return TrackNode(int(knot["time_ns"]), x, y, (xx, xy, yy))
 
 
 class MagneticBearing(NamedTuple):
@@ -504,8 +464,9 @@ class Stride(NamedTuple):
 
     @property
     def row(self) -> tuple[float, ...]:
-        """All but the time, as compiled functions lay it out."""
-        return self.length_m, self.heading_rad, *(self.sight or UNSEEN), self.rested_s
+        """All of it, as :data:`.kernels.reckoning.STRIDE` names it."""
+        sight = self.sight or UNSEEN
+        return self.time_ns, self.length_m, self.heading_rad, *sight, self.rested_s
 
 
 #: Of a step of which the compass says nothing.
@@ -520,18 +481,16 @@ class Strides:
     ----------
     count
         How many there are.
-    time_ns, rows
-        When they end, shape (m,), and what else is known of them, shape (m, STRIDE).
+    rows
+        They and the room, as :data:`.kernels.reckoning.STRIDE` names their parts, shape (m,).
     """
 
     count: int = 0
-    time_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(1, np.int64))
-    rows: Array = field(default_factory=lambda: np.empty((1, navigation_kernels.STRIDE)))
+    rows: NDArray[Any] = field(default_factory=lambda: np.empty(1, kernels.reckoning.STRIDE))
 
     def add(self, stride: Stride) -> None:
         """Add one."""
-        if self.count == len(self.time_ns):
-            self.time_ns = np.resize(self.time_ns, 2 * self.count)
-            self.rows = np.resize(self.rows, (2 * self.count, navigation_kernels.STRIDE))
-        self.time_ns[self.count], self.rows[self.count] = stride.time_ns, stride.row
+        if self.count == len(self.rows):
+            self.rows = np.concatenate([self.rows, np.empty_like(self.rows)])
+        self.rows[self.count] = stride.row
         self.count += 1

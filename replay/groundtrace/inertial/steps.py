@@ -19,10 +19,10 @@ import numpy as np
 from groundtrace_codecs.geometry import metres_per_radian
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..later import Later
 from ..pipeline.parameters import Updates, gate, measured
-from .body_motion import MEMORY_S, STEEP, WalkingAxis, level_axis
+from .body_motion import MEMORY_S, STEEP, WalkingAxis, level_axis, step_swing
 from .heading import axis_of
+from .rotations import headings_of, mean_matrix, turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,11 +32,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import Label, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
-    from ..kernels import navigation as navigation_kernels
-    from ..kernels.attitude import Vector
     from .body_motion import Ahead, Axis, LevelFrameMotion
-else:
-    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +140,19 @@ def shape_of(motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> StepShape
 
     The body's height is taken to be after it as before it.
     """
-    given = (motion.time_ns, motion.acceleration, start_ns, stop_ns)
-    return StepShape(*navigation_kernels.shape(*given, MARGIN_NS, SMOOTH_S))
+    rows = motion.rows(start_ns - MARGIN_NS, stop_ns + MARGIN_NS)
+    time_ns, up = motion.time_ns[rows], motion.acceleration[rows, 2]
+    if len(time_ns) < 3:
+        return StepShape(0.0, 0.0)
+    period_s = float(time_ns[-1] - time_ns[0]) / NS_PER_S / (len(time_ns) - 1)
+    width = max(1, round(SMOOTH_S / period_s))
+    # beyond the samples counts as nothing
+    smooth = np.convolve(up, np.full(width, 1 / width))[(width - 1) // 2 :][: len(up)]
+    inside = (time_ns >= time_ns[0] + MARGIN_NS) & (time_ns <= time_ns[-1] - MARGIN_NS)
+    inner = smooth[inside] if np.count_nonzero(inside) >= 3 else smooth
+    speed = np.cumsum(inner - inner.mean()) * period_s
+    height = np.cumsum(speed - speed.mean()) * period_s
+    return StepShape(float(np.ptp(inner)), float(np.ptp(height)))
 
 
 def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:
@@ -238,30 +245,41 @@ class BodyHeadingOffset:
             self.reference = self.ahead
             return
         reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
-        times, about = motion.time_ns, (step.time_ns - reach_ns, step.time_ns + reach_ns)
-        reference = self._refer(navigation_kernels.mean_up(times, motion.orientation, *about))
+        about = motion.between(step.time_ns - reach_ns, step.time_ns + reach_ns)
+        reference = self._refer(mean_matrix(about.orientation)[2])
         self.steps += 1
-        if SHORTEST_S <= interval_s <= LONGEST_S and (sign := SIGN.get(step.type, 1.0)):
-            given = (times, motion.orientation, motion.acceleration, axis_of(reference))
-            found, ahead, right = navigation_kernels.swing_about(*given, step.time_ns, reach_ns)
-            if found:
-                self._walking.add((sign * ahead, sign * right))
+        # where a twentieth of the time has no samples nothing is told
+        known = about.time_ns[-1] - about.time_ns[0] >= 1.9 * reach_ns
+        sign = SIGN.get(step.type, 1.0) if SHORTEST_S <= interval_s <= LONGEST_S else 0.0
+        if known and sign:
+            phase = (about.time_ns - step.time_ns) / reach_ns
+            swing = step_swing(_resolved(about, axis_of(reference)), phase)
+            if swing is not None:
+                self._walking.add((sign * swing[0], sign * swing[1]))
         self.turn_rad = -self._walking.angle_rad
 
     def heading(self, motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> float:
         """Return the mean direction of the reference in the level axes in a time [rad]."""
         assert self.reference is not None  # a step was watched
-        axis = axis_of(self.reference)
-        return navigation_kernels.mean_heading(
-            motion.time_ns, motion.orientation, axis, start_ns, stop_ns
-        )
+        orientation = motion.orientation[motion.rows(start_ns, stop_ns)]
+        return float(np.unwrap(headings_of(orientation, axis_of(self.reference))).mean())
 
-    def _refer(self, up: Vector) -> Axis:
+    def _refer(self, up: NDArray[np.float64]) -> Axis:
         """Return the reference; another one, and all to be told anew, where it stands upright."""
         if self.reference is None or abs(up["xyz".index(self.reference[-1])]) > STEEP:
             self.reference, self.steps = level_axis(up), 0
             self._walking = WalkingAxis(nominal=False, keep=KEEP)
         return self.reference
+
+
+def _resolved(motion: LevelFrameMotion, axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return accelerations along an axis' heading, to the right of it and up, shape (3, n)."""
+    x, y, _ = turned(motion.orientation, axis).T
+    flat = np.hypot(x, y)
+    flat[flat == 0] = 1.0
+    cos, sin = x / flat, y / flat
+    east, north, up = motion.acceleration.T
+    return np.array([cos * east + sin * north, sin * east - cos * north, up])
 
 
 @dataclass(frozen=True, slots=True)
@@ -380,11 +398,10 @@ class Barometer:
 
         By the barometric formula of an atmosphere of one temperature.
         """
-        pressure = navigation_kernels.mean_near(
-            self._time_ns, self._pressure, time_ns, round(AVERAGE_S * NS_PER_S)
-        )
-        if math.isnan(pressure):
+        near = np.abs(self._time_ns - time_ns) <= round(AVERAGE_S * NS_PER_S)
+        if not near.any():
             return math.nan
+        pressure = float(self._pressure[near].mean())
         if math.isnan(self.start_pa):
             self.start_pa = pressure
         return SCALE_HEIGHT_M * math.log(self.start_pa / pressure)

@@ -19,28 +19,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, overload
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import numpy as np
 
 from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 
+from .. import kernels
 from ..detectors.zero_velocity import RecentPeak, ZeroVelocityStatistic
-from ..later import Later
 from ..pipeline.parameters import gate, measured
-from .rotations import normalised
+from .rotations import normalised, product
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..detectors.zero_velocity import ZeroVelocityParameters
-    from ..kernels import attitude as attitude_kernels
-    from ..kernels import navigation as navigation_kernels
 
     Array = NDArray[np.float64]
-else:
-    attitude_kernels = Later("groundtrace.kernels.attitude")
-    navigation_kernels = Later("groundtrace.kernels.navigation")
 
 #: Rows of the error state.
 TURN, SPEED, PLACE, GYRO, FORCE = (slice(first, first + 3) for first in range(0, 15, 3))
@@ -81,10 +76,10 @@ class Pose:
 
     def moved(self, error: Array) -> Pose:
         """Return the pose that an error state, shape (15,), says is the true one."""
-        orientation = self.orientation.copy()
-        attitude_kernels.turn_by(error, orientation)
+        half = 0.5 * float(np.linalg.norm(error[TURN]))
+        turn = np.array([np.cos(half), *(0.5 * np.sinc(half / np.pi) * error[TURN])])
         return Pose(
-            orientation,
+            normalised(product(turn, self.orientation)),
             self.velocity + error[SPEED],
             self.place + error[PLACE],
             self.gyro_bias + error[GYRO],
@@ -102,14 +97,10 @@ class StrapdownIncrement:
         At its end.
     transition
         What an error at its start is at its end, shape (15, 15).
-    turned_rad, pushed_mps
-        How far it turned, and the integral of how much the force was off gravity.
     """
 
     pose: Pose
     transition: Array
-    turned_rad: float
-    pushed_mps: float
 
 
 def integrate(pose: Pose, segment: Segment) -> StrapdownIncrement:
@@ -117,30 +108,32 @@ def integrate(pose: Pose, segment: Segment) -> StrapdownIncrement:
 
     Rates and forces are taken as straight between samples.
     """
-    row, moved, transition = (
-        pose.row,
-        np.empty(navigation_kernels.MOVED),
-        np.empty((STATES, STATES)),
-    )
-    given = (segment.interval_s, segment.rate, segment.force, G0_MPS2)
-    navigation_kernels.integrate(row, *given, moved)
-    navigation_kernels.transition(
-        row, moved, segment.length_s, G0_MPS2, np.empty((4, 4)), transition
-    )
-    orientation, velocity, place, _ = np.split(moved, [4, 7, navigation_kernels.GAINED])
-    after = Pose(normalised(orientation), velocity, place, pose.gyro_bias, pose.force_bias)
-    turned_rad, pushed_mps = moved[navigation_kernels.TURNED :].tolist()
-    return StrapdownIncrement(after, transition, turned_rad, pushed_mps)
+    state, settings = filter_state(pose), np.zeros((), kernels.navigation.SETTINGS)
+    settings["gravity_mps2"] = G0_MPS2
+    given = (segment.interval_s, segment.rate, segment.force, segment.length_s)
+    kernels.navigation.propagate(state[()], *given, settings[()])
+    return StrapdownIncrement(Pose.of(state["pose"]), state["step"])
 
 
-#: Rows of the state that a measurement leaves alone: none.
-_NONE = np.zeros(STATES, np.bool_)
+def filter_state(pose: Pose, covariance: Array | None = None) -> NDArray[Any]:
+    """Return a pose as :data:`.kernels.navigation.STATE` has it, a record of shape ()."""
+    state = np.zeros((), kernels.navigation.STATE)
+    state["pose"], state["transition"] = pose.row, np.eye(STATES)
+    if covariance is not None:
+        state["covariance"] = covariance
+    return state
+
+
 #: Deviation of a foot's velocity at the start, where it stands [m/s]. Chosen by judgement: as it is
 #: put down.
 START_MPS = 0.1
 #: Velocity of a foot of which nothing is known [m/s]. Chosen by judgement: a foot in its swing has
 #: 2 to 4 m/s.
 LOST_MPS = 2.0
+
+
+#: Random walks of the biases, by name.
+BIAS_WALKS = ("gyro_bias_walk", "force_bias_walk")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +164,17 @@ class SensorNoise:
     gyro_bias_walk: float = 1e-5
     force_bias_walk: float = 1e-4
     tilt: float = 0.035
+
+    def settings(self) -> NDArray[Any]:
+        """Return what compiled functions need of it, and gravity.
+
+        A record of shape (), as :data:`.kernels.navigation.SETTINGS` names its fields.
+        """
+        settings = np.zeros((), kernels.navigation.SETTINGS)
+        settings["gravity_mps2"] = G0_MPS2
+        for name in (*("gyro_walk", "force_walk", "gyro_scale", "force_scale"), *BIAS_WALKS):
+            settings[name] = getattr(self, name)
+        return settings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,18 +222,11 @@ class ErrorStateFilter:
 
     def predict(self, segment: Segment) -> Array:
         """Go on to the end of a segment; return its transition, shape (15, 15)."""
-        step, noise, length_s = integrate(self.pose, segment), self.noise, segment.length_s
-        growth = np.zeros(STATES)
-        growth[TURN] = noise.gyro_walk**2 * length_s + noise.gyro_scale**2 * step.turned_rad
-        growth[SPEED] = noise.force_walk**2 * length_s + noise.force_scale**2 * step.pushed_mps
-        growth[PLACE] = growth[SPEED] * length_s**2 / 3
-        growth[GYRO] = noise.gyro_bias_walk**2 * length_s
-        growth[FORCE] = noise.force_bias_walk**2 * length_s
-        self.pose = step.pose
-        self.covariance = self.covariance.copy()
-        attitude_kernels.carry(step.transition, self.covariance, np.empty((2, STATES, STATES)))
-        np.einsum("ii->i", self.covariance)[:] += growth
-        return step.transition
+        state, settings = filter_state(self.pose, self.covariance), self.noise.settings()
+        given = (segment.interval_s, segment.rate, segment.force, segment.length_s)
+        kernels.navigation.propagate(state[()], *given, settings[()])
+        self.pose, self.covariance = Pose.of(state["pose"]), state["covariance"]
+        return np.asarray(state["step"])
 
     def still(self, sigma_mps: float) -> Innovation:
         """Return what a velocity of zero says."""
@@ -249,9 +246,10 @@ class ErrorStateFilter:
 
     def update(self, seen: Innovation) -> None:
         """Correct the pose by a measurement."""
-        gain, self.covariance = attitude_kernels.joseph(
-            self.covariance, seen.pick, seen.spread, seen.noise, _NONE
-        )
+        gain = np.linalg.solve(seen.spread, seen.pick @ self.covariance).T
+        left = np.eye(STATES) - gain @ seen.pick
+        # Joseph's form: the states' units lie far apart
+        self.covariance = left @ self.covariance @ left.T + gain @ seen.noise @ gain.T
         self.pose = self.pose.moved(gain @ seen.value)
 
     def lose_velocity(self) -> None:
@@ -411,7 +409,7 @@ class Segments:
         self._times, self._samples = self._times[end:], self._samples[end:]
         self._values = self._values[end:]
         return SegmentRun(
-            times[length::length],
+            np.ascontiguousarray(times[length::length]),
             intervals,
             rate,
             force,

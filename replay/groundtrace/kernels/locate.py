@@ -106,7 +106,7 @@ def robust_losses(
             _lost(part, times_s[row], line, threshold_s, loss)
 
 
-@compiled
+@inlined
 def _solved(normal: Array, right: Array) -> None:
     """Put x of normal x = right in ``right``; of normal, symmetric and positive, half is used."""
     n = len(right)
@@ -122,7 +122,7 @@ def _solved(normal: Array, right: Array) -> None:
         right[i] /= normal[i, i]
 
 
-@compiled
+@compiled("void(f8[:, ::1], f8[:, ::1], f8, i8, f8[::1])")
 def agreed(weight: Array, late: Array, misfit_s: float, passes: int, arrivals: Array) -> None:
     """Fit arrivals of mean 0 to the delays of all pairs, reweighting by Cauchy's loss.
 

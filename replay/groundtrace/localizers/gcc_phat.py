@@ -31,8 +31,8 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
+from .. import kernels
 from ..dsp.filters import corner
-from ..later import Later
 from ..pipeline.buffers import whole_samples
 from ..pipeline.gates import Candidates, GateState, Level
 from ..pipeline.parameters import gate, measured
@@ -46,13 +46,10 @@ if TYPE_CHECKING:
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
-    from ..kernels import locate as locate_kernels
     from .array_method import Window
 
     Array = NDArray[np.float64]
     Spectra = NDArray[np.complex128]
-else:
-    locate_kernels = Later("groundtrace.kernels.locate")
 
 #: Loudness is told up to this, where there is no noise at all. Chosen by judgement: over what 16
 #: bits hold, in float32.
@@ -509,7 +506,7 @@ def consistent(delays: Delays, channels: int) -> tuple[Array, Array]:
     weight = _square(delays, (delays.weight + 1e-9 * best) / (best + 1e-9 * best), channels, 1)
     late = _square(delays, delays.delay_s, channels, -1)
     arrivals = np.empty(channels)
-    locate_kernels.agreed(weight, late, MISFIT_S, PASSES, arrivals)
+    kernels.locate.agreed(weight, late, MISFIT_S, PASSES, arrivals)
     return arrivals, arrivals[delays.first] - arrivals[delays.second] - delays.delay_s
 
 
