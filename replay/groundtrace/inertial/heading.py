@@ -209,6 +209,7 @@ class HeadingEstimator:
         kernels.attitude.field_tests(
             *(state[()], record[()], compass.norms, compass.azimuths, frame.length_s, p[()])
         )
+        compass.make_room(state, int(p["deviation_frames"]), 0)
         undisturbed = bool((p["limits"] - record["tests"].astype(np.float32) >= 0.0).all())
         if undisturbed:
             sigma = self.parameters.field_sigma_ut * TESLA / max(state["earth_field"][0], TESLA)
@@ -325,6 +326,7 @@ def fused_frames(one: HeadingEstimator, samples: Samples, length: int) -> Headin
             told["passed"][at] = 0.0
         told["tests"][at], told["gyro_bias"][at] = frame["tests"], state["gyro_bias"]
         at += 1
+    compass.make_room(state, int(p["deviation_frames"]), 0)
     alone = np.stack([told["gyroscope_rad"], told["compass_rad"]], axis=1) + heading[::length, None]
     alone = np.degrees((alone + math.pi) % (2 * math.pi) - math.pi)
     seen, passed = np.isfinite(told["compass_rad"]), told["passed"] > 0

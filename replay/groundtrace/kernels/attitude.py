@@ -52,8 +52,8 @@ def _record(*fields: Any) -> np.dtype[Any]:
 #: the filter, its bias as seen at rest, and in how many frames. ``delay_sums`` tell by how much the
 #: field comes late; ``clean_iron`` is what is tested with where it is ``doubted`` that no iron was
 #: added since; ``verified_rad`` is how far the sensor turned while the reference passed, ``fields``
-#: how many there were. The last are written over by each update: what it sees of the errors H, H P,
-#: S, the gain, and the change.
+#: how many of the last fields are known. The last are written over by each update: what it sees of
+#: the errors H, H P, S, the gain, and the change.
 STATE = _record(
     ("orientation", "f8", 4),
     ("velocity", "f8", 3),

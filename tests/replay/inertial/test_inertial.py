@@ -26,7 +26,7 @@ from groundtrace.inertial.strapdown import (
     Segments,
     integrate,
 )
-from groundtrace.kernels.navigation import error_between
+from groundtrace.kernels.navigation import pose_error
 from groundtrace_codecs.signals import NS_PER_S, Channel
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def test_the_transition_is_the_derivative_of_the_integration() -> None:
             error = np.zeros(15)
             error[row] = size
             moved, other = np.empty(15), integrate(start.moved(error), segment).pose.row
-            error_between(other, step.pose.row, moved)
+            pose_error(other, step.pose.row, moved)
             assert moved == pytest.approx(step.transition @ error, abs=0.03 * size)
 
 
