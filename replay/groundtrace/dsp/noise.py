@@ -121,7 +121,7 @@ class CellReducer:
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:
         """Return the level of samples whose cells the last block completed, (n, n_channels)."""
         first = self._first * self.length
-        return self._rows[2][:, start - first : stop - first].T
+        return np.asarray(self._rows[2][:, start - first : stop - first].T)
 
 
 class NoiseRatio:

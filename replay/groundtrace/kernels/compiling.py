@@ -15,7 +15,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numba
 import numpy as np
@@ -47,14 +47,14 @@ def compiled(signature: Any) -> Callable[[F], F]:
 
     def compile_it(function: F) -> F:
         _announce(function.__module__, function.__code__.co_filename)
-        return _njit(function, signature)
+        return cast("F", _njit(function, signature))
 
     return compile_it
 
 
 def inlined(function: F) -> F:
     """Compile a function for those of this folder that call it, with whatever types they give."""
-    return _njit(function)
+    return cast("F", _njit(function))
 
 
 def _njit(function: Any, *signature: Any) -> Any:
