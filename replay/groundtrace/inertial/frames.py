@@ -93,9 +93,15 @@ def frame_of(samples: Samples, step_s: float, bias: Array, delay_s: float) -> In
     """
     turns, record = np.empty((len(samples), 4)), np.zeros((), kernels.attitude.FRAME)
     kernels.attitude.integrate_frame(
-        *(np.ascontiguousarray(x) for x in (samples.rate, samples.force, samples.field)),
-        *(tuple(bias.tolist()), delay_s, step_s),
-        *(turns, np.empty((len(samples), 6)), record[()]),
+        np.ascontiguousarray(samples.rate),
+        np.ascontiguousarray(samples.force),
+        np.ascontiguousarray(samples.field),
+        tuple(bias.tolist()),
+        delay_s,
+        step_s,
+        turns,
+        np.empty((len(samples), 6)),
+        record[()],
     )
     return InertialFrame(turns, len(samples) * step_s, record)
 

@@ -149,9 +149,17 @@ class Track:
         one, knots, more = self.filter, self._knots, 2 * (stop - start)
         knots.make_room(more)
         kernels.reckoning.reckon(
-            *(one.state, one.covariance, one.origin, self._strides.rows[start:stop]),
-            *(self._turn_rad, LOST_RAD, one.noise.record),
-            *(knots.rows, knots.count, NS_PER_S, _room()),
+            one.state,
+            one.covariance,
+            one.origin,
+            self._strides.rows[start:stop],
+            self._turn_rad,
+            LOST_RAD,
+            one.noise.record,
+            knots.rows,
+            knots.count,
+            NS_PER_S,
+            _room(),
         )
         knots.count += more
         before = knots.moment(-3)
