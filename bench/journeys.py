@@ -126,17 +126,25 @@ def decision_to_remedy() -> dict[Function, None]:
 
 
 def event_to_timeline() -> dict[Function, None]:
-    """Trace a fix of the bundled room on its way to the timeline."""
-    trace = Trace(
+    """Trace a fix of the bundled room: taken by its view, and drawn when that is flushed."""
+    taken = Trace(
         lambda name, left, given: (
             not left and name == "RerunSink.write" and isinstance(given["item"], Fix)
         ),
+        lambda name, left, _: left and name == "FixView.fix",
+    )
+    drawn = Trace(
+        lambda name, left, _: not left and name == "FixView._send",
         lambda name, left, _: left and name == "Timeline.send",
     )
-    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+    return traced(taken, _replay_to_file) | traced(drawn, _replay_to_file)
+
+
+def _replay_to_file() -> None:
+    quiet = contextlib.redirect_stdout(io.StringIO())
+    with tempfile.TemporaryDirectory() as folder, quiet:
         out = Path(folder) / "room"
-        command = f"replay --to 3 --rrd {out}.rrd --out {out}.mcap --no-viewer"
-        return traced(trace, lambda: groundtrace(command.split()))
+        groundtrace(f"replay --to 3 --rrd {out}.rrd --out {out}.mcap --no-viewer --quiet".split())
 
 
 def main() -> None:

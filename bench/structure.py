@@ -69,6 +69,13 @@ def imports(module: Module, known: dict[str, Module], *, types: bool) -> set[str
         elif isinstance(node, ast.ImportFrom):
             base = _base(module, node)
             found.update(_source(base, alias.name, known) for alias in node.names)
+    # a package may import its files when they are first asked for, as kernels does
+    packages = {name.rpartition(".")[2]: name for name in found if name in known}
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            package = packages.get(node.value.id)
+            if package and known[package].is_package:
+                found.add(f"{package}.{node.attr}")
     return {name for name in found if name in known} - {module.name}
 
 
