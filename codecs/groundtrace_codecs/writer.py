@@ -99,7 +99,7 @@ class RecordingWriter:
     ) -> None:
         complete = False
         try:
-            self.settle()
+            self.flush()
             self.begin(0)
             complete = kind is None
         except CodecError:
@@ -233,7 +233,7 @@ class RecordingWriter:
         self.container.channel(output)
         self._send(output, (packet,))
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Write what is held back, and end the chunks in progress."""
         for encoder in (e for _, encoders in self._streams.values() for e in encoders):
             self._send(encoder.output, encoder.flush())
@@ -286,7 +286,7 @@ def write_recording(
         if truth := sorted(labels, key=lambda label: label.time_ns):
             writer.begin(min(start_ns, truth[0].time_ns) if first else truth[0].time_ns)
             writer.add_labels(truth)
-            writer.settle()
+            writer.flush()
         for block in chain(first, blocks):
             start_ns = min(start_ns, block.start_ns)
             writer.write(block)

@@ -141,7 +141,7 @@ def test_chunks_that_lie_in_another_order_in_the_file_go_by_their_log_times(
         writer.add_stream(ACCELERATION, "f64le")
         for block in (last, first):
             writer.write(block)
-            writer.settle()
+            writer.flush()
     found = items(tmp_path / "shuffled.mcap")
     assert not [item for item in found if isinstance(item, Gap)]
     assert sum(len(item) for item in found) == 4000

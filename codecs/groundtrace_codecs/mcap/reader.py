@@ -308,7 +308,7 @@ class McapFile:
 
     def close(self) -> None:
         """Close the source."""
-        self._loader.forget()
+        self._loader.discard()
         self._source.close()
 
     def __enter__(self) -> Self:
@@ -700,7 +700,7 @@ class ChunkLoader:
         self._last = (entry.offset, records)
         return records
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Let go of the last chunk."""
         self._last = None
 

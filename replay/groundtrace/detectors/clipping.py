@@ -87,7 +87,7 @@ class _Side:
         """Return from where on tops count."""
         return self.extreme - WANDERS * swing / 2
 
-    def forget(self, swing: float) -> None:
+    def discard(self, swing: float) -> None:
         """Drop what is too low to count any more, and of too many every second one."""
         if len(self.tops) > MOST:
             near = self.near(swing)
@@ -160,7 +160,7 @@ class Limits:
             swing = sides[0].extreme + sides[1].extreme
             for side in sides:
                 side.tops.extend(_tops(window, c, side, swing))
-                side.forget(swing)
+                side.discard(swing)
 
     def gap(self) -> None:
         """Nothing crosses windows."""

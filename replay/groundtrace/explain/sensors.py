@@ -176,7 +176,7 @@ def _followed(
     """Return a fault and those that are found when it is mended, the worst first."""
     found: list[Fault] = []
     while True:
-        found.append(judge.felt(fault, arrivals, positions) if correlated else fault)
+        found.append(judge.with_residual(fault, arrivals, positions) if correlated else fault)
         onsets = onsets.shifted(fault.channel, -fault.offset_s)
         arrivals, positions = found[-1].without_fault(arrivals, positions)
         worst = max(judge.found(onsets, positions), key=lambda item: item[0], default=None)
@@ -266,7 +266,7 @@ class Judge:
         ]
         return float(np.nansum(np.abs(off))), curve.noise_s
 
-    def felt(self, fault: Fault, arrivals: Arrivals, positions: Array) -> Fault:
+    def with_residual(self, fault: Fault, arrivals: Arrivals, positions: Array) -> Fault:
         """Return a fault with how much of a clock's error is left in an array method's arrivals."""
         if fault.cause != "clock":
             return fault

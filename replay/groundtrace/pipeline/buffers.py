@@ -184,7 +184,7 @@ class SignalBuffer:
             self._picks, self._kept = [], None
         self._picks.append(pick)
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Forget everything: the clock was set back."""
         self._blocks.clear()
         self._picks, self._kept, self.first_ns = [], None, None

@@ -133,12 +133,12 @@ class ReplayLoop:
         items = iter(source)
         while (item := self._next(items)) is not None:
             self._take(item)
-        self.settle()
+        self.flush()
         self._deliver(self._pipeline.flush())
         self.tally.wall_s = time.perf_counter() - began
         return self.tally
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Bring all items that were taken to their end: nothing is on its way afterwards.
 
         Nor is it after an error: what comes after that is left out.
@@ -155,14 +155,14 @@ class ReplayLoop:
         try:
             return next(items, None)
         except Exception:
-            self.settle()
+            self.flush()
             raise
 
     def _take(self, item: Item) -> None:
         self._gathered.append(item)
         self._gathered_samples += item.samples.size if isinstance(item, SignalBlock) else 0
         if not self._ahead:
-            self.settle()
+            self.flush()
         elif self._gathered_samples >= TOGETHER:
             items = self._gather()
             self._begun.append((items, started(partial(_begin, self._pipeline, items))))

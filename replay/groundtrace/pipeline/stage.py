@@ -583,7 +583,7 @@ class StageRunner:
         if self._state.rounds is not None:
             self._take_round(self._state.rounds.add(block), out)
         else:
-            self._hear(block, out)
+            self._receive(block, out)
 
     def _take_round(self, items: Sequence[SignalBlock | Gap], out: list[Event]) -> None:
         """Take what streams that are brought together have of one window."""
@@ -591,14 +591,14 @@ class StageRunner:
             if isinstance(item, Gap):
                 self._end_at(item, out)
             else:
-                self._hear(item, out)
+                self._receive(item, out)
         for key, kept in self._state.early.items():
             self._state.early[key] = _recent(kept, self.kind.rounds[:-1])
 
-    def _hear(self, block: SignalBlock, out: list[Event]) -> None:
+    def _receive(self, block: SignalBlock, out: list[Event]) -> None:
         """Give a narrowed block to its instance, or to all where it is taken from anywhere."""
         if self._anywhere:
-            self._hear_anywhere(block, out)
+            self._receive_anywhere(block, out)
             return
         key = self._key_of(block.topic, block.stream.placement)
         instance = self._state.instances.get(key)
@@ -607,7 +607,7 @@ class StageRunner:
         if isinstance(instance, _Instance):
             self._feed(instance, block, out)
 
-    def _hear_anywhere(self, block: SignalBlock, out: list[Event]) -> None:
+    def _receive_anywhere(self, block: SignalBlock, out: list[Event]) -> None:
         """Give a block to all instances; one of its own topic may begin with it."""
         topic, instances = block.topic, self._state.instances
         if topic not in instances and self.allowed(topic) and self._sources_known(topic):
@@ -880,7 +880,7 @@ class StageRunner:
             out.append(Note(instance.holder.last_ns, text, "WARN", self.name))
         instance.holder = NonFiniteHold()
         if instance.context.signal is not None:
-            instance.context.signal.forget()
+            instance.context.signal.discard()
 
     # What a person should know.
 

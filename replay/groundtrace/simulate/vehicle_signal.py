@@ -88,7 +88,7 @@ class RoadSignal:
             moved = wind.samples(first, size).real.copy()
             for one in waves:
                 if one.lasts(time_s):
-                    moved += one.felt(time_s)
+                    moved += one.response(time_s)
             for burst in self._heard(time_s):
                 moved += burst_felt(burst, time_s, self.ground, self.channels)
             measured = (sense(moved) + next(noise)) * self.gains
@@ -535,7 +535,7 @@ class Channels:
     station: NDArray[np.intp]
     axes: tuple[str, ...]
 
-    def felt(self, waves: Complex, away: Array) -> Array:
+    def response(self, waves: Complex, away: Array) -> Array:
         """Return what channels feel of retrograde Rayleigh waves.
 
         Parameters
@@ -549,14 +549,14 @@ class Channels:
         -------
         Shape (n, n_channels).
         """
-        felt = waves.real[:, self.station].copy()
+        response = waves.real[:, self.station].copy()
         flat = [i for i, axis in enumerate(self.axes) if axis != "z"]
         if flat:
             unit = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
             part = np.array(["xy".index(self.axes[i]) for i in flat])
             at = self.station[flat]
-            felt[:, flat] = -RADIAL * waves.imag[:, at] * unit[:, at, part]
-        return felt
+            response[:, flat] = -RADIAL * waves.imag[:, at] * unit[:, at, part]
+        return response
 
 
 @dataclass(frozen=True, slots=True)
@@ -596,7 +596,7 @@ class Waves:
         """Return whether the vehicle is on the road at any of the times."""
         return bool(np.abs(time_s - self.vehicle.drive.pass_s).min() < LASTS_S)
 
-    def felt(self, time_s: Array) -> Array:
+    def response(self, time_s: Array) -> Array:
         """Return what all channels feel at evenly spaced times, shape (n, n_channels) [m/s]."""
         drive, velocity = self.vehicle.drive, self.ground.velocity_mps
         places = self.channels.places
@@ -610,7 +610,7 @@ class Waves:
             waves += amplitude * parts[..., part]
         waves *= self._fading.gain(drive.travelled(emitted))
         waves *= _there(time_s - drive.pass_s)[:, None]
-        return self.channels.felt(waves, away)
+        return self.channels.response(waves, away)
 
     def _noise(self, emitted_s: Array) -> Complex:
         position = emitted_s * self.source.rate_hz
@@ -674,4 +674,4 @@ def burst_felt(burst: Burst, time_s: Array, ground: Ground, channels: Channels) 
     peak = burst.peak_mps * ground.amplitude(distance, 1.0, burst.frequency_hz)
     swing = -1j * np.exp((2j * np.pi * burst.frequency_hz - 1 / burst.decay_s) * after)
     waves = np.where(late > 0, peak * swing, 0.0)
-    return channels.felt(waves, np.broadcast_to(away, (len(time_s), *away.shape)))
+    return channels.response(waves, np.broadcast_to(away, (len(time_s), *away.shape)))

@@ -173,7 +173,7 @@ def test_what_is_settled_is_in_the_sinks(some_cores: int) -> None:
 
     def source() -> Iterator[SignalBlock]:
         for given, block in enumerate(BLOCKS):
-            run.settle()
+            run.flush()
             assert len(sink.items) == 3 * given
             yield block
 
@@ -210,7 +210,7 @@ def test_nothing_follows_an_error_that_comes_while_the_source_settles(some_cores
 
     def source() -> Iterator[SignalBlock]:
         yield from BLOCKS[:4]
-        run.settle()
+        run.flush()
 
     with pytest.raises(ZeroDivisionError):
         run.through(source())
