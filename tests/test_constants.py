@@ -14,7 +14,10 @@ FOLDERS = (
 )
 
 #: Files that draw: their numbers are sizes on paper or screen.
-DRAWN = ("evaluation/html.py", "explain/sweep_plots.py", "fleet/report.py", "layout/report.py")
+DRAWN = (
+    *("evaluation/drawing.py", "evaluation/figures.py", "evaluation/score_page.py"),
+    *("explain/sweep_plots.py", "fleet/report.py", "layout/report.py"),
+)
 
 #: What tells where a constant is from, and something must follow it.
 SOURCE = re.compile(r"\b(source: |bench: |chosen by )\S", re.IGNORECASE)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..pipeline.engine import ReplaySession, Sink
     from .files import Report
 
-#: What is shown before and after the step [s].
+#: What is shown before and after the step [s]. Chosen by judgement: some steps to either side.
 AROUND_S = 5.0
 
 

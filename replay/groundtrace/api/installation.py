@@ -16,6 +16,8 @@ from ..runtime import installed_version
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)")
+#: How long the viewer may take to say its version [s]. Chosen by judgement: far longer than it
+#: takes.
 _WAIT_S = 20.0
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 #: What clocks are found by; none takes them as they are.
 Align = Literal["steps", "impacts", "none"]
-#: Fewest impacts that must agree.
+#: Fewest impacts that must agree. Chosen by judgement: two agree by chance.
 _LEAST_IMPACTS = 3
 
 

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 #: Length of a cell [s]. Chosen by judgement: a wave's onset takes some milliseconds.
 CELL_S = 0.001
-#: Noise up to this is none: a filter's memory of what was before the silence.
+#: Noise up to this is none: a filter's memory of what was before the silence. Chosen by judgement:
+#: far below any sample, far above the numbers that are slow to count with.
 SILENCE = 1e-140
 #: Gives the noise level up to and including each cell, from the cells' levels; keeps its state.
 NoiseLevel = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]

@@ -49,10 +49,12 @@ CORRELATION_S = 0.1
 #: Where place and velocity of a pose in the plane are, and the place's covariance. Source:
 #: definition.
 COLUMNS = [7, 8, 4, 5]
-#: Values of a pose as a row.
+#: Values of a pose as a row, and where in a covariance that of the place in the plane is. Source:
+#: definition.
 POSE = 16
 PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.start + 1] * 2])
-#: Most knots of one call: they take memory before it is known how many there are.
+#: Most knots of one call: they take memory before it is known how many there are. Chosen by
+#: judgement: 128 covariances are a quarter of a MB.
 ROOM = 128
 #: What is counted of standing, of being under way and of rest [s], and whether the foot stands.
 CLOCKS = ("stood_s", "swung_s", "rested_s", "stands")

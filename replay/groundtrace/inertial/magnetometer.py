@@ -77,15 +77,20 @@ DEVIATION_S, DERIVATIVE_S = 0.3, 0.3
 
 
 #: So many frames in a row must be explained by the learned iron before it is believed in, and so
-#: many better explained by the clean belief before it is dropped.
+#: many better explained by the clean belief before it is dropped. Chosen by judgement: frames come
+#: ten a second, so half a second and a fifth.
 TO_BELIEVE, TO_CLEAN = 5, 2
-#: What is left of a field when it is blamed on iron [T].
+#: What is left of a field when it is blamed on iron [T]. Chosen by judgement: the noise of a
+#: compass and what its calibration leaves.
 BLAME_SIGMA_T = 2e-6
 #: A field this far from what the learned iron explains says that it is not iron [T].
+#: Chosen by judgement: half as much again.
 CONSISTENT_T = 3e-6
 #: Turning faster than this counts [rad/s]; so much of it makes a field known [s], [rad].
+#: Chosen by judgement: two full turns show every side of the sensor.
 TURNING_RPS, LEAST_S, LEAST_RAD = 0.3, 10.0, 4 * math.pi
-#: Norm and inclination hold still within these standard deviations [T], [rad].
+#: Norm and inclination hold still within these standard deviations [T], [rad]. Chosen by judgement:
+#: some times what a still sensor shows.
 STILL_T, STILL_RAD = 1.5e-6, math.radians(2.5)
 
 

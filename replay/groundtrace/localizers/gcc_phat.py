@@ -297,6 +297,7 @@ SMOOTH_HZ, NOISE_FACTOR, FADE_S = 150.0, 2.0, 0.003
 #: when nothing moves, and a pair on the wrong period (some ms) counts little.
 POINTS, PASSES, MISFIT_S = 8.0, 12, 6e-4
 #: Pairs are correlated in so many parts, as far as the farthest of each may be apart.
+#: Chosen by judgement: more parts save less than they cost.
 LAG_PARTS = 3
 
 

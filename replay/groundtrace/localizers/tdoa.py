@@ -203,7 +203,8 @@ NODES, FINER = 55, 9
 #: Passes of reweighting, and refinements about the best node, each four times as fine. Chosen by
 #: judgement: from 10 m over 55 nodes they end at 1 cm, below the error of arrivals.
 PASSES, REFINEMENTS = 2, 2
-#: The nodes of a refinement about the best one, in its steps, shape (FINER^2, 2).
+#: The nodes of a refinement about the best one, in its steps, shape (FINER^2, 2). Source:
+#: definition.
 AROUND = np.stack(np.meshgrid(*[np.linspace(-1, 1, FINER)] * 2), axis=-1).reshape(-1, 2)
 #: Losses of so many impacts times nodes are held at once. Chosen by judgement: 8 MB of doubles.
 CELLS = 1_000_000
