@@ -29,6 +29,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import G0_MPS2, NS_PER_S
 
+from .. import kernels
 from .attitude import Attitude, AttitudeNoise, HeadingFrames, HeadingParameters
 from .heading import HeadingEstimator, joined
 from .rotations import turned
@@ -270,9 +271,9 @@ def step_swing(values: NDArray[np.float64], phase: NDArray[np.float64]) -> Swing
     -------
     Complex parts of the vertical swing, or None where there is no vertical swing.
     """
-    # over two whole steps, in which what repeats with every second step adds up to nothing
-    inside = (phase >= -1.0) & (phase < 1.0)
-    ahead, right, up = (values[:, inside] @ np.exp(-2j * np.pi * phase[inside])).tolist()
+    parts = np.empty((3, 2))
+    kernels.strides.swing(np.ascontiguousarray(values), phase, parts)
+    ahead, right, up = parts.view(np.complex128)[:, 0].tolist()
     if not abs(up) > 0:
         return None
     back = up.conjugate() / abs(up) ** 2

@@ -155,7 +155,7 @@ class Track:
             self._strides.rows[start:stop],
             self._turn_rad,
             LOST_RAD,
-            one.noise.record,
+            one.noise_record,
             knots.rows,
             knots.count,
             NS_PER_S,
@@ -272,6 +272,7 @@ class ReckoningFilter:
         self, noise: ReckoningNoise, place: Array, sigma_m: float, *, learns_scale: bool
     ) -> None:
         self.noise = noise
+        self.noise_record = noise.record
         self.learns_scale = learns_scale
         self.state = np.zeros(SIZE)
         self.state[PLACE] = place
@@ -314,7 +315,7 @@ class ReckoningFilter:
 
     def step(self, length_m: float, heading_rad: float) -> Array:
         """Go a step; return the transition, shape (6, 6)."""
-        room, given = _room(), (length_m, heading_rad, self.noise.record)
+        room, given = _room(), (length_m, heading_rad, self.noise_record)
         kernels.reckoning.advance(self.state, self.covariance, *given, room)
         return np.asarray(room[0])
 
@@ -410,25 +411,31 @@ class TrackHistory:
         """Add a shown one that is as it was predicted."""
         self.make_room(1)
         knot = (time_ns, 1, state, covariance, state, covariance, transition)
-        self.rows[self.count] = knot
+        for name, value in zip(self.rows.dtype.names or (), knot, strict=True):
+            self.rows[name][self.count] = value
         self.count += 1
 
     def moment(self, index: int) -> TrackNode:
         """Return where the walker was at one, counted from behind where negative."""
-        return _node(self.rows[index if index >= 0 else self.count + index])
+        at = index if index >= 0 else self.count + index
+        return _nodes(self.rows[at : at + 1])[0]
 
     def smoothed(self) -> list[TrackNode]:
         """Return the shown ones as all knots tell them; the last is the filter's."""
         knots = self.rows[: self.count].copy()
         kernels.reckoning.smooth(knots, _room())
-        return [_node(knot) for knot in knots[knots["shown"] > 0]]
+        return _nodes(knots[knots["shown"] > 0])
 
 
-def _node(knot: Any) -> TrackNode:
-    """Return where the walker was at a knot."""
-    (x, y), covariance = knot["state"][:2].tolist(), knot["covariance"]
-    xx, xy, yy = covariance[0, 0].item(), covariance[0, 1].item(), covariance[1, 1].item()
-    return TrackNode(int(knot["time_ns"]), x, y, (xx, xy, yy))
+def _nodes(knots: NDArray[Any]) -> list[TrackNode]:
+    """Return where the walker was at knots."""
+    places, spreads = knots["state"][:, :2].tolist(), knots["covariance"][:, :2, :2].tolist()
+    return [
+        TrackNode(time_ns, x, y, (xx, xy, yy))
+        for time_ns, (x, y), ((xx, xy), (_, yy)) in zip(
+            knots["time_ns"].tolist(), places, spreads, strict=True
+        )
+    ]
 
 
 class MagneticBearing(NamedTuple):

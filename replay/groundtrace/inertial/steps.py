@@ -19,10 +19,11 @@ import numpy as np
 from groundtrace_codecs.geometry import metres_per_radian
 from groundtrace_codecs.signals import NS_PER_S
 
+from .. import kernels
 from ..pipeline.parameters import Updates, gate, measured
 from .body_motion import MEMORY_S, STEEP, WalkingAxis, level_axis, step_swing
 from .heading import axis_of
-from .rotations import headings_of, mean_matrix, turned
+from .rotations import mean_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -141,18 +142,11 @@ def shape_of(motion: LevelFrameMotion, start_ns: int, stop_ns: int) -> StepShape
     The body's height is taken to be after it as before it.
     """
     rows = motion.rows(start_ns - MARGIN_NS, stop_ns + MARGIN_NS)
-    time_ns, up = motion.time_ns[rows], motion.acceleration[rows, 2]
+    time_ns = motion.time_ns[rows]
     if len(time_ns) < 3:
         return StepShape(0.0, 0.0)
-    period_s = float(time_ns[-1] - time_ns[0]) / NS_PER_S / (len(time_ns) - 1)
-    width = max(1, round(SMOOTH_S / period_s))
-    # beyond the samples counts as nothing
-    smooth = np.convolve(up, np.full(width, 1 / width))[(width - 1) // 2 :][: len(up)]
-    inside = (time_ns >= time_ns[0] + MARGIN_NS) & (time_ns <= time_ns[-1] - MARGIN_NS)
-    inner = smooth[inside] if np.count_nonzero(inside) >= 3 else smooth
-    speed = np.cumsum(inner - inner.mean()) * period_s
-    height = np.cumsum(speed - speed.mean()) * period_s
-    return StepShape(float(np.ptp(inner)), float(np.ptp(height)))
+    given, room = (MARGIN_NS, SMOOTH_S, NS_PER_S), np.empty((2, len(time_ns)))
+    return StepShape(*kernels.strides.shape(time_ns, motion.acceleration[rows], *given, room))
 
 
 def step_length(shape: StepShape, kind: str, parameters: ReckoningParameters) -> float:
@@ -245,15 +239,17 @@ class BodyHeadingOffset:
             self.reference = self.ahead
             return
         reach_ns = round(min(interval_s, LONGEST_S) * NS_PER_S)
-        about = motion.between(step.time_ns - reach_ns, step.time_ns + reach_ns)
-        reference = self._refer(mean_matrix(about.orientation)[2])
+        rows = motion.rows(step.time_ns - reach_ns, step.time_ns + reach_ns)
+        time_ns, orientation = motion.time_ns[rows], motion.orientation[rows]
+        axis = axis_of(self._refer(mean_matrix(orientation)[2]))
         self.steps += 1
         # where a twentieth of the time has no samples nothing is told
-        known = about.time_ns[-1] - about.time_ns[0] >= 1.9 * reach_ns
+        known = time_ns[-1] - time_ns[0] >= 1.9 * reach_ns
         sign = SIGN.get(step.type, 1.0) if SHORTEST_S <= interval_s <= LONGEST_S else 0.0
         if known and sign:
-            phase = (about.time_ns - step.time_ns) / reach_ns
-            swing = step_swing(_resolved(about, axis_of(reference)), phase)
+            values = np.empty((3, len(time_ns)))
+            kernels.strides.resolve(orientation, motion.acceleration[rows], axis, values)
+            swing = step_swing(values, (time_ns - step.time_ns) / reach_ns)
             if swing is not None:
                 self._walking.add((sign * swing[0], sign * swing[1]))
         self.turn_rad = -self._walking.angle_rad
@@ -262,7 +258,7 @@ class BodyHeadingOffset:
         """Return the mean direction of the reference in the level axes in a time [rad]."""
         assert self.reference is not None  # a step was watched
         orientation = motion.orientation[motion.rows(start_ns, stop_ns)]
-        return float(np.unwrap(headings_of(orientation, axis_of(self.reference))).mean())
+        return kernels.strides.mean_heading(orientation, axis_of(self.reference))
 
     def _refer(self, up: NDArray[np.float64]) -> Axis:
         """Return the reference; another one, and all to be told anew, where it stands upright."""
@@ -270,16 +266,6 @@ class BodyHeadingOffset:
             self.reference, self.steps = level_axis(up), 0
             self._walking = WalkingAxis(nominal=False, keep=KEEP)
         return self.reference
-
-
-def _resolved(motion: LevelFrameMotion, axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return accelerations along an axis' heading, to the right of it and up, shape (3, n)."""
-    x, y, _ = turned(motion.orientation, axis).T
-    flat = np.hypot(x, y)
-    flat[flat == 0] = 1.0
-    cos, sin = x / flat, y / flat
-    east, north, up = motion.acceleration.T
-    return np.array([cos * east + sin * north, sin * east - cos * north, up])
 
 
 @dataclass(frozen=True, slots=True)

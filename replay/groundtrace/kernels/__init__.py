@@ -12,9 +12,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import attitude, grid, locate, navigation, picker, reckoning, spectra, steps
+    from . import attitude, grid, locate, navigation, picker, reckoning, spectra, steps, strides
 
-__all__ = ["attitude", "grid", "locate", "navigation", "picker", "reckoning", "spectra", "steps"]
+__all__ = [
+    "attitude",
+    "grid",
+    "locate",
+    "navigation",
+    "picker",
+    "reckoning",
+    "spectra",
+    "steps",
+    "strides",
+]
 
 
 def __getattr__(name: str) -> Any:
