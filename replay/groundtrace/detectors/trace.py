@@ -12,7 +12,7 @@ import numpy as np
 
 from groundtrace_codecs.events import Quantity
 
-from ..dsp.noise import window_maxima
+from .. import kernels
 from ..pipeline.stage import Frames
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class FrameTrace:
         quiet = np.stack([level, swing])
         line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
         self._past = line[:, :, len(times) :]
-        noise, least = (window_maxima(kind, self.history) for kind in line)
+        noise, least = (kernels.picker.window_maxima(kind, self.history) for kind in line)
         flat, still = np.zeros(level.shape), high == low
         if still.any():
             still = still[..., 1:] & still[..., :-1]  # and as in the column before:

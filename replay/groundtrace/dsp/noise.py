@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .. import kernels
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -42,23 +44,9 @@ class RunningMaximum:
         """Return the maximum up to and including each cell, shape (n_channels, n)."""
         if self._tail is None:
             self._tail = np.zeros((level.shape[0], self.cells - 1))
-        line = np.concatenate([self._tail, level], axis=1)
+        line = np.ascontiguousarray(np.concatenate([self._tail, level], axis=1))
         self._tail = line[:, level.shape[1] :]
-        return window_maxima(line, self.cells)
-
-
-def window_maxima(line: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Return the maximum of every window of a line, shape (rows, n) to (rows, n - width + 1).
-
-    The maximum of twice as many neighbours is that of two maxima, again and again; what overlaps
-    counts twice without harm.
-    """
-    reach = 1
-    while 2 * reach <= width:
-        line = np.maximum(line[:, :-reach], line[:, reach:])
-        reach *= 2
-    rest = width - reach
-    return np.maximum(line[:, : line.shape[1] - rest], line[:, rest:]) if rest else line
+        return kernels.picker.window_maxima(line, self.cells)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,11 +150,13 @@ class NoiseRatio:
         known = np.maximum(self._count - self.gap + 1 + np.arange(n), 0)
         trust = np.divide(known, known + self.warm_up, out=np.zeros(n), where=known > 0)
         self._count += n
-        line = np.concatenate([self._tail, noise], axis=1)
-        before, self._tail = line[:, :n], line[:, n:]
+        line = np.ascontiguousarray(np.concatenate([self._tail, noise], axis=1))
+        self._tail = line[:, n:].copy()
         # over digital silence nothing has a ratio: a sensor coming alive is not an arrival
-        ratio = np.divide(level, before, out=np.zeros(level.shape), where=before > SILENCE)
-        return np.asarray(ratio * trust)
+        ratio = np.empty(level.shape)
+        level = np.ascontiguousarray(level)
+        kernels.picker.ratio_to_noise(level, line, trust, SILENCE, ratio)
+        return ratio
 
 
 class LocalMaximaWithOnset(NamedTuple):
@@ -238,20 +228,9 @@ class LocalMaxima:
     def _among(self, line: NDArray[np.float64], count: int) -> LocalMaximaWithOnset:
         """Find the maxima of ``count`` cells of a line, which begins ``_keep`` cells before."""
         first, stop = self._keep, self._keep + count
-        here = line[:, first:stop]
-        # most cells are out at the first look: at their neighbours
-        likely = (here > self.floor) & (here > line[:, first - 1 : stop - 1])
-        likely &= here >= line[:, first + 1 : stop + 1]
-        channel, peak = np.nonzero(likely)
-        peak += first
-        value = line[channel, peak]
-        step = np.arange(1, self.reach + 1)
-        before, after = (line[channel[:, None], peak[:, None] + s] for s in (-step, step))
-        true = ((before < value[:, None]) & (after <= value[:, None])).all(axis=1)
-        order = np.flatnonzero(true)
-        order = order[np.lexsort((channel[order], peak[order]))]
-        peak, channel, value = peak[order], channel[order], value[order]
-        rising = line[channel[:, None], peak[:, None] - np.arange(1, self.back + 1)] > self.floor
-        rise = np.logical_and.accumulate(rising, axis=1).sum(axis=1)
+        rule = (self.reach, self.floor, self.back)
+        line = np.ascontiguousarray(line)
+        begin, peak, channel = kernels.picker.local_maxima(line, first, stop, *rule)
         offset = self.settled - first
-        return LocalMaximaWithOnset(peak - rise + offset, peak + offset, channel, value)
+        value = line[channel, peak]
+        return LocalMaximaWithOnset(begin + offset, peak + offset, channel, value)

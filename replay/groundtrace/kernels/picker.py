@@ -1,4 +1,4 @@
-"""The loops of arrival pickers over samples: the variance of a filtered signal, and onsets by AIC.
+"""The loops of arrival pickers: variance of a filtered signal, ratios and maxima, onsets by AIC.
 
 Every sum runs in the order of time, whatever the blocks, so that parts give exactly what the whole
 gives. What a loop keeps of each channel from one sample to the next stands in a record of
@@ -105,7 +105,7 @@ def _filter(
             power = z * z
             level = alpha * power + keep * c.level[j]
             c.level[j] = level
-            # where an if chose, it would be stored under a mask, which takes ten times as long
+            # where an if chose, it would be stored under a mask
             c.most[j] = np.fmax(c.most[j], level)
             c.peak[j] = np.fmax(c.peak[j], abs(z))
             c.power[j] += power
@@ -193,6 +193,91 @@ def variance_levels(rows: Array, alpha: float, before: Array, levels: Array) -> 
         for i in range(len(rows)):
             level = alpha * (rows[i, j] * rows[i, j]) + keep * level
             levels[i, j] = level
+
+
+@inlined
+def _larger(one: Array, other: Array, found: Array) -> None:
+    for i in range(len(found)):
+        first, second = one[i], other[i]
+        found[i] = first if first >= second or first != first else second
+
+
+@compiled("f8[:, ::1](f8[:, ::1], i8)")
+def window_maxima(line: Array, width: int) -> Array:
+    """Return the maximum of every window of a line, shape (rows, n) to (rows, n - width + 1).
+
+    The maximum of twice as many neighbours is that of two maxima, again and again; what overlaps
+    counts twice without harm. A window with a number that is none has none.
+    """
+    rows, n = line.shape
+    found = np.empty((rows, n - width + 1))
+    room, more = np.empty(n), np.empty(n)
+    for r in range(rows):
+        some, reach = line[r], 1
+        while 2 * reach < width:
+            _larger(some, some[reach:], more[: n - 2 * reach + 1])
+            some, room, more = more, more, room
+            reach *= 2
+        _larger(some, some[width - reach :], found[r])
+    return found
+
+
+@compiled("void(f8[:, ::1], f8[:, ::1], f8[::1], f8, f8[:, ::1])")
+def ratio_to_noise(level: Array, noise: Array, trust: Array, silence: float, ratio: Array) -> None:
+    """Write the ratio of levels to noise, times the trust in it; nothing where noise is silent.
+
+    Parameters
+    ----------
+    level, ratio
+        Shape (n_channels, n): ``ratio`` gets the ratios.
+    noise
+        Shape (n_channels, at least n): column by column what levels are divided by.
+    trust
+        Shape (n,).
+    silence
+        Noise up to this is silent.
+    """
+    for r in range(len(level)):
+        for i in range(level.shape[1]):
+            value = level[r, i] / noise[r, i]
+            ratio[r, i] = value * trust[i] if noise[r, i] > silence else 0.0
+
+
+@inlined
+def _is_maximum(line: Array, place: int, reach: int) -> bool:
+    value = line[place]
+    for i in range(1, reach + 1):  # noqa: SIM110 - compiled as it stands
+        if not (line[place - i] < value and line[place + i] <= value):
+            return False
+    return True
+
+
+@compiled("i8[:, :](f8[:, ::1], i8, i8, i8, f8, i8)")
+def local_maxima(
+    line: Array, start: int, stop: int, reach: int, floor: float, back: int
+) -> Indices:
+    """Return begin of the rise, place and row of maxima, shape (3, m), by place and row.
+
+    Parameters
+    ----------
+    line
+        Shape (rows, n), with ``reach`` columns around each looked at, and ``back`` before.
+    start, stop
+        Columns looked at.
+    reach, floor, back
+        As :class:`~.dsp.noise.LocalMaxima` takes them.
+    """
+    rows, count = len(line), 0
+    found = np.empty((3, rows * ((stop - start) // (reach + 1) + 1)), np.int64)
+    for i in range(start, stop):
+        for r in range(rows):
+            if line[r, i] > floor and _is_maximum(line[r], i, reach):
+                begin = i
+                while begin > i - back and line[r, begin - 1] > floor:
+                    begin -= 1
+                found[0, count], found[1, count], found[2, count] = begin, i, r
+                count += 1
+    return found[:, :count]
 
 
 #: Samples at both ends of the window where a variance means nothing.

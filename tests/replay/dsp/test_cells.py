@@ -14,8 +14,8 @@ from groundtrace.dsp.noise import (
     LocalMaxima,
     NoiseRatio,
     RunningMaximum,
-    window_maxima,
 )
+from groundtrace.kernels.picker import window_maxima
 
 N = 203
 RNG = np.random.default_rng(10)
