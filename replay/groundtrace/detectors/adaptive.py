@@ -319,10 +319,10 @@ class StepBand:
     def _until(self, end: int) -> Followed:
         start = self._up.first
         end = max(start, end)
-        found = np.empty((len(Followed._fields), end - start))
+        found = np.empty((len(Followed._fields), 0))
         if end > start:
             hop = start // HOP
-            kernels.steps.step_bands(
+            found = kernels.steps.step_bands(
                 self._up.between(start, end + 2 * self._reach)[0],
                 self._kernels,
                 self._spans,
@@ -330,7 +330,6 @@ class StepBand:
                 np.ascontiguousarray(self._hops.between(hop, -(-end // HOP) + 1)),
                 start,
                 HOP,
-                found,
             )
         self._up.discard_before(end)
         self._hops.discard_before(end // HOP)

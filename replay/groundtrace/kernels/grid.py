@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .compiling import compiled, inlined
-from .lanes import LANES, every, put_row, row_from
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 _PHASES = 8
 #: Sums of every eighth product: they do not wait for each other.
 _SUMS = 8
-#: Sums that are made together, in registers.
-TOGETHER = 4 * LANES
+#: Products that are added to each sum before the next one.
+_PRODUCTS = 4
 
 
 @inlined
@@ -133,46 +132,40 @@ def grid_points(
     return low, recorded, own, past
 
 
+@inlined
+def neighbour_sums(x: Array, weights: Array, sums: Array) -> None:
+    """Put weighted sums of neighbours in ``sums``, shape (n,): that of i begins with x[i].
+
+    Each is added up from the first neighbour on, whatever the blocks.
+
+    Parameters
+    ----------
+    x
+        Shape (n + len(weights) - 1,) or more.
+    weights
+        From the first neighbour on.
+    """
+    taps, n = len(weights), len(sums)
+    sums[:] = 0.0
+    whole = taps - taps % _PRODUCTS
+    for k in range(0, whole, _PRODUCTS):
+        a, b, c, d = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        part = x[k : k + n + _PRODUCTS - 1]
+        for i in range(n):
+            sums[i] = sums[i] + a * part[i] + b * part[i + 1] + c * part[i + 2] + d * part[i + 3]
+    for k in range(whole, taps):
+        weight, part = weights[k], x[k : k + n]
+        for i in range(n):
+            sums[i] += weight * part[i]
+
+
 @compiled("f8[:, ::1](f8[:, ::1], f8[::1])")
 def weighted_sums(x: Array, kernel: Array) -> Array:
     """Return sums of neighbours, shape (n_channels, n) to (n_channels, n - len(kernel) + 1).
 
     The oldest is added first: the same sums whatever the blocks.
     """
-    taps = len(kernel)
-    sums = np.zeros((len(x), x.shape[1] - taps + 1))
+    sums, weights = np.empty((len(x), x.shape[1] - len(kernel) + 1)), kernel[::-1].copy()
     for c in range(len(x)):
-        line, own = x[c], sums[c]
-        for k in range(taps):
-            weight = kernel[taps - 1 - k]
-            for i in range(len(own)):
-                own[i] += weight * line[i + k]
+        neighbour_sums(x[c], weights, sums[c])
     return sums
-
-
-@inlined
-def sums_together(
-    x: Array, at: int, weights: Array, span: tuple[int, int], out: Array, to: int
-) -> None:
-    """Put weighted sums of neighbours, of :data:`TOGETHER` points from ``at`` on, in four rows.
-
-    Parameters
-    ----------
-    x
-        Shape (n,), to at least TOGETHER behind the last neighbour.
-    weights, span
-        Weights from the oldest neighbour on, and those that count.
-    out, to
-        Rows of LANES, and the first of the four.
-    """
-    one, two, three, four = every(0.0), every(0.0), every(0.0), every(0.0)
-    for k in range(span[0], span[1]):
-        weight = every(weights[k])
-        one = one + weight * row_from(x, at + k)
-        two = two + weight * row_from(x, at + k + LANES)
-        three = three + weight * row_from(x, at + k + 2 * LANES)
-        four = four + weight * row_from(x, at + k + 3 * LANES)
-    put_row(out, to, one)
-    put_row(out, to + 1, two)
-    put_row(out, to + 2, three)
-    put_row(out, to + 3, four)

@@ -1,4 +1,4 @@
-"""The loops of step detectors, compiled: rhythm, bands, peaks, types of steps."""
+"""The loops of step detectors, compiled: rhythm, bands, peaks, and the axes of the body."""
 
 from __future__ import annotations
 
@@ -7,50 +7,45 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .compiling import inlined as compiled
-from .compiling import inlined as in_place
-from .grid import TOGETHER, sums_together
-from .lanes import LANES
+from .compiling import compiled, inlined
+from .grid import neighbour_sums
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
     Places = NDArray[np.int64]
-    Span = tuple[int, int]
 
-#: Values of a strip that differ by this part of its range are equal but for rounding: a flat top is
-#: at its first place on every machine. source: some thousand roundings of 64-bit numbers.
-FLAT = 1e-12
+#: Points that are filtered together, by all bands that one of them needs.
+TOGETHER = 32
 
 
-@in_place
-def autocorrelation(x: Array, n: int, lags: int, energy: Array, sums: Array) -> None:
-    """Put the correlations of a window with itself shifted by 0 to ``lags`` in ``sums``.
+@inlined
+def autocorrelation(x: Array, energy: Array, sums: Array) -> None:
+    """Put the correlations of a window with itself, shifted by 0, 1, 2 ..., in ``sums``.
 
     Each is divided by the energies of the two parts that overlap, so that a perfect rhythm gives 1
     at all multiples of its period.
 
     Parameters
     ----------
-    x, n
-        The window in its first n places; 0 in as many behind them as there are sums.
+    x
+        Shape (n + len(sums) - 1,): the window, and nothing behind it.
     energy
         Shape (n + 1,), written over.
     sums
-        Shape (m,), m a multiple of TOGETHER and more than ``lags``.
+        Shape (lags,), lags <= n + 1.
     """
-    rows = sums.reshape(-1, LANES)
+    n = len(energy) - 1
     energy[0] = 0.0
     for i in range(n):
         energy[i + 1] = energy[i] + x[i] * x[i]
-    for g in range(len(sums) // TOGETHER):
-        sums_together(x, g * TOGETHER, x, (0, max(n - g * TOGETHER, 0)), rows, 4 * g)
-    for lag in range(lags + 1):
+    neighbour_sums(x, x[:n], sums)
+    for lag in range(len(sums)):
         sums[lag] /= math.sqrt(energy[n - lag] * (energy[n] - energy[lag]) + 1e-9)
 
 
-@in_place
+@inlined
 def median_size(window: Array, x: Array) -> float:
     """Return the median of absolute values, by parting them about one again and again (Hoare).
 
@@ -84,7 +79,7 @@ def median_size(window: Array, x: Array) -> float:
     return float(0.5 * (below + x[middle]))
 
 
-@in_place
+@inlined
 def clip_window(window: Array, limit: float, x: Array) -> None:
     """Put a window, shape (n,), with its amplitudes clipped, less its mean, in ``x``."""
     total = 0.0
@@ -95,7 +90,7 @@ def clip_window(window: Array, limit: float, x: Array) -> None:
         x[i] -= total / len(window)
 
 
-@in_place
+@inlined
 def best_period(
     correlation: Array, repeats: int, shortest: int, longest: int, comb: Array
 ) -> tuple[int, float]:
@@ -115,7 +110,16 @@ def best_period(
     return best, strength if best else -1.0
 
 
-@compiled
+@inlined
+def between(values: Array, place: float) -> float:
+    """Return the value at a place, on the straight line between its neighbours."""
+    low = int(place)
+    if low >= len(values) - 1:
+        return float(values[len(values) - 1])
+    return float((values[low + 1] - values[low]) * (place - low) + values[low])
+
+
+@compiled("f8[:, ::1](f8[::1], i8, i8, i8, UniTuple(i8, 2), f8, f8, f8)")
 def rhythms(
     signal: Array,
     hop: int,
@@ -145,9 +149,9 @@ def rhythms(
     """
     count = (len(signal) - length) // hop + 1
     shortest, longest = periods
-    out, lags = np.empty((3, count)), repeats * longest
-    sums = np.empty(-(-(lags + 1) // TOGETHER) * TOGETHER)
-    x, energy = np.zeros(length + len(sums)), np.empty(length + 1)
+    out, sums = np.empty((3, count)), np.empty(repeats * longest + 1)
+    # nothing stands behind a window
+    x, energy = np.zeros(length + len(sums) - 1), np.empty(length + 1)
     comb = np.empty(max(longest - shortest + 1, 1))
     for w in range(count):
         window = signal[w * hop : w * hop + length]
@@ -155,7 +159,7 @@ def rhythms(
         if longest < shortest + 2:
             continue
         clip_window(window, clip * out[2, w], x)
-        autocorrelation(x, length, lags, energy, sums)
+        autocorrelation(x, energy, sums)
         period, strength = best_period(sums, repeats, shortest, longest, comb)
         if not period:
             continue
@@ -168,7 +172,7 @@ def rhythms(
     return out
 
 
-@compiled
+@compiled("f8[:, ::1](f8[:, ::1], i8, UniTuple(i8, 2), i8, i8)")
 def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width: int) -> Array:
     """Return the best window of each hop ``[start, end)``, shape (3, n); -inf where there is none.
 
@@ -189,16 +193,7 @@ def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width
     return out
 
 
-@in_place
-def between(values: Array, place: float) -> float:
-    """Return the value at a place, on the straight line between its neighbours."""
-    low = int(place)
-    if low >= len(values) - 1:
-        return float(values[len(values) - 1])
-    return float((values[low + 1] - values[low]) * (place - low) + values[low])
-
-
-@in_place
+@inlined
 def place_among(nodes: Array, value: float) -> float:
     """Return the place of a value among nodes that rise, at most that of the first and last."""
     last = len(nodes) - 1
@@ -212,18 +207,11 @@ def place_among(nodes: Array, value: float) -> float:
     return float(1.0 / (nodes[low + 1] - nodes[low]) * (value - nodes[low]) + low)
 
 
-@compiled
+@compiled("f8[:, ::1](f8[::1], f8[:, ::1], i8[:, ::1], f8[::1], f8[:, ::1], i8, i8)")
 def step_bands(
-    up: Array,
-    kernels: Array,
-    spans: Places,
-    nodes: Array,
-    hops: Array,
-    start: int,
-    hop: int,
-    out: Array,
-) -> None:
-    """Filter points by their step time; ``out``, shape (5, n), takes what is known of each.
+    up: Array, kernels: Array, spans: Places, nodes: Array, hops: Array, start: int, hop: int
+) -> Array:
+    """Filter points by their step time.
 
     Parameters
     ----------
@@ -231,7 +219,7 @@ def step_bands(
         Shape (n + taps - 1,): the signal from the oldest neighbour of the first point on.
     kernels, spans
         Weights of each node's band, and last those that rises are timed in, shape (nodes + 1,
-        taps), and first and last that counts, (nodes + 1, 2).
+        taps), and where those that count begin and end, (nodes + 1, 2).
     nodes
         Step times of the bands, shape (nodes,).
     hops
@@ -239,14 +227,14 @@ def step_bands(
         shape (3, m).
     start, hop
         Place of the first point in the run, and points from hop to hop.
-    out
-        Rows: band, rise, rhythm, step time, usual swing.
+
+    Returns
+    -------
+    Band, rise, rhythm, step time and usual swing of the points, shape (5, n).
     """
-    n, last = out.shape[1], len(nodes)
-    line = np.zeros(len(up) + TOGETHER)
-    line[: len(up)] = up
-    sums, parts, lower = np.empty((last + 1, TOGETHER)), np.empty(TOGETHER), start // hop
-    rows, below = sums.reshape(-1, LANES), np.empty(TOGETHER, np.int64)
+    n, last, lower = len(up) - kernels.shape[1] + 1, len(nodes), start // hop
+    out, sums = np.empty((5, n)), np.empty((last + 1, TOGETHER))
+    parts, below = np.empty(TOGETHER), np.empty(TOGETHER, np.int64)
     for at in range(0, n, TOGETHER):
         count, first, most = min(TOGETHER, n - at), last, 0
         for i in range(count):
@@ -257,22 +245,24 @@ def step_bands(
             below[i] = min(int(node), last - 2)
             parts[i] = node - below[i]
             first, most = min(first, below[i]), max(most, below[i])
-        for node in range(first, most + 2):
-            sums_together(line, at, kernels[node], (spans[node, 0], spans[node, 1]), rows, 4 * node)
-        sums_together(line, at, kernels[last], (spans[last, 0], spans[last, 1]), rows, 4 * last)
+        for node in range(first, last + 1):
+            if node <= most + 1 or node == last:
+                oldest, end = spans[node, 0], spans[node, 1]
+                neighbour_sums(up[at + oldest :], kernels[node, oldest:end], sums[node, :count])
         for i in range(count):
             low, high = sums[below[i], i], sums[below[i] + 1, i]
             out[0, at + i] = low * (1 - parts[i]) + high * parts[i]
             out[1, at + i] = sums[last, i]
+    return out
 
 
-@in_place
+@inlined
 def vertex(before: float, middle: float, after: float) -> float:
     """Return where the parabola through three values has its vertex, from the middle one."""
     return 0.5 * (before - after) / (before - 2.0 * middle + after)
 
 
-@in_place
+@inlined
 def risen(signal: Array, here: int, near: int, back: int, part: float) -> float:
     """Return where a signal reaches a part of its rise to the peak within ``near`` of a place."""
     top = max(0, here - near)
@@ -295,7 +285,7 @@ def risen(signal: Array, here: int, near: int, back: int, part: float) -> float:
     return float(before + (level - signal[before]) / (signal[before + 1] - signal[before]))
 
 
-@in_place
+@inlined
 def higher(band: Array, here: int, reach: int) -> int:
     """Return how many points away the nearest higher value is; 0 where none is within ``reach``."""
     for away in range(1, reach + 1):
@@ -306,7 +296,7 @@ def higher(band: Array, here: int, reach: int) -> int:
     return 0
 
 
-@compiled
+@compiled("f8[:, ::1](f8[:, ::1], i8, UniTuple(i8, 2), f8, f8, f8, f8, i8, UniTuple(f8, 3))")
 def peaks(
     points: Array,
     first: int,
@@ -368,7 +358,7 @@ def peaks(
 _FORCE, _RATE, _TURNS, _LEFT = range(4)
 
 
-@compiled
+@compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[:, ::1], UniTuple(f8, 3))")
 def directions(force: Array, rate: Array, state: Array, keeps: tuple[float, float, float]) -> Array:
     """Return gravity of every sample, shape (3, n); the state, shape (4, 3), goes on in place.
 
@@ -407,7 +397,7 @@ def directions(force: Array, rate: Array, state: Array, keeps: tuple[float, floa
     return out
 
 
-@compiled
+@compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[::1], f8)")
 def resolved(force: Array, gravity: Array, nominal: Array, steep: float) -> Array:
     """Return accelerations ahead, to the right and up, without gravity, shape (3, n).
 
@@ -437,233 +427,3 @@ def resolved(force: Array, gravity: Array, nominal: Array, steep: float) -> Arra
         out[1, i] = (b * z - c * y) * u + (c * x - a * z) * v + (a * y - b * x) * w
         out[2, i] = x * u + y * v + z * w - length
     return out
-
-
-@compiled
-def neighbours(row: Array, weights: Array, count: int) -> Array:
-    """Return weighted sums of neighbours, the first of each first, shape (count,)."""
-    out = np.zeros(count)
-    for k in range(len(weights)):
-        weight = weights[k]
-        for i in range(count):
-            out[i] += weight * row[i + k]
-    return out
-
-
-@compiled
-def strip(times_s: Array, values: Array, phase_s: Array, weights: Array, smoothed: Array) -> None:
-    """Put signals, shape (c, m), at times ``phase_s`` in ``smoothed``, shape (c, n), averaged.
-
-    At the ends fewer neighbours count: nothing beyond the strip is waited for.
-    """
-    n, half, last = len(phase_s), len(weights) // 2, len(times_s) - 1
-    before, past = np.zeros(n, np.int64), np.zeros(n)
-    j = 0
-    for i in range(n):
-        while j < last and times_s[j + 1] <= phase_s[i]:
-            j += 1
-        before[i], past[i] = j, phase_s[i] - times_s[j]
-    # nothing stands beyond the ends, and weighs nothing
-    row, ones = np.zeros(n + 2 * half), np.zeros(n + 2 * half)
-    ones[half : half + n] = 1.0
-    totals = neighbours(ones, weights, n)
-    for c in range(len(values)):
-        for i in range(n):
-            j = before[i]
-            now = values[c, j]
-            if j < last and past[i] > 0:
-                slope = (values[c, j + 1] - values[c, j]) / (times_s[j + 1] - times_s[j])
-                now = slope * past[i] + values[c, j]
-            row[half + i] = now
-        smoothed[c] = neighbours(row, weights, n) / totals
-
-
-@in_place
-def reach(x: Array, span: Span) -> float:
-    """Return the range of a signal in ``[first, last]``."""
-    low = high = x[span[0]]
-    for i in range(span[0], span[1] + 1):
-        low, high = min(low, x[i]), max(high, x[i])
-    return float(high - low)
-
-
-@in_place
-def lowest(x: Array, first: int, last: int, equal: float) -> int:
-    """Return the first place in ``[first, last]`` within ``equal`` of the minimum."""
-    best = first
-    for i in range(first, last + 1):
-        if x[i] < x[best] - equal:
-            best = i
-    return best
-
-
-@in_place
-def slopes(x: Array, first: int, peak: int, last: int) -> float:
-    """Return the logarithm of the mean slope after a maximum over that before it."""
-    rise = (x[peak] - x[first]) / max(peak - first, 1)
-    fall = (x[peak] - x[last]) / max(last - peak, 1)
-    if not (rise > 0 and fall > 0):
-        return 0.0
-    return math.log(fall / rise)
-
-
-@in_place
-def highest_top(x: Array, phase: Array, low: float, high: float) -> int:
-    """Return the highest local maximum whose phase lies in ``[low, high]``; -1 for none."""
-    best = -1
-    for i in range(1, len(x) - 1):
-        inside = low <= phase[i] <= high
-        if inside and x[i] > x[i - 1] and x[i] >= x[i + 1] and (best < 0 or x[i] > x[best]):
-            best = i
-    return best
-
-
-@in_place
-def windows(x: Array, level: float, top: int) -> tuple[Span, Span, Span]:
-    """Return where a signal is above a level: before ``top``, around it, and after.
-
-    Where it stays below, what lies between is given.
-    """
-    last = len(x) - 1
-    first, end = top, top
-    if x[top] > level:
-        while first > 0 and x[first - 1] > level:
-            first -= 1
-        while end < last and x[end + 1] > level:
-            end += 1
-    before, after = (0, first), (end, last)
-    i = first - 1
-    while i >= 0 and not x[i] > level:
-        i -= 1
-    if i >= 0:
-        begin = i
-        while begin > 0 and x[begin - 1] > level:
-            begin -= 1
-        before = (begin, i)
-    i = end + 1
-    while i <= last and not x[i] > level:
-        i += 1
-    if i <= last:
-        begin = i
-        while i < last and x[i + 1] > level:
-            i += 1
-        after = (begin, i)
-    return before, (first, end), after
-
-
-@compiled
-def frontal(
-    values: Array,
-    phase: Array,
-    contact: int,
-    top_span: tuple[float, float],
-    near: float,
-    about: Span,
-    points: int,
-    reach_span: Span,
-) -> tuple[float, float, float, float]:
-    """Return window, lead (NaN without a frontal maximum), density and slopes of a strip.
-
-    Parameters
-    ----------
-    values, phase
-        Shape (3, n), and phase of its points, shape (n,).
-    contact
-        Place of the contact.
-    top_span
-        Phases between which the vertical maximum lies.
-    near
-        How far from that the frontal maximum may lie [steps].
-    about, reach_span
-        Where the vertical mean and its range are taken, first and last place.
-    points
-        Per step.
-    """
-    ahead, up = values[0], values[2]
-    top = highest_top(up, phase, top_span[0], top_span[1])
-    top = contact if top < 0 else top
-    level = up[about[0] : about[1] + 1].mean()
-    before, own, after = windows(up, level, top)
-    window = (own[1] - own[0]) / points
-    peak = highest_top(ahead, phase, phase[top] - near, phase[top] + near)
-    if peak < 0:
-        return window, math.nan, 0.0, 0.0
-    rising, falling = before if peak <= top else own, own if peak <= top else after
-    equal = FLAT * (ahead.max() - ahead.min())
-    first = lowest(ahead, min(rising[0], peak), min(rising[1], peak), equal)
-    last = lowest(ahead, max(falling[0], peak), max(falling[1], peak), equal)
-    height = ahead[peak] - 0.5 * (ahead[first] + ahead[last])
-    # a triangle of base n and this height has an area of height n / 2
-    density = 0.5 * height / max(reach(up, reach_span), 1e-9)
-    return window, (top - peak) / points, density, slopes(ahead, first, peak, last)
-
-
-@compiled
-def without_mean(x: Array, half: int) -> Array:
-    """Return a signal less its mean over ``half`` points before and after, as far as there are."""
-    out = np.empty(len(x))
-    for i in range(len(x)):
-        first, stop = max(0, i - half), min(len(x), i + half + 1)
-        summed = 0.0
-        for k in range(first, stop):
-            summed += x[k]
-        out[i] = x[i] - summed / (stop - first)
-    return out
-
-
-@in_place
-def around(x: Array, contact: int, most: float, equal: float) -> tuple[int, int, int, int]:
-    """Return the local minima up to ``most`` nearest to the contact, the first and the last of all.
-
-    The nearest up to the contact, and after it; the ends of the strip where there are none. A flat
-    bottom, of values that differ by ``equal`` at most, is at its first place.
-    """
-    before, after, first, last = 0, len(x) - 1, contact, contact
-    for i in range(1, len(x) - 1):
-        if x[i] < x[i - 1] - equal and x[i] <= x[i + 1] + equal and x[i] <= most:
-            first, last = min(first, i), max(last, i)
-            if i <= contact:
-                before = i
-            elif after == len(x) - 1:
-                after = i
-    return before, after, first, last
-
-
-@compiled
-def lateral(
-    values: Array, contact: int, deep: float, reach_span: Span, stride: int
-) -> tuple[float, float, float, float]:
-    """Return share, lobe, slopes and where the contact lies of a strip's lateral pattern.
-
-    Parameters
-    ----------
-    values
-        Shape (3, n).
-    contact
-        Place of the contact.
-    deep
-        Part of the range in which minima lie.
-    reach_span
-        Where ranges are taken, first and last place.
-    stride
-        Points before and after that a mean is taken over.
-    """
-    ahead, right, up = values
-    low, high = right.min(), right.max()
-    other = max(reach(ahead, reach_span), 1e-9) * max(reach(up, reach_span), 1e-9)
-    share = reach(without_mean(right, stride), reach_span) / other**0.5
-    equal = FLAT * (high - low)
-    first, last, earliest, latest = around(right, contact, low + deep * (high - low), equal)
-    peak = first
-    for i in range(first, last + 1):
-        if right[i] > right[peak] + equal:
-            peak = i
-    if first < earliest:
-        first = lowest(right, first, peak, equal)
-    if last > latest:
-        last = lowest(right, peak, last, equal)
-    length = max(last - first, 1)
-    steep = slopes(right, first, peak, last)
-    side = 1.0 if steep > 0 else -1.0
-    lobe = abs((peak - first) / length - 0.5)
-    return share, lobe, steep, side * (contact - peak) / length

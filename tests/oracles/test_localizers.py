@@ -1,4 +1,4 @@
-"""What is done with each step and frame, against the plain forms that it is a faster way of."""
+"""What localizers do with each step, against the plain forms that it is a faster way of."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from groundtrace.dsp.periodicity import _CLIP, Rhythm, Scale
-from groundtrace.kernels.grid import TOGETHER
-from groundtrace.kernels.steps import autocorrelation, clip_window
 from groundtrace.localizers.gcc_phat import (
     MISFIT_S,
     ONSET,
@@ -117,25 +114,3 @@ def test_the_nearest_arrival_is_the_nearest_of_its_channel_that_stands(seed, cou
         standing = (channel == channel[row]) & alive & (value[:, ONSET] == 0)
         apart = np.abs(times[standing] - times[row]) / 1e9
         assert found[row] == (apart.min(initial=np.inf) if value[row, ONSET] else np.inf)
-
-
-def test_a_window_is_correlated_with_itself_as_by_products_of_its_parts():
-    rng = np.random.default_rng(0)
-    for row in np.sin(np.arange(320) * 0.28) + rng.normal(0, 0.5, (7, 320)):
-        limit = _CLIP * np.median(np.abs(row))
-        window, found = np.zeros(len(row) + 4 * TOGETHER), np.empty(4 * TOGETHER)
-        clip_window(row, limit, window)
-        autocorrelation(window, len(row), 100, np.empty(len(row) + 1), found)
-        x = np.clip(row, -limit, limit)
-        x = x - x.mean()
-        products = np.array([x[: len(x) - k] @ x[k:] for k in range(101)])
-        energy = np.array([(x[: len(x) - k] ** 2).sum() * (x[k:] ** 2).sum() for k in range(101)])
-        np.testing.assert_allclose(found[:101], products / np.sqrt(energy + 1e-9), atol=1e-12)
-
-
-def test_a_rhythm_does_not_depend_on_how_many_windows_come_at_once():
-    signal = np.sin(np.arange(2000) * 0.28)[None, :] + np.random.default_rng(1).normal(0, 0.3, 2000)
-    whole, parts = (Rhythm((Scale(4.0, 2), Scale(8.0, 2)), 6.0) for _ in range(2))
-    expected = np.concatenate([whole(signal), whole.finish()], axis=1)
-    found = [parts(signal[:, at : at + 7]) for at in range(0, 2000, 7)]
-    np.testing.assert_array_equal(np.concatenate([*found, parts.finish()], axis=1), expected)
