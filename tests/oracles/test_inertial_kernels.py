@@ -1,4 +1,7 @@
-"""The loops of inertial navigation against straight numpy."""
+"""The loops of inertial navigation against straight numpy.
+
+With ``NUMBA_DISABLE_JIT=1`` they run as the plain Python that they are written in.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +31,7 @@ from groundtrace.inertial.strapdown import (
 from groundtrace_codecs.signals import G0_MPS2
 
 seeds = st.integers(0, 2**32 - 1)
+RECORDS = ("STATE", "FRAME", "SETTINGS")
 
 
 def samples_of(rng, count):
@@ -72,6 +76,38 @@ def test_a_sample_without_a_field_leaves_the_frame_without_one():
     frame = frame_of(samples, 0.01, np.zeros(3), 0.0)
     assert np.isnan(frame.record["field"]).all()
     assert np.isfinite(frame.record["force"]).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(1, 12), st.booleans())
+def test_what_a_field_is_tested_by_is_what_numpy_says(seed, count, doubted):
+    rng = np.random.default_rng(seed)
+    state, frame, p = (np.zeros((), getattr(kernels.attitude, x)) for x in RECORDS)
+    north, up = state["earth_field"] = 2e-5, -4.5e-5
+    state["hard_iron"], state["clean_iron"] = rng.normal(0, 1e-6, (2, 3))
+    state["doubted"], state["covariance"][2, 2] = doubted, 1e-4
+    p["drift_factor"], p["deviation_frames"], p["derivative_frames"] = 2.0, 5, 3
+    frame["earth_turn"] = matrix(normalised(rng.normal(size=4)))
+    frame["earth_field"] = rng.normal(0, 3e-5, 3)
+    norms, azimuths = rng.normal(5e-5, 1e-6, count), rng.normal(0, 0.1, count)
+    iron = state["clean_iron"] if doubted else state["hard_iron"]
+    x, y, z = field = frame["earth_field"] - frame["earth_turn"] @ iron
+    kernels.attitude.field_tests(state[()], frame[()], norms, azimuths, 0.1, p[()])
+    assert norms[-1] == pytest.approx(np.linalg.norm(field), rel=1e-12)
+    assert azimuths[-1] == pytest.approx(np.arctan2(x, y), rel=1e-12)
+    left = np.sign(azimuths[-1]) * max(abs(azimuths[-1]) - 2.0 * 0.01, 0.0)
+    flat, seen = np.hypot(x, y), azimuths[-3:]
+    expected = [
+        np.hypot(np.hypot(flat * np.sin(left), flat * np.cos(left) - north), z - up) * 1e6,
+        abs(norms[-1] - np.hypot(north, up)) * 1e6,
+        norms[-5:].std() * 1e6,
+        abs(flat - north) * 1e6,
+        abs(np.degrees(left)),
+        abs(np.degrees(np.angle(np.exp(1j * (seen[-1] - seen[0]))))) / (len(seen) * 0.1),
+        abs(np.degrees(np.arctan2(-z, flat) - np.arctan2(-up, north))),
+        0.0,
+    ]
+    np.testing.assert_allclose(frame["tests"], expected, rtol=1e-6, atol=1e-9)
 
 
 def covariance_of(rng, size):
@@ -181,6 +217,104 @@ def test_a_reckoned_track_is_smoothed_as_by_inverses(seed, count):
     np.testing.assert_allclose(knots["covariance"], spreads, rtol=1e-6, atol=1e-6)
 
 
+def foot_knots(rng, count):
+    """Knots of a foot: as predicted, as measured, and how errors go from one to the next."""
+    knots, covariance = np.zeros(count, kernels.navigation.KNOT), covariance_of(rng, 15)
+    for knot in knots:
+        step = np.eye(15) + 0.05 * rng.normal(size=(15, 15))
+        predicted = step @ covariance @ step.T + 0.01 * np.eye(15)
+        covariance = 0.5 * predicted
+        knot["transition"], knot["predicted_covariance"] = step, predicted
+        knot["covariance"] = covariance
+        knot["pose"] = rng.normal(size=16)
+        knot["pose"][:4] = normalised(knot["pose"][:4])
+        knot["predicted"] = knot["pose"] + 0.1 * rng.normal(size=16)
+        # what is measured turns little
+        turn = of_vectors(0.01 * rng.normal(size=(1, 3)))[0]
+        knot["predicted"][:4] = product(turn, knot["pose"][:4])
+    return knots
+
+
+def smooth_foot(knots):
+    """Smooth all but the last; return poses, planar covariances and the covariance of the first."""
+    state, last = np.zeros((), kernels.navigation.STATE), knots[-1]
+    state["pose"], state["covariance"] = last["pose"], last["covariance"]
+    poses, planar = np.empty((len(knots) - 1, 16)), np.empty((len(knots) - 1, 3))
+    kernels.navigation.smooth(knots[:-1], last, state[()], poses, planar)
+    return poses, planar, state["covariance"]
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(2, 5))
+def test_a_foot_is_smoothed_as_by_inverses(seed, count):
+    knots = foot_knots(np.random.default_rng(seed), count)
+    poses, planar, first = smooth_foot(knots)
+    pose, spread = knots["pose"][-1], knots["covariance"][-1]
+    for i in range(count - 2, -1, -1):
+        knot, later = knots[i], knots[i + 1]
+        wide = later["predicted_covariance"]
+        gain = knot["covariance"] @ later["transition"].T @ np.linalg.inv(wide)
+        turned_by = product(pose[:4], later["predicted"][:4] * [1, -1, -1, -1])
+        error = np.concatenate([2 * turned_by[1:], pose[4:] - later["predicted"][4:]])
+        error[:3] *= np.sign(turned_by[0])
+        change = gain @ error
+        spread = knot["covariance"] + gain @ (spread - wide) @ gain.T
+        turn = product(of_vectors(change[None, :3])[0], knot["pose"][:4])
+        pose = np.concatenate([turn, knot["pose"][4:] + change[3:]])
+        np.testing.assert_allclose(poses[i], pose, rtol=1e-6, atol=1e-6)
+        flat = [spread[6, 6], spread[6, 7], spread[7, 7]]
+        np.testing.assert_allclose(planar[i], flat, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(first, spread, rtol=1e-6, atol=1e-6)
+
+
+def test_a_foot_whose_covariance_is_zero_is_smoothed_to_where_it_was():
+    knots = foot_knots(np.random.default_rng(0), 3)
+    knots["covariance"] = knots["predicted_covariance"] = 0.0
+    poses, planar, _ = smooth_foot(knots)
+    np.testing.assert_allclose(poses, knots["pose"][:-1], atol=1e-12)
+    assert not planar.any()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(1, 80))
+def test_what_a_step_shows_is_what_numpy_says(seed, count):
+    rng = np.random.default_rng(seed)
+    orientation = normalised(rng.normal(size=(count, 4)))
+    force, axis = rng.normal(size=(count, 3)), rng.normal(size=3)
+    x, y, _ = turned(orientation, axis).T
+    heading = kernels.strides.mean_heading(orientation, axis)
+    assert heading == pytest.approx(np.unwrap(np.arctan2(y, x)).mean(), abs=1e-9)
+    values, parts = np.empty((3, count)), np.empty((3, 2))
+    kernels.strides.resolve(orientation, force, axis, values)
+    ahead = (x * force[:, 0] + y * force[:, 1]) / np.hypot(x, y)
+    right = (y * force[:, 0] - x * force[:, 1]) / np.hypot(x, y)
+    np.testing.assert_allclose(values, [ahead, right, force[:, 2]], atol=1e-9)
+    phase = rng.uniform(-1.5, 1.5, count)
+    kernels.strides.swing(values, phase, parts)
+    inside = (phase >= -1) & (phase < 1)
+    expected = values[:, inside] @ np.exp(-2j * np.pi * phase[inside])
+    np.testing.assert_allclose(parts @ [1, 1j], expected, atol=1e-9)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(3, 80))
+def test_the_shape_of_a_step_is_that_of_its_integrals(seed, count):
+    rng = np.random.default_rng(seed)
+    force, time_ns = rng.normal(size=(count, 3)), np.arange(count) * 10_000_000
+    found = kernels.strides.shape(time_ns, force, 50_000_000, 0.1, 10**9, np.empty((2, count)))
+    smooth = np.convolve(force[:, 2], np.full(10, 0.1))[4:][:count]
+    inner = smooth[5 : count - 5] if count >= 13 else smooth
+    speed = np.cumsum(inner - inner.mean()) * 0.01
+    height = np.cumsum(speed - speed.mean()) * 0.01
+    np.testing.assert_allclose(found, (np.ptp(inner), np.ptp(height)), atol=1e-12)
+
+
+def test_a_shape_of_no_numbers_is_none():
+    given_ = (50_000_000, 0.1, 10**9, np.empty((2, 5)))
+    still = kernels.strides.shape(np.arange(5) * 10_000_000, np.full((5, 3), np.nan), *given_)
+    assert np.isnan(still).all()
+
+
 def test_a_state_that_is_known_exactly_stays_so_in_smoothing():
     knots = np.zeros(3, kernels.reckoning.KNOT)
     knots["transition"] = np.eye(6)
@@ -189,6 +323,7 @@ def test_a_state_that_is_known_exactly_stays_so_in_smoothing():
     assert not knots["covariance"].any()
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # as plain Python, numpy's numbers warn
 @pytest.mark.parametrize("hostile", [np.nan, np.inf])
 def test_a_covariance_that_is_no_number_ends_no_update(hostile):
     state = np.zeros((), kernels.attitude.STATE)

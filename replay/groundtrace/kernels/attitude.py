@@ -26,7 +26,7 @@ from .algebra import (
     rotation_of,
     vector,
 )
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,18 +43,13 @@ TILT = np.isin(np.arange(SIZE), [0, 1, 3, 4, 5])
 TILT_AND_EARTH = TILT | (np.arange(SIZE) >= EARTH)
 
 
-def _record(*fields: Any) -> np.dtype[Any]:
-    """Return the type of a record whose fields are found by name, in and out of compiled code."""
-    return np.dtype((np.record, np.dtype([*fields], align=True)))
-
-
 #: What the filter knows; ``gyroscope`` is what the gyroscope alone would: its heading over that of
 #: the filter, its bias as seen at rest, and in how many frames. ``delay_sums`` tell by how much the
 #: field comes late; ``clean_iron`` is what is tested with where it is ``doubted`` that no iron was
 #: added since; ``verified_rad`` is how far the sensor turned while the reference passed, ``fields``
 #: how many of the last fields are known. The last are written over by each update: what it sees of
 #: the errors H, H P, S, the gain, and the change.
-STATE = _record(
+STATE = record(
     ("orientation", "f8", 4),
     ("velocity", "f8", 3),
     ("gyro_bias", "f8", 3),
@@ -78,7 +73,7 @@ STATE = _record(
 )
 #: Noise and thresholds, as :class:`.inertial.attitude.AttitudeNoise` and the heading estimator
 #: explain them.
-SETTINGS = _record(
+SETTINGS = record(
     ("gyro_walk", "f8"),
     ("gyro_scale", "f8"),
     ("bias_walk", "f8"),
@@ -106,7 +101,7 @@ SETTINGS = _record(
 #: and force from their means; sums that tell the field's delay. Then the rotation matrix of its
 #: start, and in the earth frame the mean turn, the field, and the field without that of the iron on
 #: the sensor; and what the field's tests look at. The last is written over.
-FRAME = _record(
+FRAME = record(
     ("mean_turn", "f8", (3, 3)),
     ("force", "f8", 3),
     ("field", "f8", 3),
@@ -125,7 +120,7 @@ FRAME = _record(
 #: What is told of a frame: heading's deviation at its start, whether the sensor rests, the bias,
 #: what the tests look at, headings by gyroscope and compass over the filter's, whether the field
 #: passed.
-TOLD = _record(
+TOLD = record(
     ("sigma_rad", "f8"),
     ("resting", "f8"),
     ("gyro_bias", "f8", 3),

@@ -57,6 +57,11 @@ def inlined(function: F) -> F:
     return cast("F", _njit(function))
 
 
+def record(*fields: Any) -> np.dtype[Any]:
+    """Return the type of a record whose fields are found by name, in and out of compiled code."""
+    return np.dtype((np.record, np.dtype([*fields], align=True)))
+
+
 def _njit(function: Any, *signature: Any) -> Any:
     options = {"nogil": True, "error_model": "numpy"}
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)

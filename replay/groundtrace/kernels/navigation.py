@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numba import float64, from_dtype, int64, void
 from numba.types import UniTuple
 
@@ -32,9 +31,10 @@ from .algebra import (
     rotation_of,
     rts_gain,
 )
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
     from .algebra import Array
@@ -44,17 +44,12 @@ SIZE = 15
 VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, POSE = 4, 7, 10, 13, 16
 
 
-def _record(*fields: Any) -> np.dtype[Any]:
-    """Return the type of a record whose fields are found by name, in and out of compiled code."""
-    return np.dtype((np.record, np.dtype([*fields], align=True)))
-
-
 _MATRIX, _ROWS = (SIZE, SIZE), (3, SIZE)
 #: What the filter knows: the pose, the covariance of its error, the transition of errors since the
 #: last knot, clocks, whether the foot stands, and when the last point of the track was. Of the
 #: segment gone on by last: its transition, the velocity gained, and how far it turned and was
 #: pushed. The others are written over.
-STATE = _record(
+STATE = record(
     ("pose", "f8", POSE),
     ("covariance", "f8", _MATRIX),
     ("transition", "f8", _MATRIX),
@@ -75,7 +70,7 @@ STATE = _record(
     ("middle", "f8", 4),
 )
 #: Noise, as :class:`.inertial.strapdown.SensorNoise` explains it, and parameters of the navigator.
-SETTINGS = _record(
+SETTINGS = record(
     ("gyro_walk", "f8"),
     ("force_walk", "f8"),
     ("gyro_scale", "f8"),
@@ -98,7 +93,7 @@ SETTINGS = _record(
 #: A moment of the walk: when, whether a point of the track lies there, the pose before the
 #: measurements there and the covariance of its error, the same after them, and the transition of
 #: errors from the knot before.
-KNOT = _record(
+KNOT = record(
     ("time_ns", "i8"),
     ("shown", "i8"),
     ("predicted", "f8", POSE),

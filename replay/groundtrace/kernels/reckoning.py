@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numba import float64, from_dtype, int64, void
 
 from .algebra import copy_matrix, propagate_covariance, rts_gain
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 
 if TYPE_CHECKING:
     from .algebra import Array
@@ -29,14 +28,9 @@ REST_DRIFT = 0.0016
 CLEAR = 2.0
 
 
-def _record(*fields: Any) -> np.dtype[Any]:
-    """Return the type of a record whose fields are found by name, in and out of compiled code."""
-    return np.dtype((np.record, np.dtype([*fields], align=True)))
-
-
 #: A moment of a track: when, whether a point lies there, the state before the measurements there
 #: and the covariance of its error, the same after them, and the transition from the knot before.
-KNOT = _record(
+KNOT = record(
     ("time_ns", "i8"),
     ("shown", "i8"),
     ("predicted", "f8", SIZE),
@@ -48,7 +42,7 @@ KNOT = _record(
 #: A step: when it ends, its length [m] and heading by the gyroscope [rad]; the offset that the
 #: compass asks for and its deviation [rad], NaN where it says nothing, and how many in a row err
 #: alike; how long the sensor has rested since the step before [s].
-STRIDE = _record(
+STRIDE = record(
     ("time_ns", "i8"),
     ("length_m", "f8"),
     ("heading_rad", "f8"),
@@ -59,7 +53,7 @@ STRIDE = _record(
 )
 #: Deviations: the gyroscope's drift at the start [rad/s], its wander from step to step [rad], a
 #: length, as a part, and the azimuth of a step [rad].
-NOISE = _record(("drift", "f8"), ("wander", "f8"), ("length", "f8"), ("way", "f8"))
+NOISE = record(("drift", "f8"), ("wander", "f8"), ("length", "f8"), ("way", "f8"))
 _KNOT, _STRIDE, _NOISE = from_dtype(KNOT), from_dtype(STRIDE), from_dtype(NOISE)
 _STATE, _MATRIX, _ROOM = float64[::1], float64[:, ::1], float64[:, :, ::1]
 
