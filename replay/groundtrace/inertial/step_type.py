@@ -250,8 +250,8 @@ def _averaged(rows: Array, weights: Array) -> Array:
     # nothing stands beyond the ends, and weighs nothing
     padded = np.zeros((len(rows) + 1, rows.shape[1] + 2 * half))
     padded[:-1, half:-half], padded[-1, half:-half] = rows, 1.0
-    sums = kernels.grid.weighted_sums(padded, weights)
-    return sums[:-1] / sums[-1]
+    sums: Array = kernels.grid.weighted_sums(padded, weights)
+    return np.asarray(sums[:-1] / sums[-1])
 
 
 def frontal(strip: Array, swing: Swing | None) -> FrontalShape:

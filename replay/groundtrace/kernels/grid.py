@@ -24,8 +24,10 @@ _PRODUCTS = 4
 
 
 @inlined
-def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Array) -> Array:
-    """Return the low-pass's weights of the samples about a point ``past`` one of them, in samples.
+def weights_at(
+    past: float, reach: int, rate_hz: float, at_s: Array, table: Array, out: Array
+) -> None:
+    """Write the low-pass's weights of the samples about a point ``past`` one of them, in samples.
 
     Parameters
     ----------
@@ -36,8 +38,9 @@ def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Arra
         Sampling rate [Hz].
     at_s, table
         Times and weights between which straight lines are drawn, shape (m,).
+    out
+        Shape (2 reach + 1,) or more.
     """
-    out = np.empty(2 * reach + 1)
     last = len(at_s) - 1
     for k in range(2 * reach + 1):
         away_s = abs((k - reach) - past) / rate_hz
@@ -51,7 +54,6 @@ def weights_at(past: float, reach: int, rate_hz: float, at_s: Array, table: Arra
         else:
             slope = (table[j + 1] - table[j]) / (at_s[j + 1] - at_s[j])
             out[k] = slope * (away_s - at_s[j]) + table[j]
-    return out
 
 
 @inlined
@@ -112,7 +114,9 @@ def grid_points(
     known, kept = np.full(_PHASES, -1.0), np.zeros((_PHASES, padded))
     # nothing stands before the run and after its end
     lines, sums = np.zeros((channels, n + padded + reach + _SUMS)), np.empty(_SUMS)
-    lines[:, reach : reach + n] = values
+    for c in range(channels):
+        for i in range(n):
+            lines[c, reach + i] = values[c, i]
     for m in range(count):
         place = (start + m) * step
         base = math.floor(place + 1e-9)
@@ -120,7 +124,7 @@ def grid_points(
         weight, phase = kept[(start + m) % _PHASES], (start + m) % _PHASES
         if known[phase] != past[m]:
             known[phase] = past[m]
-            weight[:taps] = weights_at(past[m], reach, rate_hz, at_s, table)
+            weights_at(past[m], reach, rate_hz, at_s, table, weight)
         at = base - first
         total = _sum(weight, max(0, reach - at), min(taps, n + reach - at))
         own[m] = min(at, n - 1)

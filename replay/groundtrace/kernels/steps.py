@@ -189,7 +189,8 @@ def strongest(found: Array, first: int, hops: tuple[int, int], ahead: int, width
         last = min(hop, max(0, hop + ahead - width), first + found.shape[1] - 1)
         for w in range(max(min(hop - 1 - width, last) - first, 0), last - first + 1):
             if found[0, w] > out[0, hop - start]:
-                out[:, hop - start] = found[:, w]
+                for k in range(3):  # a whole column at once takes numba seconds to compile
+                    out[k, hop - start] = found[k, w]
     return out
 
 
