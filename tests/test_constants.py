@@ -10,7 +10,7 @@ import groundtrace
 #: Folders of algorithms. Those that draw, ask or convert have sizes and names, not constants.
 FOLDERS = (
     *("annotate", "api", "detectors", "dsp", "evaluation", "explain", "fleet", "inertial"),
-    *("layout", "localizers", "pipeline", "simulate", "trackers", "vehicles"),
+    *("kernels", "layout", "localizers", "pipeline", "simulate", "trackers", "vehicles"),
 )
 
 #: Files that draw: their numbers are sizes on paper or screen.

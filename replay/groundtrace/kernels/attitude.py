@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from .algebra import Array, Quaternion, Vector
 
+#: Rows of the error state, and the first of each of its parts. Source: definition.
 SIZE = 14
-#: First row of each part of the error state.
 ROTATION, VELOCITY, BIAS, IRON, EARTH = 0, 3, 6, 9, 12
 #: Rows that a measurement must not change: a field must not change the tilt, and the earth's field
-#: only where it is surely that.
+#: only where it is surely that. Source: definition.
 NONE = np.zeros(SIZE, np.bool_)
 TILT = np.isin(np.arange(SIZE), [0, 1, 3, 4, 5])
 TILT_AND_EARTH = TILT | (np.arange(SIZE) >= EARTH)
@@ -133,6 +133,7 @@ _STATE, _SETTINGS, _FRAME = from_dtype(STATE), from_dtype(SETTINGS), from_dtype(
 _ROWS, _VALUES = float64[:, ::1], float64[::1]
 _VECTOR, _QUATERNION = UniTuple(float64, 3), UniTuple(float64, 4)
 _MASK = ArrayType(boolean, 1, "C", readonly=True)
+#: A microtesla [T], and a full turn [rad]. Source: SI.
 TESLA = 1e-6
 _TWO_PI = 2.0 * math.pi
 

@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 
     F = TypeVar("F", bound=Callable[..., Any])
 
-#: How long a function takes to compile, more or less [s].
+#: How long a function takes to compile, more or less [s]. Bench: cold and warm replays of
+#: a room, 9 s for 13 functions.
 FUNCTION_S = 0.7
 #: Folders of other contents are dropped after this time [s]: other versions may still use them.
+#: Chosen by judgement: a day.
 OUTDATED_S = 86_400.0
 _HERE = Path(__file__).parent
 

@@ -14,10 +14,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 #: Nodes worked on together: what is summed for each of them stays in the nearest cache.
+#: Chosen by judgement: 64 nodes of 5 sums are 2.5 KB.
 BLOCK = 64
-#: What is summed over arrivals at each node: 1, u, t, u u and t u, all by weight.
+#: What is summed over arrivals at each node: 1, u, t, u u and t u, all by weight. Source:
+#: definition.
 SUMS = 5
-#: The least sum of squares that divides, the least normal float64.
+#: The least sum of squares that divides, the least normal float64. Source: IEEE 754.
 TINY = 2.2250738585072014e-308
 
 

@@ -39,11 +39,12 @@ if TYPE_CHECKING:
 
     from .algebra import Array
 
+#: Rows of the error state; places in a pose: orientation, velocity, position, biases of gyroscope
+#: and accelerometer. Source: definition.
 SIZE = 15
-#: Places in a pose: orientation, velocity, position, biases of gyroscope and accelerometer.
 VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, POSE = 4, 7, 10, 13, 16
 
-
+#: Shapes. Source: definition.
 _MATRIX, _ROWS = (SIZE, SIZE), (3, SIZE)
 #: What the filter knows: the pose, the covariance of its error, the transition of errors since the
 #: last knot, clocks, whether the foot stands, and when the last point of the track was. Of the

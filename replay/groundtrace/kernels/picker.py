@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Indices = NDArray[np.intp]
 
-#: Channels of one record.
+#: Channels of one record. Chosen by judgement: twice the 16 of a usual site; more take another.
 LANES = 32
 #: A second-order section: y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y'', of the samples before.
 SECTION = np.dtype([(name, "f8") for name in ("b0", "b1", "b2", "a1", "a2")])
 #: The filter has that many sections; one with fewer is filled up by sections of b0 = 1.
+#: Source: definition; a band-pass of order 2.
 SECTIONS = 2
 #: What is kept of each channel: what its samples are multiplied by; both sections' memory; the
 #: moving average of the square, and what it was at the end of the last complete cell; of the open
@@ -39,10 +40,11 @@ CHANNELS = np.dtype(
         *((name, "f8", (LANES,)) for name in ("power", "high", "low")),
     ]
 )
-#: What a cell holds of each channel: level, peak, power, highest, lowest sample.
+#: What a cell holds of each channel: level, peak, power, highest, lowest sample. Source:
+#: definition.
 CELL = 5
 #: A filter's memory below this, at the end of a cell, is nothing: it would go on through numbers
-#: that are slow to count.
+#: that are slow to count. Chosen by judgement: far below any sample.
 NOTHING = 1e-140
 
 _STATE = (numba.from_dtype(SECTION)[::1], numba.f8, numba.from_dtype(CHANNELS)[::1])
@@ -280,17 +282,20 @@ def local_maxima(
     return found[:, :count]
 
 
-#: Samples at both ends of the window where a variance means nothing.
+#: Samples at both ends of the window where a variance means nothing. Chosen by judgement: of one or
+#: two samples a variance is nothing, of three it is a poor one.
 EDGE = 3
 #: Least variance, so that there is a logarithm; and as a part of the greatest after a sample.
+#: Chosen by judgement: the variance of a dead channel; no signal in SI units comes near it.
 LEAST, LEAST_PART = 1e-300, 1e-8
 #: A weight below exp(-WEIGHTLESS) changes no sum of weights, of which the largest is 1.
+#: Source: definition: exp(-60) is below 2^-53, the last bit of a double near 1.
 WEIGHTLESS = 60.0
 
 
 #: A number, as it is stored, is its exponent with its fraction behind it: taken as a whole, it lies
 #: below the logarithm to the base 2 by no more than 0.0861. Of the upper half of the bits, this
-#: makes a natural logarithm that is too low by at most ROUGHNESS.
+#: makes a natural logarithm that is too low by at most ROUGHNESS. Source: IEEE 754.
 _LOG_UNIT, _LOG_OFFSET = math.log(2) / (1 << 20), 1023 * math.log(2) + 1e-6
 ROUGHNESS = 0.0597
 

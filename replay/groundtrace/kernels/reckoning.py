@@ -17,14 +17,16 @@ from .compiling import compiled, inlined, record
 if TYPE_CHECKING:
     from .algebra import Array
 
+#: How many rows the state has; of them: offset, its drift, mount, scale. Source: definition.
 SIZE = 6
-#: Rows of the state: offset, its drift, mount, scale.
 OFFSET, DRIFT, MOUNT, SCALE = 2, 3, 4, 5
-#: Random walk of the gyroscope's heading [rad/sqrt(s)].
+#: Random walk of the gyroscope's heading [rad/sqrt(s)]. Chosen by judgement: of cheap sensors.
 HEADING_WALK = math.radians(0.3)
-#: What a second at rest leaves of a gyroscope's bias [rad/s]; falls with the root of the time.
+#: What a second at rest leaves of a gyroscope's bias [rad/s]; falls with the root of the
+#: time. Chosen by judgement: the noise of a cheap gyroscope over a second.
 REST_DRIFT = 0.0016
-#: An azimuth further off than this, in standard deviations, loses weight.
+#: An azimuth further off than this, in standard deviations, loses weight. Chosen by
+#: judgement: one of twenty does by chance.
 CLEAR = 2.0
 
 

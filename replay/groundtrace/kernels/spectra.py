@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     Real = NDArray[np.floating[Any]]
     Indices = NDArray[np.intp]
 
-#: Frequencies of one record, even and odd each.
+#: Frequencies of one record, even and odd each. Chosen by judgement: more take another
+#: record.
 WAVES = 32
 _TERMS = ("even_cosine", "odd_cosine", "even_sine", "odd_sine")
 

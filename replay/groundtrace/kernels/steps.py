@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Places = NDArray[np.int64]
 
-#: Points that are filtered together, by all bands that one of them needs.
+#: Points that are filtered together, by all bands that one of them needs. Chosen by judgement: most
+#: of 0.8 s need the same two.
 TOGETHER = 32
 
 

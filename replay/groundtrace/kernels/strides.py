@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _TIMES = ArrayType(int64, 1, "C", readonly=True)
 _GIVEN, _ROWS = (ArrayType(float64, n, "C", readonly=True) for n in (1, 2))
+#: A full turn [rad]. Source: SI.
 _TWO_PI = 2.0 * math.pi
 
 
