@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check test golden build wheel bench fuzz big accept proto screenshot clean
+.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept proto screenshot clean
 
 demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
 	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
@@ -34,6 +34,9 @@ check: dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
+
+compile: dev ## all kernels, once, before those who would compile them at the same time
+	$(BIN)/python -c "from groundtrace import kernels; [getattr(kernels, name) for name in kernels.__all__]"
 
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal

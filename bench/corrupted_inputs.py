@@ -127,7 +127,7 @@ def told(of: Tape, *, channels: bool = True) -> Told:
             gaps[item.reason] += 1
         else:
             units[item.topic].update(item)
-    worn.finish()
+    worn.flush()
     remarks = [line for watch in units.values() for line in watch.remarks()]
     kinds = set()
     for watch in health.values():

@@ -81,7 +81,7 @@ def run(
     frames = []
     for start in range(0, n, size):
         frames += estimator.add(case.samples.rows(start, min(start + size, n)))
-    frames += estimator.finish()
+    frames += estimator.flush()
     lengths = [len(f.time_ns) for f in frames]
     return Found(
         np.concatenate([f.heading_rad for f in frames]),

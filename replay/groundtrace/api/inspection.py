@@ -199,7 +199,7 @@ def examine(recording: Recording, size: int, show: Callable[[float], None]) -> R
         first, last = spans.get(item.topic, (item.start_ns, item.last_ns))
         spans[item.topic] = (min(first, item.start_ns), max(last, item.last_ns))
         show((item.last_ns - start_ns) / NS_PER_S)
-    worn.finish()
+    worn.flush()
     remarks = [line for watch in units.values() for line in watch.remarks()]
     streams = [
         _stream(s, samples[s.topic], spans.get(s.topic), start_ns, watches.get(s.topic))

@@ -154,13 +154,13 @@ class AdaptiveDetector(Stage):
     def flush(self) -> Measured:
         """End the run; what waited for more is judged by what there is."""
         state = self.state
-        part = state.upward.finish()
+        part = state.upward.flush()
         self._wait(part)
-        ends = state.band(part.up), state.band.finish()
+        ends = state.band(part.up), state.band.flush()
         followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        found = np.concatenate([state.peaks(followed), state.peaks.finish()])
+        found = np.concatenate([state.peaks(followed), state.peaks.flush()])
         whole = self._measured(followed, found)
-        return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.finish()))
+        return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.flush()))
 
     def curve(self) -> Curve | None:
         """Return the band of the steps over what the last ``process`` or ``flush`` completed."""
@@ -304,11 +304,11 @@ class StepBand:
         self._hops.add(self._rhythm(self._trend(up)))
         return self._until(min(self._filtered, (self._hops.end - 1) * HOP))
 
-    def finish(self) -> Followed:
+    def flush(self) -> Followed:
         """Return the points up to the end of the signal."""
         self._up.add(np.repeat(self._up.values[:, -1:], self._reach, axis=1))
-        self._hops.add(self._rhythm(self._trend.finish()))
-        self._hops.add(self._rhythm.finish())
+        self._hops.add(self._rhythm(self._trend.flush()))
+        self._hops.add(self._rhythm.flush())
         return self._until(self._filtered)
 
     @property
@@ -384,7 +384,7 @@ class Peaks:
         self._kept.discard_before(self._next - _BACK)
         return found
 
-    def finish(self) -> NDArray[np.float64]:
+    def flush(self) -> NDArray[np.float64]:
         """Return the peaks that waited; a maximum at the very end is not one."""
         return self._until(self._kept.end - 1)
 

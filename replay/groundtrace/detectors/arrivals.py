@@ -202,10 +202,10 @@ class ArrivalTracker:
         value = (by_cell * scale.T[:, np.newaxis]).reshape(stop - start, self._channels)
         return Curve(self.clock.at(np.arange(start, stop)), value)
 
-    def finish(self) -> Measured:
+    def flush(self) -> Measured:
         """End the run: the last cells count although nothing follows them."""
         candidates = self._candidates(np.empty((self._channels, 0)), final=True)
-        return Measured(candidates, self._trace.finish())
+        return Measured(candidates, self._trace.flush())
 
     def _candidates(self, ratio: NDArray[np.float64], *, final: bool) -> Candidates:
         waiting = self._waiting.and_then(self._maxima.add(ratio, final=final))

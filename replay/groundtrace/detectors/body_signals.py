@@ -136,11 +136,11 @@ class Gravity:
         self._force.add(force)
         return self._paired(self._average(force))
 
-    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def flush(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the points that waited for what comes after the end."""
         if self._force is None:
             return np.empty((1, 0)), np.empty((1, 0))
-        return self._paired(self._average.finish())
+        return self._paired(self._average.flush())
 
     def _paired(
         self, gravity: NDArray[np.float64]
@@ -234,14 +234,14 @@ class Upward:
         self._wait(part)
         return self._waited(along(*self._gravity(part.values)))
 
-    def finish(self) -> UpwardPart:
+    def flush(self) -> UpwardPart:
         """Return the points up to the end of the run."""
-        part = self._grid.finish()
+        part = self._grid.flush()
         if self._gravity is None:
             return UpwardPart(part.time_ns, part.values, np.abs(part.recorded))
         self._wait(part)
         now = along(*self._gravity(part.values))
-        return self._waited(np.concatenate([now, along(*self._gravity.finish())], axis=1))
+        return self._waited(np.concatenate([now, along(*self._gravity.flush())], axis=1))
 
     def _wait(self, part: GridPart) -> None:
         norm = np.sqrt(np.einsum("cn,cn->n", part.recorded, part.recorded))[None, :]

@@ -662,7 +662,7 @@ class DempsterShaferDetector(Stage):
 
     def flush(self) -> Measured:
         """End the run; a peak at its very end is not one."""
-        return Measured(self._look(self.state.signal.finish()), self.state.trace.finish())
+        return Measured(self._look(self.state.signal.flush()), self.state.trace.flush())
 
     def _look(self, columns: range) -> Candidates:
         """Return the peaks among some samples of the signal."""

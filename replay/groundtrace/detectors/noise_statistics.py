@@ -84,7 +84,7 @@ class _Stretches:
         self._rows = self._rows[:, :, count:]
         return found
 
-    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def flush(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the last samples: nothing follows them, so that no arrival is among them."""
         return self._rows, np.zeros(self._rows.shape[1:])
 
@@ -173,8 +173,8 @@ class NoiseStatistics(Stage):
 
     def flush(self) -> Measured:
         """End the run."""
-        last = self._measure(*self.state.stretches.finish())
-        return joined(last, self.state.tracker.finish())
+        last = self._measure(*self.state.stretches.flush())
+        return joined(last, self.state.tracker.flush())
 
     def _measure(self, rows: NDArray[np.float64], level: NDArray[np.float64]) -> Measured:
         state = self.state

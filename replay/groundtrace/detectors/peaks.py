@@ -126,7 +126,7 @@ class PeakDetector(Stage):
 
     def flush(self) -> Measured:
         """End the run; a maximum at its very end is not one."""
-        return Measured(self._complete(self.state.activity.end), self.state.trace.finish())
+        return Measured(self._complete(self.state.activity.end), self.state.trace.flush())
 
     def _complete(self, end: int) -> Candidates:
         """Return the maxima before sample ``end`` of the run, and forget what they needed."""

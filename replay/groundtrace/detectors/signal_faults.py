@@ -170,7 +170,7 @@ class Windows:
         while self._count >= self._length + MARGIN:
             yield self._window(self._count - self._length)
 
-    def finish(self) -> Iterator[Window]:
+    def flush(self) -> Iterator[Window]:
         """Yield what is left and begin a new run."""
         if self._count:
             yield self._window(0)
@@ -212,7 +212,7 @@ class FaultDetectors:
 
     def gap(self) -> None:
         """End the run."""
-        self._update(self._windows.finish())
+        self._update(self._windows.flush())
         for detector in self._detectors:
             detector.gap()
 

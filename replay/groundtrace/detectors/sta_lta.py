@@ -104,8 +104,8 @@ class StaLtaPicker(Stage):
 
     def flush(self) -> Measured:
         """End the run; the smoothing sees the last sample repeated."""
-        last = self._measure(*self.state.slope.finish())
-        return joined(last, self.state.tracker.finish())
+        last = self._measure(*self.state.slope.flush())
+        return joined(last, self.state.tracker.flush())
 
     def _measure(self, signal: NDArray[np.float64], slope: NDArray[np.float64]) -> Measured:
         state = self.state

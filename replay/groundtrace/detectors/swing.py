@@ -126,7 +126,7 @@ class SwingDetector(Stage):
 
     def flush(self) -> Measured:
         """End the run; the machine stops wherever it is."""
-        return Measured(self._look(self.state.signal.finish()), self.state.trace.finish())
+        return Measured(self._look(self.state.signal.flush()), self.state.trace.flush())
 
     def _look(self, columns: range) -> Candidates:
         p, state = self.parameters, self.state

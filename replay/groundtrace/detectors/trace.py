@@ -97,7 +97,7 @@ class FrameTrace:
         self._begin_ns = int(begins[-1])
         return self._frames(begins[:count], whole, self.length)
 
-    def finish(self) -> Frames:
+    def flush(self) -> Frames:
         """Return the last, shorter frame."""
         columns, self._columns = self._columns, self._columns[:, :, :0]
         if not columns.shape[2]:

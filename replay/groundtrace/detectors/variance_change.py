@@ -167,7 +167,7 @@ class VarianceChange(Stage):
 
     def flush(self) -> Measured:
         """End the run."""
-        return self.state.tracker.finish()
+        return self.state.tracker.flush()
 
 
 def _noise(noise_s: float, cell_s: float) -> RunningMaximum:

@@ -101,7 +101,7 @@ class ZeroCrossingDetector(Stage):
 
     def flush(self) -> Measured:
         """End the run; a lobe that has not ended is not one."""
-        return Measured(Candidates.empty(len(self.columns)), self.state.trace.finish())
+        return Measured(Candidates.empty(len(self.columns)), self.state.trace.flush())
 
     def _close(
         self, block: SignalBlock, signal: NDArray[np.float64], turns: NDArray[np.intp]

@@ -147,7 +147,7 @@ class ZeroVelocityDetector(Stage):
         state = self.state
         ended = [] if state.under_way is None else [(state.under_way, state.end_ns)]
         state.under_way = None
-        return Measured(self._candidates(ended), state.trace.finish())
+        return Measured(self._candidates(ended), state.trace.flush())
 
     def _scale(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what the statistic is divided by: 1 unless the foot swings so fast."""

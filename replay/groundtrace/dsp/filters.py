@@ -201,7 +201,7 @@ class SmoothedSlope:
         self._signal = x[:, done:]
         return x[:, :done], slope
 
-    def finish(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def flush(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what the last samples lack; after the run the signal is taken to be constant."""
         waiting = self._signal.shape[1]
         if not waiting:
@@ -339,7 +339,7 @@ class CentredWindow:
         self._next = max(first, len(self.times) - self.after)
         return range(first, self._next)
 
-    def finish(self) -> range:
+    def flush(self) -> range:
         """Return the columns that are left; nothing comes after them."""
         first, self._next = self._next, len(self.times)
         return range(first, self._next)

@@ -146,7 +146,7 @@ class Rhythm:
         known = min(map(self._known, self.scales, self._found))
         return self._until(known)
 
-    def finish(self) -> NDArray[np.float64]:
+    def flush(self) -> NDArray[np.float64]:
         """Return the values up to the end of the signal."""
         shortest = round(_SHORTEST_S * GRID_HZ)
         for scale, found in zip(self.scales, self._found, strict=True):

@@ -95,7 +95,7 @@ class UniformResampler:
         self._values = np.concatenate([self._values, values], axis=1)
         return self._until(self._first + len(self._times) - 1 - self._reach - 1)
 
-    def finish(self) -> GridPart:
+    def flush(self) -> GridPart:
         """Return the points up to the last sample."""
         return self._until(self._first + len(self._times) - 1)
 
@@ -151,7 +151,7 @@ class CentredFilter:
         self._skip -= skipped
         return kernels.grid.weighted_sums(np.ascontiguousarray(joined[:, skipped:]), self.kernel)
 
-    def finish(self) -> NDArray[np.float64]:
+    def flush(self) -> NDArray[np.float64]:
         """Return what the last values lack."""
         if not len(self._past):
             return np.empty((1, 0))

@@ -326,7 +326,7 @@ class HeadingFilter(Protocol):
     def add(self, samples: Samples) -> Sequence[HeadingFrame]:
         """Take samples of any number; return the frames that are complete by now."""
 
-    def finish(self) -> Sequence[HeadingFrame]:
+    def flush(self) -> Sequence[HeadingFrame]:
         """Return what was held back."""
 
 

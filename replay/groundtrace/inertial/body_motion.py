@@ -135,9 +135,9 @@ class LevelFrameTracker:
         self._waiting = [joined([*self._waiting, samples])]
         self._take(self._estimator.add(_without_field(samples)))
 
-    def finish(self) -> None:
+    def flush(self) -> None:
         """Take in what was held back."""
-        self._take(self._estimator.finish())
+        self._take(self._estimator.flush())
 
     def _take(self, given: Sequence[HeadingFrame]) -> None:
         if not given:

@@ -251,7 +251,7 @@ class SensorAligner:
         complete &= (self._rate.time_ns <= self._field.until_ns) | waited
         return self._taken(int(complete.sum()))
 
-    def finish(self) -> Samples:
+    def flush(self) -> Samples:
         """Return what still waits."""
         if self._field_scale is None and self._unscaled.began:
             waiting = self._unscaled

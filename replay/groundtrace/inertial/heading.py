@@ -3,7 +3,7 @@
 It can be used without a pipeline::
 
     estimator = HeadingEstimator(HeadingParameters(), rate_hz=100.0)
-    for frame in [*estimator.add(samples), *estimator.finish()]:
+    for frame in [*estimator.add(samples), *estimator.flush()]:
         frame.orientation, frame.heading_rad, frame.sigma_rad, frame.undisturbed
 """
 
@@ -115,7 +115,7 @@ class HeadingEstimator:
             at += len(found[-1]) * self.length
         return HeadingFrames.concatenate(found) if found else []
 
-    def finish(self) -> Sequence[HeadingFrame]:
+    def flush(self) -> Sequence[HeadingFrame]:
         """Return the last, shorter frame."""
         left, self._waiting = self._waiting, []
         found = [self._next(part, len(part)) for part in left if len(part)]
@@ -435,8 +435,8 @@ class HeadingStage(Stage):
 
     def flush(self) -> Iterator[Output]:
         """End the run."""
-        yield from self._frames([*self._filter.add(self._aligner.finish()), *self._filter.finish()])
-        yield from self._spans.finish()
+        yield from self._frames([*self._filter.add(self._aligner.flush()), *self._filter.flush()])
+        yield from self._spans.flush()
 
     def decided(self, block: CandidateBlock) -> Sequence[Event]:  # noqa: ARG002
         """Yield nothing: whether the field is undisturbed is known to the filter already."""

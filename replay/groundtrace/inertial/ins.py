@@ -196,7 +196,7 @@ class InsTrajectory:
             self.filter.lose_velocity()
             self.swung_s = 0.0
 
-    def finish(self) -> list[TrackPoint]:
+    def flush(self) -> list[TrackPoint]:
         """Return where the track ends, and the track smoothed, as far as not said yet."""
         points: list[TrackPoint] = []
         if self._knots and not self._knots[-1]["shown"][-1]:
@@ -400,7 +400,7 @@ class FootNavigator(Stage):
 
     def flush(self) -> Iterator[Output]:
         """End the track."""
-        for segments in self._segments.finish():
+        for segments in self._segments.flush():
             yield from self._navigate(segments)
         yield from self.finish()
         if self._holder.count:
@@ -477,7 +477,7 @@ class FootNavigator(Stage):
     def finish(self) -> list[TrackPoint]:
         """End the track; return what is still to say of it."""
         walk, self._walk = self._walk, None
-        return [] if walk is None else walk.finish()
+        return [] if walk is None else walk.flush()
 
     def _limit(self, segment: Segment) -> float:
         """Return up to what statistic a foot stands: a fast one rolls on while it does."""

@@ -542,7 +542,7 @@ class DisturbedSpans:
         else:
             self._open = Disturbance(span.time_ns, end_ns, max(span.value, value), self.stage)
 
-    def finish(self) -> Iterator[Disturbance]:
+    def flush(self) -> Iterator[Disturbance]:
         """End: yield the disturbance that is still open."""
         span, self._open = self._open, None
         if span is not None:

@@ -161,7 +161,7 @@ class PedestrianDeadReckoning:
             said.append(Note(stride.time_ns, facing.news, source=self.stage))
         return said
 
-    def finish(self, until_ns: int = 2**63) -> list[TrackPoint]:
+    def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
         """End the track with what is known until a time; return what is still to say of it."""
         track, self._track = self._track, None
         if track is None:
@@ -169,7 +169,7 @@ class PedestrianDeadReckoning:
         points = self._take_places(track, until_ns)
         x, y = track.filter.state[:2].tolist()
         self.origin, self._went = (x, y), True
-        return points + track.finish()
+        return points + track.flush()
 
     def _interval_s(self, time_ns: int) -> float:
         """Return the time since the last step of the walk, or that of a first one [s]."""
@@ -274,11 +274,11 @@ class BodyWornSensor:
             oldest_ns = self._early[-1].start_ns - PATIENCE_NS
             self._early = [block for block in self._early if block.last_ns >= oldest_ns]
 
-    def finish(self) -> None:
+    def flush(self) -> None:
         """Take in what waited for more."""
         if self.motion is not None:
-            self.motion.add(self._aligner.finish())
-            self.motion.finish()
+            self.motion.add(self._aligner.flush())
+            self.motion.flush()
 
 
 #: A step counts satellite fixes up to so long after it.
@@ -356,10 +356,10 @@ class DeadReckoning(Stage):
 
     def flush(self) -> Iterator[Output]:
         """End the track."""
-        self._sensors[-1].finish()
+        self._sensors[-1].flush()
         yield from self._reckon(final=True)
         self._know(2**62)
-        yield from self._reckoner.finish()
+        yield from self._reckoner.flush()
         yield from self._notes()
 
     def decided(self, block: CandidateBlock) -> list[Event]:
@@ -385,7 +385,7 @@ class DeadReckoning(Stage):
         """Begin with a new sensor after a gap."""
         sensor = self._sensors[-1]
         if not gap.bridged and gap.topic in (self._context.topic, sensor.topic):
-            sensor.finish()
+            sensor.flush()
             self._sensors.append(BodyWornSensor())
 
     def _take_motion(self, block: SignalBlock) -> None:
@@ -426,7 +426,7 @@ class DeadReckoning(Stage):
         """Go on with the next sensor: the end of a track, and the beginning of another."""
         self._sensors.pop(0)
         self._know(time_ns)
-        yield from self._reckoner.finish(time_ns)
+        yield from self._reckoner.flush(time_ns)
         number = self._context.tracks.next()
         self._reckoner.start(self._context.stage, number, self._reckoner.origin)
 

@@ -110,7 +110,7 @@ class Track:
             self._fixes.append((self._strides.count, fix))
         return [self._point(self._knots.moment(-1), before, self.stage, nis), *self._due()]
 
-    def finish(self) -> list[TrackPoint]:
+    def flush(self) -> list[TrackPoint]:
         """Return the track smoothed, as far as not said yet."""
         points = self._smoothed() if self.smooth_s else []
         self._knots.keep_last()

@@ -383,7 +383,7 @@ class Segments:
         self._values = np.concatenate([self._values, values[skipped:]])
         return self._cut(self._length)
 
-    def finish(self) -> list[SegmentRun]:
+    def flush(self) -> list[SegmentRun]:
         """Return what is left; the statistic of the last samples is that of the last window.
 
         The last segment may be shorter than the others.

@@ -89,7 +89,7 @@ class VqfPeer:
         self._waiting = [whole.rows(count, len(whole))]
         return self._frames(whole.rows(0, count))
 
-    def finish(self) -> list[HeadingFrame]:
+    def flush(self) -> list[HeadingFrame]:
         """Return the last, shorter frame."""
         left, self._waiting = self._waiting, []
         return [frame for part in left if len(part) for frame in self._frames(part)]

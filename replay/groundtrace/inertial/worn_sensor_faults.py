@@ -154,7 +154,7 @@ class WornImu:
 
     def gap(self, topic: str) -> None:
         """End the run of a stream, and with it that of the sensor."""
-        samples = self._aligner.finish()
+        samples = self._aligner.flush()
         known = samples.time_ns <= (self._force_ns or 0)
         rows = np.hstack([samples.rate, samples.force, samples.field])
         self._judge(samples.time_ns[known], rows[known])
@@ -324,7 +324,7 @@ class ImuWatch:
         elif not item.bridged and item.topic in self._limits:
             self._limits[item.topic].gap()
 
-    def finish(self) -> None:
+    def flush(self) -> None:
         """End all runs."""
         for sensor in self.sensors:
             sensor.gap(sensor.force.topic)
@@ -332,7 +332,7 @@ class ImuWatch:
             limits.gap()
 
     def findings(self, remarks: Sequence[str] = ()) -> Iterator[Finding]:
-        """Yield what was found; after :meth:`finish`."""
+        """Yield what was found; after :meth:`flush`."""
         for sensor in self.sensors:
             yield from sensor.findings(remarks)
         for zero in self._zeros:
@@ -341,7 +341,7 @@ class ImuWatch:
             yield from (found for found in limits.findings() if found.kind == "clipped")
 
     def checks(self) -> Iterator[AxisCheck]:
-        """Yield what could be found out of axes; after :meth:`finish`."""
+        """Yield what could be found out of axes; after :meth:`flush`."""
         for sensor in self.sensors:
             yield from sensor.checks()
 
@@ -416,7 +416,7 @@ class ImportedImu:
 
     def remarks(self) -> tuple[str, ...]:
         """Return one line for each thing that was found; nothing is heard after that."""
-        self._watch.finish()
+        self._watch.flush()
         units = [line for watch in self._units.values() for line in watch.remarks()]
         return tuple(line_of(found) for found in self._watch.findings(units))
 
@@ -449,7 +449,7 @@ def judged(
         if isinstance(item, SignalBlock):
             end_ns = max(end_ns, item.last_ns)
             by_topic[item.topic].update(item)
-    imu.finish()
+    imu.flush()
     units = [line for watch in by_topic.values() for line in watch.remarks()]
     yield from (Note(end_ns, line, "WARN", SOURCE) for line in units)
     for found in imu.findings(units):

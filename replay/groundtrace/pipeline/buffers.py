@@ -56,11 +56,11 @@ class StreamSynchronizer:
 
     def add(self, item: Item) -> list[Item]:
         """Take the next item; return the round before it, in order, where that is over."""
-        ready = self.finish() if self._over(item) else []
+        ready = self.flush() if self._over(item) else []
         self._items.append(item)
         return ready
 
-    def finish(self) -> list[Item]:
+    def flush(self) -> list[Item]:
         """Return what is held back, in order."""
         items, self._items = self._items, []
         return in_order(items, self.order)

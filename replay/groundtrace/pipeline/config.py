@@ -222,7 +222,7 @@ class Pipeline:
             for made in held:
                 found += [made.item, *made.events()]
         self._check.update(found)
-        return [*found, *self._check.finish()]
+        return [*found, *self._check.flush()]
 
 
 def build_pipeline(

@@ -493,7 +493,7 @@ class StageRunner:
         """End all runs; return what was held back."""
         out: list[Event] = []
         if self._state.rounds is not None:
-            self._take_round(self._state.rounds.finish(), out)
+            self._take_round(self._state.rounds.flush(), out)
         for instance in self._state.instances.values():
             if isinstance(instance, _Instance):
                 self._end(instance, out)
@@ -1075,7 +1075,7 @@ class PresenceIntervals:
             elif accepted and known is not None:
                 known.last_ns, known.value = time_ns, max(known.value, value)
 
-    def finish(self) -> Iterator[Presence]:
+    def flush(self) -> Iterator[Presence]:
         """End all spans."""
         if self.spec is not None:
             for channel in sorted(self.open):

@@ -103,7 +103,7 @@ class TrackCheck:
             elif isinstance(event, Fix):
                 state.given["fixes", event.stage] += 1
 
-    def finish(self) -> Iterator[Note]:
+    def flush(self) -> Iterator[Note]:
         """Say what is wrong with the tracks."""
         state = self._state
         if self._tracking and not state.worst:

@@ -167,7 +167,7 @@ class RunWorker(CycleStage):
 
     def finish(self) -> Candidates:
         """Return the candidate of the last run."""
-        return self._candidate(self._runs.finish())
+        return self._candidate(self._runs.flush())
 
     def follow(self, accepted: NDArray[np.bool_]) -> Iterator[Event]:
         """Yield the track of an accepted run, the lines it crosses, and whether to doubt it."""

@@ -492,10 +492,10 @@ class RunCollector:
         quiet_ns = cycle.time_ns - self._last_ns
         long_ns = cycle.time_ns - self._cycles[0].time_ns
         if quiet_ns > self.limits.quiet_s * NS_PER_S or long_ns > self.limits.most_s * NS_PER_S:
-            return self.finish()
+            return self.flush()
         return []
 
-    def finish(self) -> list[StationPowers]:
+    def flush(self) -> list[StationPowers]:
         """Return the run that has not ended yet, as one that has."""
         run, self._cycles = self._cycles, []
         self._lead.clear()

@@ -127,7 +127,7 @@ class CyclePower:
         self._samples = np.concatenate([self._samples, self._filter(x)], axis=1)
         return self._cut(open_end=True)
 
-    def finish(self) -> CyclePowers:
+    def flush(self) -> CyclePowers:
         """Return the last cycle, if there is half of it; then start anew."""
         found = self._cut(open_end=False)
         self._filter.zi = None
@@ -623,8 +623,8 @@ class VehiclePresence(Stage):
 
     def flush(self) -> Iterator[Output]:
         """Yield the last cycle, if there is half of it; its shape stays unknown. End all spans."""
-        yield from self._measured(self.state.cycles.finish(), None)
-        yield from self.spans.finish()
+        yield from self._measured(self.state.cycles.flush(), None)
+        yield from self.spans.flush()
 
     def decided(self, block: CandidateBlock) -> Iterator[Presence]:
         """Yield the spans that have ended."""

@@ -25,7 +25,7 @@ def run(cuts=(), rows=ROWS, rate_hz=RATE_HZ):
     trace = FrameTrace(rate_hz, len(rows[0]))
     length = rows[0].shape[1]
     pieces = zip(parts_of(TIMES[:length], cuts), *(parts_of(r, cuts) for r in rows), strict=True)
-    frames = [trace.add(*piece) for piece in pieces] + [trace.finish()]
+    frames = [trace.add(*piece) for piece in pieces] + [trace.flush()]
     return np.concatenate([f.time_ns for f in frames]), np.concatenate([f.value for f in frames])
 
 
@@ -94,7 +94,7 @@ def test_the_last_frame_may_be_shorter():
 
 def test_a_run_without_columns_has_no_frames():
     trace = FrameTrace(RATE_HZ, 3)
-    frames = trace.finish()
+    frames = trace.flush()
     assert frames.time_ns.shape == (0,)
     assert frames.value.shape == (0, 3, len(NAMES))
 

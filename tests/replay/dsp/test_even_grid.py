@@ -33,7 +33,7 @@ def gridded(x, rate_hz, cuts=()):
     at = times(x.shape[1], rate_hz)
     edges = [0, *sorted(cuts), x.shape[1]]
     parts = [grid(at[a:b], x[:, a:b]) for a, b in pairwise(edges)]
-    parts.append(grid.finish())
+    parts.append(grid.flush())
     return (
         np.concatenate([p.time_ns for p in parts]),
         np.concatenate([p.values for p in parts], axis=1),
@@ -66,8 +66,8 @@ def test_parts_give_exactly_the_filtered_signal_of_the_whole(cuts):
     whole, parted = CentredFilter(gaussian(0.4)), CentredFilter(gaussian(0.4))
     parts = [parted(part) for part in np.split(x, sorted(cuts), axis=1)]
     np.testing.assert_array_equal(
-        np.concatenate([*parts, parted.finish()], axis=1),
-        np.concatenate([whole(x), whole.finish()], axis=1),
+        np.concatenate([*parts, parted.flush()], axis=1),
+        np.concatenate([whole(x), whole.flush()], axis=1),
     )
 
 
@@ -75,20 +75,20 @@ def test_a_centred_filter_delays_nothing_and_holds_the_ends():
     impulse = np.zeros((1, 81))
     impulse[0, 40] = 1.0
     smoother = CentredFilter(gaussian(0.1))
-    y = np.concatenate([smoother(impulse), smoother.finish()], axis=1)
+    y = np.concatenate([smoother(impulse), smoother.flush()], axis=1)
     assert y.shape == impulse.shape
     assert np.argmax(y) == 40
     level = CentredFilter(gaussian(0.1))
-    y = np.concatenate([level(np.full((1, 9), 5.0)), level.finish()], axis=1)
+    y = np.concatenate([level(np.full((1, 9), 5.0)), level.flush()], axis=1)
     np.testing.assert_allclose(y, 5.0)
 
 
 def test_what_never_came_has_no_end():
-    assert CentredFilter(gaussian(0.1)).finish().shape == (1, 0)
-    assert Gravity().finish()[0].shape == (1, 0)
+    assert CentredFilter(gaussian(0.1)).flush().shape == (1, 0)
+    assert Gravity().flush()[0].shape == (1, 0)
     grid = UniformResampler(50.0, 3.5)
     assert grid(np.empty(0, np.int64), np.empty((3, 0))).values.shape == (3, 0)
-    assert grid.finish().values.shape == (3, 0)
+    assert grid.flush().values.shape == (3, 0)
 
 
 def test_gravity_is_found_under_the_movement_and_up_is_along_it():
@@ -98,7 +98,7 @@ def test_gravity_is_found_under_the_movement_and_up_is_along_it():
     side = np.array([0.8, 0.0, -0.6])[:, None] * np.sin(2 * np.pi * 0.9 * t)
     gravity = Gravity()
     force = down[:, None] * up + side
-    parts = [gravity(force), gravity.finish()]
+    parts = [gravity(force), gravity.flush()]
     upward = np.concatenate([along(*part) for part in parts], axis=1)
     np.testing.assert_allclose(upward[0, 100:-100], up[100:-100], atol=0.02)
     assert not along(np.ones((3, 4)), np.zeros((3, 4))).any()
@@ -137,9 +137,9 @@ def test_every_hop_gets_its_rhythm_once_however_far_it_looks(ahead_s):
     wave = np.sin(2 * np.pi * np.arange(1003) / GRID_HZ / 0.55)[None, :]
     scales = (Scale(4.0, 2), Scale(8.0, 2))
     whole, parted = Rhythm(scales, ahead_s), Rhythm(scales, ahead_s)
-    at_once = np.concatenate([whole(wave), whole.finish()], axis=1)
+    at_once = np.concatenate([whole(wave), whole.flush()], axis=1)
     parts = [parted(wave[:, i : i + 37]) for i in range(0, 1003, 37)]
-    np.testing.assert_array_equal(at_once, np.concatenate([*parts, parted.finish()], axis=1))
+    np.testing.assert_array_equal(at_once, np.concatenate([*parts, parted.flush()], axis=1))
     assert at_once.shape == (3, -(-1003 // HOP) + 1)
     assert at_once[0].min() > 0.9
 

@@ -45,7 +45,7 @@ def test_parts_give_exactly_the_samples_of_the_whole(make, cuts):
 def test_parts_give_exactly_the_slope_of_the_whole(cuts, rate_hz):
     def run(edges):
         slope = SmoothedSlope(rate_hz, 0.008, 0.003)
-        found = [slope(x) for x in parts_of(NOISE, edges)] + [slope.finish()]
+        found = [slope(x) for x in parts_of(NOISE, edges)] + [slope.flush()]
         return [np.concatenate([f[i] for f in found], axis=-1) for i in range(2)]
 
     for one, other in zip(run(cuts), run([]), strict=True):
@@ -137,7 +137,7 @@ def test_the_slope_of_a_line_is_its_slope_without_delay(rate_hz):
 def test_the_slope_is_largest_where_the_signal_jumps():
     step = np.repeat([0.0, 1.0], 100)[None, :]
     slope = SmoothedSlope(1000.0, 0.008, 0.002)
-    found = [slope(step), slope.finish()]
+    found = [slope(step), slope.flush()]
     values = np.concatenate([f[1][0] for f in found])
     assert len(values) == 200
     assert abs((values * np.arange(200)).sum() / values.sum() - 99.5) < 1e-9
@@ -147,7 +147,7 @@ def test_the_slope_is_largest_where_the_signal_jumps():
 def test_a_run_shorter_than_the_smoothing_has_a_slope_too(length):
     slope = SmoothedSlope(1000.0, 0.02, 0.01)
     assert slope(NOISE[:, :length])[0].shape == (2, 0)
-    x, found = slope.finish()
+    x, found = slope.flush()
     assert np.array_equal(x, NOISE[:, :length])
     assert np.isfinite(found).all()
 

@@ -24,7 +24,7 @@ def test_every_maximum_is_seen_once_with_its_surroundings(x, cuts, before, after
     done = 0
     for part in [*parts, None]:
         if part is None:
-            columns = signal.finish()
+            columns = signal.flush()
         else:
             columns = signal.add(np.arange(done, done + part.shape[1]), part)
             done += part.shape[1]

@@ -135,7 +135,7 @@ def test_a_reference_taken_beside_a_magnet_is_replaced_when_the_sensor_turned() 
 def alone(case: Turning) -> tuple[np.ndarray, np.ndarray]:
     """Errors of the headings by gyroscope and by compass alone, frame by frame [deg]."""
     estimator = HeadingEstimator(HeadingParameters(), RATE_HZ)
-    frames = [*estimator.add(case.samples), *estimator.finish()]
+    frames = [*estimator.add(case.samples), *estimator.flush()]
     names = [column.name for column in COLUMNS]
     steep = np.isnan(errors_deg(case, run(case)))
     true = np.degrees(headings_of(case.orientation, np.array([1.0, 0, 0])))

@@ -43,7 +43,7 @@ def segments_of(walk: FootWalk) -> list:
     values = block.values
     if values.shape[1] == 6:
         values = np.pad(values, ((0, 0), (0, 3)), constant_values=np.nan)
-    runs = [cut.add(block.sample_times(), values), *cut.finish()]
+    runs = [cut.add(block.sample_times(), values), *cut.flush()]
     return [segment for run in runs for segment in run]
 
 

@@ -102,7 +102,7 @@ def test_smoothing_brings_a_known_place_back_to_the_steps_before_it() -> None:
     azimuth = 0.2
     true = 0.7 * np.outer(np.arange(21), [math.cos(azimuth), math.sin(azimuth)])
     along.fix(at(20), true[20], 0.1)
-    points = along.finish()
+    points = along.flush()
     assert {p.stage for p in points} == {"track.smoothed"}
     found = np.array([(p.x_m, p.y_m) for p in points[:21]])
     assert np.hypot(*(found - true).T).max() < 0.25
@@ -118,7 +118,7 @@ def test_a_walk_whose_direction_nothing_told_is_turned_towards_the_first_known_p
     assert not along.filter.lost
     expected = math.atan2(5.0, -13.0)
     assert math.cos(along.filter.azimuth(0.0) - expected) > math.cos(0.1)
-    middle = next(p for p in along.finish() if p.time_ns == at(10))
+    middle = next(p for p in along.flush() if p.time_ns == at(10))
     assert math.hypot(middle.x_m + 6.5, middle.y_m - 2.5) < 0.8
 
 
@@ -171,6 +171,6 @@ def test_smoothing_in_pieces_says_every_moment_once() -> None:
     said = along.begin()
     for k in range(1, 61):
         said += along.step(Stride(at(k), 0.7, 0.0, None, 0.0), 0.0, settled=True)
-    said += along.finish()
+    said += along.flush()
     smoothed = [p.time_ns for p in said if p.stage == "track.smoothed"]
     assert smoothed == [at(k) for k in range(61)]

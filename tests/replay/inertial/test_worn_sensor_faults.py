@@ -55,7 +55,7 @@ def found(samples: np.ndarray, *quantities: str, cut: int = 500) -> list[Finding
     watch = ImuWatch([of])
     for block in blocks(of, samples, cut):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     return list(watch.findings())
 
 
@@ -71,7 +71,7 @@ def test_a_sensor_in_order_gives_no_finding_and_says_that_its_axes_fit() -> None
     watch = ImuWatch([of])
     for block in blocks(of, turning_sensor()):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     assert list(watch.findings()) == []
     checks = list(watch.checks())
     assert [(c.against, c.worse) for c in checks] == [(FORCE, 47), (FIELD, 47)]
@@ -102,7 +102,7 @@ def test_the_third_vector_tells_that_it_is_not_the_gyroscope(
     watch = ImuWatch([of])
     for block in blocks(of, changed(turning_sensor(), place, matrix)):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     (fault,) = watch.findings()
     assert fault.remedy == f"in the map, {AxisMap(quantity, matrix.T).columns}"
     other = FORCE if quantity == FIELD else FIELD
@@ -156,7 +156,7 @@ def test_a_field_of_zeros_is_told_once() -> None:
     watch = ImuWatch([of])
     for block in blocks(of, changed(turning_sensor(), 2, 0 * EYE)):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     (fault,) = watch.findings()
     assert (fault.kind, fault.channel) == ("zero", FIELD)
     said = {check.against: check.text for check in watch.checks()}
@@ -214,7 +214,7 @@ def test_too_little_turning_is_said_to_be_too_little() -> None:
     samples[:, 5] += 9.8
     for block in blocks(of, samples):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     (check,) = watch.checks()
     assert check.text.startswith("too little turning to confirm the axes")
     assert list(watch.findings()) == []
@@ -227,7 +227,7 @@ def test_iron_that_turns_with_the_sensor_judges_no_axes() -> None:
     watch = ImuWatch([of])
     for block in blocks(of, samples):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     assert list(watch.findings()) == []
     assert [c.text[:11] for c in watch.checks()] == ["the axes fi", "not checked"]
 
@@ -254,7 +254,7 @@ def test_acceleration_that_never_comes_is_not_waited_for_in_ever_more_memory() -
     for block in blocks(gyro, samples[:, :3]):
         watch.update(block)
     assert len(pickle.dumps(watch)) < 100_000
-    watch.finish()
+    watch.flush()
     assert list(watch.findings()) == []
 
 
@@ -288,7 +288,7 @@ def limits_of(values: np.ndarray, quantity: str = GYRO, rate_hz: float = 200.0) 
     for block in blocks(of, values[:, None]):
         for window in windows.add(block):
             limits.update(window)
-    for window in windows.finish():
+    for window in windows.flush():
         limits.update(window)
     return list(limits.findings())
 
@@ -341,7 +341,7 @@ def repeats_of(values: np.ndarray, quantity: str = FORCE) -> list[Finding]:
     for block in blocks(of, values[:, None]):
         for window in windows.add(block):
             repeats.update(window)
-    for window in windows.finish():
+    for window in windows.flush():
         repeats.update(window)
     return list(repeats.findings())
 
@@ -368,7 +368,7 @@ def test_strikes_of_one_sample_at_the_limit_are_told() -> None:
     strikes = np.minimum(np.stack([struck(seed=k) for k in range(3)], axis=1), limit)
     for block in blocks(of, strikes):
         watch.update(block)
-    watch.finish()
+    watch.flush()
     assert [f.channel for f in watch.findings()] == [f"{FORCE}_{axis}" for axis in "xyz"]
 
 
@@ -398,7 +398,7 @@ def test_gaps_end_the_runs_of_a_sensor() -> None:
     for block in blocks(of, samples):
         watch.update(block)
         watch.update(Gap("/imu", block.end_ns, block.end_ns + 10**9, "missing", 100))
-    watch.finish()
+    watch.flush()
     assert [c.windows for c in watch.checks()] == [0, 3 * 6 - 6]
 
 

@@ -27,7 +27,7 @@ def checked(events, application: str = "walker", *, metric: bool = True) -> list
     check = TrackCheck(application, [Tracking("track", "steps", "steps")], metric=metric)
     for event in events:
         check.update([event])
-    return list(check.finish())
+    return list(check.flush())
 
 
 def test_sixty_metres_a_second_on_foot_cannot_be() -> None:
@@ -79,14 +79,14 @@ def test_no_track_where_one_was_asked_for_is_told_with_what_it_takes() -> None:
     check.update(
         [Fix(0, 0.0, 0.0, NAN, 0.0, "m", 3, "near"), Fix(0, 0, 0, NAN, 0.0, "m", 3, "far")]
     )
-    (note,) = check.finish()
+    (note,) = check.flush()
     assert note.text.endswith("t takes the fixes of near, which found 1")
 
 
 def test_where_no_track_was_asked_for_nothing_is_missed() -> None:
     check = TrackCheck("walker", [], metric=True)
     check.update(points(60.0))
-    assert not list(check.finish())
+    assert not list(check.flush())
 
 
 def test_a_copy_of_a_check_goes_on_as_one_in_one_go() -> None:
@@ -96,7 +96,7 @@ def test_a_copy_of_a_check_goes_on_as_one_in_one_go() -> None:
     second = copy.deepcopy(first)
     first.update(points(9.0))
     second.update(track[7:])
-    assert list(second.finish()) == checked(track)
+    assert list(second.flush()) == checked(track)
 
 
 def test_a_pipeline_s_end_says_that_no_track_came_of_it() -> None:

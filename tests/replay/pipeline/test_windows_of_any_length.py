@@ -148,8 +148,8 @@ def test_a_round_ends_where_a_stream_goes_on_speaks_again_or_comes_after_all() -
     assert rounds.add(block(IMU, 100, 100)) == [field, first]  # what leads comes last
     assert len(rounds.add(block(IMU, 200, 100))) == 1  # goes on
     assert len(rounds.add(block(MAG, 160, 50))) == 1  # begins after all others ended
-    assert len(rounds.finish()) == 1
-    assert rounds.finish() == []
+    assert len(rounds.flush()) == 1
+    assert rounds.flush() == []
 
 
 def test_blocks_are_cut_where_another_stream_s_gap_ends() -> None:

@@ -50,8 +50,8 @@ def in_blocks(x: np.ndarray, sizes: list[int]) -> list[slice]:
 def test_powers_of_cycles_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
     x, times = noise(9.3), times_of(1860)
     whole, parts = CyclePower(RATE, 2), CyclePower(RATE, 2)
-    expected = joined([whole.add(times, x), whole.finish()])
-    found = joined([*(parts.add(times[s], x[:, s]) for s in in_blocks(x, sizes)), parts.finish()])
+    expected = joined([whole.add(times, x), whole.flush()])
+    found = joined([*(parts.add(times[s], x[:, s]) for s in in_blocks(x, sizes)), parts.flush()])
     assert np.array_equal(found.time_ns, expected.time_ns)
     assert np.array_equal(found.power, expected.power)
     assert np.array_equal(found.freedom, expected.freedom)
@@ -60,7 +60,7 @@ def test_powers_of_cycles_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
 def test_cycles_lie_on_whole_seconds_whenever_a_recorder_began() -> None:
     x = noise(9.3)
     cycles = CyclePower(RATE, 2)
-    found = joined([cycles.add(times_of(1860), x), cycles.finish()])
+    found = joined([cycles.add(times_of(1860), x), cycles.flush()])
     assert set(found.time_ns % 1_000_000_000) == {500_000_000}
     assert len(found.time_ns) == 10  # 0.7 s, eight whole ones and 0.6 s
     assert np.diff(found.time_ns).tolist() == [1_000_000_000] * 9

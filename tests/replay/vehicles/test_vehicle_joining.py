@@ -96,7 +96,7 @@ def test_a_run_has_its_lead_and_ends_after_quiet() -> None:
     (run,) = [r for r in found if r]
     assert [c.time_ns // 10**9 for c in run] == list(range(2, 13))
     assert found.index(run) == 12
-    assert runs.finish() == []
+    assert runs.flush() == []
 
 
 def test_a_run_that_does_not_end_is_cut() -> None:

@@ -516,7 +516,7 @@ class RecomputedCurve:
             pass
         return self._completed(self._stage)
 
-    def finish(self) -> Curve | None:
+    def flush(self) -> Curve | None:
         """End the recording; return the curve that was held back."""
         if self._stage is None:
             return None
@@ -662,7 +662,7 @@ class StepCurve:
 
     def close(self) -> None:
         """Log what was held back."""
-        self._add(self._retold.finish())
+        self._add(self._retold.flush())
         self.flush(final=True)
 
     def _add(self, curve: Curve | None) -> None:
