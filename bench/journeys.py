@@ -13,8 +13,6 @@ given to the viewer to its rows on the timeline. Only what is ours counts.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import sys
 import tempfile
 import threading
@@ -25,8 +23,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import timing
 
 import groundtrace as gt
-from groundtrace.cli.main import main as groundtrace
+from groundtrace.api.replay import replay_to_files
 from groundtrace_codecs.events import Fix
+from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
     from types import CodeType, FrameType
@@ -141,10 +140,10 @@ def event_to_timeline() -> dict[Function, None]:
 
 
 def _replay_to_file() -> None:
-    quiet = contextlib.redirect_stdout(io.StringIO())
-    with tempfile.TemporaryDirectory() as folder, quiet:
-        out = Path(folder) / "room"
-        groundtrace(f"replay --to 3 --rrd {out}.rrd --out {out}.mcap --no-viewer --quiet".split())
+    room = path_of("room-walk.mcap")
+    with tempfile.TemporaryDirectory() as folder:
+        out, rrd = Path(folder) / "room.mcap", Path(folder) / "room.rrd"
+        replay_to_files(room, "room-footsteps", out, rrd, to_s=3)
 
 
 def main() -> None:

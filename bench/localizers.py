@@ -64,6 +64,7 @@ def methods(
 def errors(
     method: Callable[..., LocationEstimate], times: np.ndarray, sources: np.ndarray
 ) -> np.ndarray:
+    """Return how far the places that a method finds are from the sources [m]."""
     found = [method(row) for row in times]
     return np.hypot(*(np.array([(p.x, p.y) for p in found]) - sources).T)
 

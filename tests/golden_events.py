@@ -207,7 +207,7 @@ def differences(expected: Columns, found: Columns) -> list[str]:
         if one.shape != other.shape:
             lines.append(f"{name}: expected shape {one.shape}, found {other.shape}")
             continue
-        same = _same(one, other, of_matrices=name.endswith("covariance"))
+        same = _same(one, other)
         wrong = np.flatnonzero(~same.all(axis=1) if same.ndim > 1 else ~same)
         if len(wrong):
             row = wrong[0]
@@ -218,7 +218,7 @@ def differences(expected: Columns, found: Columns) -> list[str]:
     return sorted(lines)
 
 
-def _same(one: NDArray[Any], other: NDArray[Any], *, of_matrices: bool) -> NDArray[np.bool_]:
+def _same(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
     if one.dtype == np.uint8:  # numbers in 255 steps
         return np.asarray(np.abs(one.astype(int) - other) <= 1)
     if one.dtype.kind != "f":
@@ -226,8 +226,6 @@ def _same(one: NDArray[Any], other: NDArray[Any], *, of_matrices: bool) -> NDArr
     finite = np.isfinite(one) & np.isfinite(other)
     magnitude = np.abs(np.where(finite, one, 0.0)).astype(np.float64)
     typical = np.median(magnitude, axis=0)
-    if of_matrices:  # what is zero beside a matrix's other values is so but for rounding
-        typical = magnitude.max(axis=1, keepdims=True)
     off = np.abs(np.where(finite, other, 0.0) - np.where(finite, one, 0.0))
     least = ROUNDING * magnitude.max(axis=0)
     near = finite & (off <= np.maximum(RELATIVE * np.maximum(magnitude, typical), least))
