@@ -1,11 +1,14 @@
-"""Strides and tracks of real foot recordings through one named pipeline: the table of inertial.md.
+"""Strides, tracks and their claims on foot recordings, through one named pipeline.
 
     python bench/foot_accuracy.py --data FOLDER
 
-The folder holds ``llio-pyshoe`` and ``xio-gait`` as published; what is absent is left out. Nothing
-is set. It fails where a stride is missed or false, or an end is off by more than two percent.
+These are the tables of inertial.md. The folder holds ``llio-pyshoe`` and ``xio-gait`` as
+published; what is absent is left out. Nothing is set. Each end is compared with what the track
+claims of it: it should lie within the claimed ellipse of 90 % in 90 % of the recordings. The frame
+of a track begins at its start, turned as it comes: true places are turned about the start onto it.
+It fails where fewer than 90 % of the ends lie inside.
 
-Three settings were chosen on five of these recordings (docs/accuracy.md).
+Settings were chosen on some of these recordings (docs/accuracy.md).
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import argparse
 import os
 import sys
 import tempfile
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,16 +28,16 @@ from groundtrace.evaluation.tracks import score_tracks
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
-from groundtrace_codecs.events import Label, StepEvent, TrackPoint
+from groundtrace_codecs.events import Label, Note, StepEvent, TrackPoint
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import map_path
 
 if TYPE_CHECKING:
-    from groundtrace.evaluation.positions import ClosureScore
     from groundtrace_codecs.signals import SignalBlock
 
-LIMIT_PERCENT = 2.0
+#: Normalised square that 90 % of errors in a plane stay below.
+CHI2_90 = 4.605
 #: Strides of recordings whose files do not tell: groups of swings in the angular rate.
 STRIDES = {"short_walk": 16}
 RATES_HZ = (None, 100.0, 50.0)
@@ -46,12 +49,15 @@ class Said:
     def __init__(self) -> None:
         self.steps: list[StepEvent] = []
         self.points: list[TrackPoint] = []
+        self.warned = 0
 
     def write(self, item: object) -> None:
         if isinstance(item, StepEvent):
             self.steps.append(item)
         elif isinstance(item, TrackPoint) and item.stage == "track.smoothed":
             self.points.append(item)
+        elif isinstance(item, Note) and "held at its limit" in item.text:
+            self.warned = 1
 
     def close(self) -> None:
         pass
@@ -86,14 +92,30 @@ def at(block: SignalBlock, rate_hz: float | None) -> SignalBlock:
     return replace(block, stream=stream, samples=fewer)
 
 
-def figures(
-    block: SignalBlock, labels: tuple[Label, ...]
-) -> tuple[list[StepEvent], ClosureScore | None]:
-    """Return the strides of a recording, and how its track closes."""
-    said = Said()
-    replay([block], build_pipeline(load_pipeline("foot-inertial")), [said])
-    score = score_tracks(labels, said.points)
-    return said.steps, None if score is None else score.closure
+@dataclass(frozen=True)
+class End:
+    """How far the end of a track is off [m], what it claims [m], and the normalised square."""
+
+    off_m: float
+    claimed_m: float
+    square: float
+
+
+def end_of(labels: tuple[Label, ...], points: list[TrackPoint]) -> End:
+    """Compare the end of a track with the last true place, turned about the first."""
+    times = np.array([label.time_ns for label in labels], float)
+    true = np.array([label.x_m + 1j * label.y_m for label in labels])
+    since = np.array([p.time_ns for p in points], float)
+    places = np.array([p.x_m + 1j * p.y_m for p in points])
+    found = np.interp(times, since, places.real) + 1j * np.interp(times, since, places.imag)
+    true, found = true - true[0], found - found[0]
+    turn = np.vdot(true, found)
+    off = found[-1] - true[-1] * (turn / abs(turn) if abs(turn) else 1.0)
+    error = np.array([off.real, off.imag])
+    xx, xy, yy = points[int(np.argmin(np.abs(since - times[-1])))].covariance
+    spread = np.array([[xx, xy], [xy, yy]])
+    claimed = float(np.sqrt(CHI2_90 * np.linalg.eigvalsh(spread)[-1]))
+    return End(abs(off), claimed, float(error @ np.linalg.solve(spread, error)))
 
 
 def strides_of(name: str, labels: tuple[Label, ...], steps: list[StepEvent]) -> tuple[int, int]:
@@ -108,42 +130,44 @@ def strides_of(name: str, labels: tuple[Label, ...], steps: list[StepEvent]) -> 
 
 
 def row(path: Path, columns: str, rate_hz: float | None) -> bool:
-    """Print the figures of one recording; return whether it passes."""
+    """Print the figures of one recording; return whether its end is where it claims."""
     block, labels = read(path, columns)
-    thinned = at(block, rate_hz)
-    steps, found = figures(thinned, labels)
-    right, strides = strides_of(path.stem, labels, steps)
-    whole = right == strides and (not strides or len(steps) == strides)
-    good = found is not None and found.percent <= LIMIT_PERCENT and whole
-    cells = [
-        path.stem[:24],
-        f"{thinned.stream.rate_hz:.0f} Hz",
-        f"{right}/{strides} ({len(steps)})",
-    ]
-    if found is not None:
-        cells += [f"{found.walked_m:.1f} m", f"{found.apart_m:.2f} ({found.true_apart_m:.2f}) m"]
-        cells.append(f"{found.percent:.2f} %")
-        rmse = found.aligned_rmse_m
-        cells.append("-" if rmse is None else f"{rmse:.2f} m")
-    verdict = "pass" if good else "FAIL"
-    print("  ".join(f"{cell:>16}" for cell in [*cells, verdict]), flush=True)
-    return good
+    thinned, said = at(block, rate_hz), Said()
+    replay([thinned], build_pipeline(load_pipeline("foot-inertial")), [said])
+    right, strides = strides_of(path.stem, labels, said.steps)
+    cells = [path.stem[:24], f"{thinned.stream.rate_hz:.0f} Hz", f"{right}/{strides}"]
+    cells[-1] += f" ({len(said.steps)})"
+    score = score_tracks(labels, said.points)
+    if score is None or score.closure is None:
+        print("  ".join(f"{cell:>16}" for cell in [*cells, "no track"]), flush=True)
+        return False
+    found, end = score.closure, end_of(labels, said.points)
+    cells += [f"{found.walked_m:.1f} m", f"{found.percent:.2f} %"]
+    cells.append("-" if found.aligned_rmse_m is None else f"{found.aligned_rmse_m:.2f} m")
+    inside = end.square <= CHI2_90
+    cells += [f"{end.off_m:.2f} m", f"{end.claimed_m:.2f} m", "inside" if inside else "OUTSIDE"]
+    print(
+        "  ".join(f"{cell:>16}" for cell in cells) + ("  warned" if said.warned else ""), flush=True
+    )
+    return inside
 
 
 def main() -> None:
-    """Print the table; fail where a recording at its own rate does."""
+    """Print the table; fail where fewer ends than claimed are where they are said to be."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--data", type=Path, default=Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
     )
     options = parser.parse_args()
-    print("recording, rate, strides with one step (steps), walked, end (truth), closure, shape")
-    found = recordings(options.data)
-    passed = []
+    print(
+        "recording, rate, strides with one step (steps), walked, closure, shape, end off, claimed"
+    )
+    found, failed = recordings(options.data), False
     for rate_hz in RATES_HZ:
-        passed += [(rate_hz, row(path, columns, rate_hz)) for path, columns in found]
-    if not all(good for rate_hz, good in passed if rate_hz is None):
-        sys.exit(1)
+        inside = [row(path, columns, rate_hz) for path, columns in found]
+        print(f"{sum(inside)} of {len(inside)} ends within the ellipse of 90 %", flush=True)
+        failed |= rate_hz is None and sum(inside) < 0.9 * len(inside)
+    sys.exit(int(failed))
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ from command_runs import SCHEMAS, done
 from jsonschema import Draft202012Validator
 from scipy.io import savemat
 
+from groundtrace.pipeline.results import read_results
+from groundtrace_codecs.events import TrackPoint
 from groundtrace_codecs.recording import Recording
 
 
@@ -46,6 +48,27 @@ def test_walkers_and_runners_end_where_they_are_seen_to(
     assert "turned and shifted onto the truth: RMSE" in text
     assert found["track"]["tracks"] == 1
     assert found["track"]["times"] == strides + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "most_m"), [("SensorConnectData_38", 5.0), ("SensorConnectData_44", 2.0)]
+)
+def test_a_gyroscope_held_at_its_limit_is_warned_of_and_the_track_claims_no_more_than_it_knows(
+    name: str, most_m: float, data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = data / "llio-pyshoe" / f"{name}_LLIO.mat"
+    found = imported_and_scored(capsys, source, "--map", "llio-pyshoe")
+    warned = [warning["text"] for warning in found["replay"]["warnings"]]
+    assert any("held at its limit for" in text and "unsure" in text for text in warned)
+    with Recording.open(Path("foot.mcap")) as recording:
+        last = recording.labels[-1].time_ns
+    events = read_results(Path("r.mcap")).events
+    points = [e for e in events if isinstance(e, TrackPoint) and e.stage == "track.smoothed"]
+    end = min(points, key=lambda p: abs(p.time_ns - last))
+    assert found["track"]["closure"]["aligned_end_m"] < most_m
+    xx, xy, yy = end.covariance
+    claimed = np.sqrt(4.605 * np.linalg.eigvalsh([[xx, xy], [xy, yy]])[-1])
+    assert found["track"]["closure"]["aligned_end_m"] < claimed
 
 
 def test_a_walk_that_returns_closes(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,6 +5,8 @@ With ``NUMBA_DISABLE_JIT=1`` they run as the plain Python that they are written 
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -169,7 +171,8 @@ def test_a_segment_of_a_foot_is_integrated_and_its_error_carried_as_by_matrices(
     pose = Pose(normalised(rng.normal(size=4)), *rng.normal(0, 0.1, (4, 3)))
     interval = rng.uniform(0.005, 0.015, count)
     rate, force = rng.normal(0, 3, (count + 1, 3)), rng.normal(0, 10, (count + 1, 3))
-    segment = Segment(0, interval, rate, force, np.full(3, np.nan), 0.0, 0.0, float(interval.sum()))
+    lasts_s, nothing = float(interval.sum()), np.full(3, np.nan)
+    segment = Segment(0, interval, rate, force, nothing, 0.0, 0.0, lasts_s, np.zeros(3), 0.0)
     step = integrate(pose, segment)
     orientation, velocity, place, transition = plain_step(pose, segment)
     np.testing.assert_allclose(step.pose.orientation, orientation, atol=1e-12)
@@ -187,6 +190,77 @@ def test_a_segment_of_a_foot_is_integrated_and_its_error_carried_as_by_matrices(
     foot.update(seen)
     expected = before - gain @ seen.spread @ gain.T
     np.testing.assert_allclose(foot.covariance, expected, atol=1e-11)
+
+
+def held_at_a_limit(rate, most):
+    """What was missed, and for how long, at the sample after each run at a limit known before."""
+    missed, held = np.zeros(rate.shape), np.zeros(len(rate))
+    for k, sign in itertools.product(range(3), (1, -1)):
+        x, i = sign * rate[:, k], 1
+        while i < len(x):
+            n = 0
+            while i + n < len(x) and x[i + n] >= 0.985 * most:
+                n += 1
+            if n >= 3 and i + n < len(x):
+                a, b = x[i] - x[i - 1], x[i + n - 1] - x[i + n]
+                if min(a, b) * n >= 3 * 4 * 0.015 * most:
+                    missed[i + n, k] += sign * n * n / 3 * a * b / (a + b)
+                    held[i + n] = max(held[i + n], n)
+            i += n + 1
+    return missed, held
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.integers(1, 40))
+def test_turns_missed_at_a_limit_are_those_of_parabolas_over_it(seed, cut):
+    rng = np.random.default_rng(seed)
+    at = np.arange(400) / 200
+    true = rng.uniform(3, 16, 3) * np.sin(2 * np.pi * np.outer(at, rng.uniform(0.5, 4, 3)))
+    rate = np.clip(true, -8.0, 8.0)
+    rate[0], rate[1], rate[2] = -8.0, 8.0, 0.0  # the limits are known
+    state = np.zeros((), kernels.navigation.PLATEAUS)
+    missed, held = np.empty((2, 400, 3)), np.empty((2, 400))
+    for part in (slice(0, cut), slice(cut, 400)):  # over blocks
+        given_ = (np.ascontiguousarray(rate[part]), state[()], 0.015, 3, 3.0)
+        kernels.navigation.plateaus(*given_, missed[0, part], held[0, part])
+    missed[1], held[1] = held_at_a_limit(rate, 8.0)
+    np.testing.assert_allclose(missed[0], missed[1], atol=1e-12)
+    np.testing.assert_array_equal(held[0], held[1])
+    # what a sine has over its limit is about a parabola
+    over = np.abs(true).sum() - np.abs(rate[3:]).sum()
+    assert np.abs(missed[0]).sum() < 2.0 * over + 10.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds)
+def test_what_a_gyroscope_missed_turns_the_pose_and_makes_it_less_sure(seed):
+    rng = np.random.default_rng(seed)
+    foot = ErrorStateFilter(SensorNoise(), normalised(rng.normal(size=4)))
+    before, start = foot.covariance, foot.pose.orientation
+    missed = rng.normal(0, 0.2, 3)
+    kernels.navigation.add_missed_turn(foot.state[()], missed, 0.5, 2.0)
+    axes = matrix(start)
+    spread = axes @ np.diag((2.0 * missed) ** 2) @ axes.T
+    np.testing.assert_allclose((foot.covariance - before)[:3, :3], spread, atol=1e-12)
+    np.testing.assert_allclose((foot.covariance - before)[3:], 0.0, atol=1e-12)
+    expected = product(start, of_vectors(0.5 * missed[None])[0])
+    np.testing.assert_allclose(foot.pose.orientation, expected, atol=1e-12)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seeds, st.floats(0.01, 3.0))
+def test_a_filter_in_doubt_is_as_much_less_sure_as_it_was_off(seed, sigma):
+    rng = np.random.default_rng(seed)
+    foot = ErrorStateFilter(SensorNoise(), normalised(rng.normal(size=4)))
+    foot.pose = Pose(foot.pose.orientation, *rng.normal(0, 2, (4, 3)))
+    foot.covariance = before = covariance_of(rng, 15)
+    excess = max(foot.still(sigma).distance ** 2 / 3, 1.0)
+    kernels.navigation.doubt(foot.state[()], sigma)
+    np.testing.assert_allclose(foot.covariance, excess * before, rtol=1e-9)
+    seen, pose = foot.still(sigma), foot.pose
+    kernels.navigation.speed_update(foot.state[()], sigma)
+    gain = np.linalg.solve(seen.spread, seen.pick @ (excess * before)).T
+    np.testing.assert_allclose(foot.pose.row[4:], pose.moved(gain @ seen.value).row[4:], atol=1e-9)
 
 
 def smoothed(covariances, transitions, predicted, states, guesses):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +27,6 @@ from .strapdown import (
     FootNavigatorParameters,
     Pose,
     SensorNoise,
-    filter_state,
 )
 
 if TYPE_CHECKING:
@@ -43,9 +44,22 @@ if TYPE_CHECKING:
     #: Moments of a walk in columns, by their names in :data:`.kernels.navigation.KNOT`, shape (n,).
     FilterHistory = NDArray[Any]
 
-#: Errors of a standing foot's velocity and rate go on for about so long [s]. Chosen by judgement: a
-#: part of a stance, so that its samples are not taken for as many witnesses.
-CORRELATION_S = 0.1
+#: Errors of a standing foot's velocity, and of the rate of one at rest, last for so long [s].
+#: Chosen by judgement: a part of a stance, so that its samples are not taken for as many witnesses,
+#: and twice that for the sway of who stands.
+CORRELATION_S, REST_CORRELATION_S = 0.1, 0.2
+#: Held at its limit for so long [s] and so many samples, a gyroscope is worth a warning. Chosen by
+#: trial on the feet of docs/inertial.md: tracks went astray after plateaus of 60 ms and more, after
+#: no shorter ones; smooth tops of fewer samples look like plateaus at 50 Hz.
+WARNED_S, WARNED_SAMPLES = 0.05, 5
+#: Of so many swings the median is the usual one. Chosen by judgement: a few strides, so that who
+#: begins to run is followed.
+SWINGS = 9
+#: No usual swing is slower than this [m/s]. Chosen by judgement: a shuffling foot reaches it.
+SLOWEST_MPS = 1.0
+#: Strides come out short or long together by this part of them. Bench: foot_accuracy.py -> true
+#: ways are 2 to 3 % longer, as a foot rolls on while it is taken to stand.
+SHORT = 0.03
 #: Where place and velocity of a pose in the plane are, and the place's covariance. Source:
 #: definition.
 COLUMNS = [7, 8, 4, 5]
@@ -56,8 +70,6 @@ PLANE = ([PLACE.start, PLACE.start, PLACE.start + 1], [PLACE.start, *[PLACE.star
 #: Most knots of one call: they take memory before it is known how many there are. Chosen by
 #: judgement: 128 covariances are a quarter of a MB.
 ROOM = 128
-#: What is counted of standing, of being under way and of rest [s], and whether the foot stands.
-CLOCKS = ("stood_s", "swung_s", "rested_s", "stands")
 #: Of a point without an update that stands for itself.
 NO_NIS = float("nan")
 
@@ -82,24 +94,48 @@ class InsTrajectory:
         self.filter = ErrorStateFilter(SensorNoise(), orientation)
         self.stage = stage
         self.number = number
-        #: How long the foot has stood, and how long before that it was under way [s].
-        self.stood_s = 0.0
-        self.swung_s = 0.0
-        self.rested_s = 0.0
-        self._pointed_ns = 0
-        self._transition = np.eye(STATES)
+        self._swings: deque[float] = deque(maxlen=SWINGS)
         self._knots: list[FilterHistory] = []
         self._compass = FootCompass()
         self._told: list[TrackPoint] = []
+        self._set()
 
     @property
     def place(self) -> Array:
         """Where the foot is, shape (3,) [m]."""
         return self.filter.pose.place
 
-    def predict(self, segment: Segment) -> None:
-        """Go on by a segment."""
-        self._transition = self.filter.predict(segment) @ self._transition
+    @property
+    def usual_mps(self) -> float:
+        """How fast the foot swings: in the last swings, or in the one under way."""
+        usual = float(np.median(self._swings)) if self._swings else 0.0
+        return max(usual, float(self.filter.state["fastest_mps"]), SLOWEST_MPS)
+
+    def predict(self, segment: Segment, *, still: bool, stands: bool) -> float:
+        """Go on by a segment.
+
+        Parameters
+        ----------
+        segment
+            The next one.
+        still
+            Whether it is still in it.
+        stands
+            Whether it stood in the segment before, so that it goes on standing if it is still.
+
+        Returns
+        -------
+        How long the foot has been under way [s]; 0 where it stands.
+        """
+        self.filter.predict(segment)
+        state = self.filter.state[()]
+        if not still:
+            kernels.navigation.end_stance(state)
+        if still and stands:
+            return 0.0
+        state["still_s"] = state["still_s"] + segment.length_s if still else 0.0
+        kernels.navigation.swing_on(state, segment.length_s)
+        return float(state["swung_s"])
 
     def go_on(self, segments: SegmentRun, start: int, *, stands: bool) -> tuple[int, bool]:
         """Go on from a segment until one of which it is to be decided whether a stance begins.
@@ -118,47 +154,43 @@ class InsTrajectory:
         The segment where that is, or the number of segments; and whether the foot stood before it.
         Points wait for :meth:`told`.
         """
-        state, at, full = filter_state(self.filter.pose, self.filter.covariance), start, True
-        state["transition"], state["pointed_ns"] = self._transition, self._pointed_ns
-        clocks = (self.stood_s, self.swung_s, self.rested_s, stands)
-        for name, value in zip(CLOCKS, clocks, strict=True):
-            state[name] = value
-        s, settings = segments, self._settings()
+        state, settings, at, full = self.filter.state, self.filter.settings, start, True
+        state["stands"], s = stands, segments
+        given = (s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s)
         while full:
             knots = np.empty(min(len(s) - at, ROOM), kernels.navigation.KNOT)
             at, count = kernels.navigation.navigate(
-                *(at, s.time_ns, s.interval_s, s.rate, s.force, s.statistic, s.peak, s.length_s),
-                *(state[()], settings[()], knots),
+                *(at, *given, s.missed, state[()], settings[()], knots)
             )
             full = count == ROOM
-            self._pointed_ns = int(state["pointed_ns"])
             self._add(knots[:count].copy(), NO_NIS)
-        if at > start:
-            self.filter.pose, self.filter.covariance = Pose.of(state["pose"]), state["covariance"]
-            self._transition = state["transition"]
-            self.stood_s, self.swung_s, self.rested_s, stands = (state[x].item() for x in CLOCKS)
-        return at, bool(stands)
+        return at, bool(state["stands"])
 
     def told(self) -> list[TrackPoint]:
         """Return the points that are known by now."""
         told, self._told = self._told, []
         return told
 
-    def _settings(self) -> NDArray[Any]:
-        """Return the settings as :data:`.kernels.navigation.SETTINGS` names them, shape ()."""
-        p, settings = self.parameters, self.filter.noise.settings()
+    def _set(self) -> None:
+        """Put the parameters where compiled functions find them."""
+        p, settings = self.parameters, self.filter.settings
         for name in ("sure", "share", "sole_m", "still_mps", "still_radps", "rest_s", "lost_s"):
             settings[name] = getattr(p, name)
         settings["point_ns"], settings["keep_all"] = p.point_s * NS_PER_S, p.smooth
         settings["correlation_s"], settings["lost_mps"] = CORRELATION_S, LOST_MPS
-        return settings
+        settings["rest_correlation_s"] = REST_CORRELATION_S
 
     def stillness(self, segment: Segment) -> Innovation:
         """Return what it says of the velocity if the foot stands in a segment just predicted."""
+        return self.filter.still(self._rolling_mps(segment))
+
+    def _rolling_mps(self, segment: Segment) -> float:
+        """Return how fast the foot may move though it stands, as it rolls over the sole."""
         p = self.parameters
         rate = segment.rate[1:] - self.filter.pose.gyro_bias
         rolling = p.sole_m * float(np.sqrt(np.einsum("ij,ij->i", rate, rate).mean()))
-        return self.filter.still(_lasting(np.hypot(p.still_mps, rolling), segment))
+        lasting = math.sqrt(max(1.0, CORRELATION_S / segment.length_s))
+        return math.hypot(p.still_mps, rolling) * lasting
 
     def follow(self, segment: Segment, stands: bool, accepted: bool | None) -> list[TrackPoint]:
         """Take it that the foot stands in the segment just predicted, or does not.
@@ -176,25 +208,37 @@ class InsTrajectory:
         -------
         The points that are known now.
         """
-        self._lose(accepted)
-        predicted, spread, nis = self.filter.pose, self.filter.covariance, NO_NIS
+        state, p, nis = self.filter.state[()], self.parameters, NO_NIS
+        if accepted:
+            self._swings.append(float(state["fastest_mps"]))
+            nis = _horizontal(self.stillness(segment))
+        # no swing is so long, and rest is rest: what the filter knows is wrong
+        rests = accepted is False and state["still_s"] > p.settle_s - 0.5 * segment.length_s
+        lost = not accepted and state["swung_s"] >= p.lost_s
+        if rests or lost:
+            sigma = self._rolling_mps(segment) if rests else LOST_MPS
+            kernels.navigation.doubt(state, sigma)
+        predicted, spread = self.filter.pose, self.filter.covariance
         if stands:
-            seen = self.stillness(segment)
-            nis = _horizontal(seen) if accepted else nis
-            self._stand(segment, seen)
-        due = segment.time_ns - self._pointed_ns >= self.parameters.point_s * NS_PER_S
-        shown = accepted is True or due
-        if shown or stands:
+            kernels.navigation.stance_update(
+                state, segment.rate, segment.length_s, self.filter.settings[()]
+            )
+            self._face(segment)
+        elif rests or lost:
+            kernels.navigation.speed_update(state, sigma)
+            state["swung_s"] = 0.0
+        due = segment.time_ns - state["pointed_ns"] >= p.point_s * NS_PER_S
+        shown = accepted is True or bool(due)
+        if shown or stands or rests or lost:
             self._remember(segment.time_ns, shown, predicted, spread, nis)
         return self.told()
 
-    def _lose(self, accepted: bool | None) -> None:
-        """Give the velocity up where it must be wrong: no swing is so long, and rest is rest."""
-        p = self.parameters
-        resting = accepted is False and self.rested_s >= p.rest_s
-        if resting or (not accepted and self.swung_s >= p.lost_s):
-            self.filter.lose_velocity()
-            self.swung_s = 0.0
+    def _face(self, segment: Segment) -> None:
+        """Hold the heading of a standing foot by the field, where that is asked for."""
+        if self.parameters.magnetometer:
+            angle = self._compass.turned_by(self.filter.pose.orientation, segment.field)
+            if angle is not None:
+                self.filter.update(self.filter.turned(angle, sigma_of(segment.length_s)))
 
     def flush(self) -> list[TrackPoint]:
         """Return where the track ends, and the track smoothed, as far as not said yet."""
@@ -208,33 +252,20 @@ class InsTrajectory:
         self._knots = []
         return points
 
-    def _stand(self, segment: Segment, seen: Innovation) -> None:
-        p = self.parameters
-        self.filter.update(seen)
-        self.stood_s += segment.length_s
-        self.swung_s = 0.0
-        if self.stood_s >= p.rest_s:
-            rate = segment.rate[1:].mean(axis=0)
-            turning = float(np.linalg.norm(rate - self.filter.pose.gyro_bias))
-            sigma = _lasting(np.hypot(p.still_radps, turning), segment)
-            self.filter.update(self.filter.not_turning(rate, sigma))
-        if p.magnetometer:
-            angle = self._compass.turned_by(self.filter.pose.orientation, segment.field)
-            if angle is not None:
-                self.filter.update(self.filter.turned(angle, sigma_of(segment.length_s)))
-
     def _remember(
         self, time_ns: int, shown: bool, predicted: Pose, spread: Array, nis: float
     ) -> None:
-        now, sure = self.filter.pose, self.filter.covariance
+        state = self.filter.state
         if self.parameters.smooth or shown:
             knot = np.zeros(1, kernels.navigation.KNOT)
-            knot["time_ns"], knot["shown"], knot["transition"] = time_ns, shown, self._transition
+            knot["time_ns"], knot["shown"] = time_ns, shown
             knot["predicted"], knot["predicted_covariance"] = predicted.row, spread
-            knot["pose"], knot["covariance"] = now.row, sure
-            self._pointed_ns = time_ns if shown else self._pointed_ns
+            for name in ("pose", "covariance", "transition"):
+                knot[name] = state[name]
+            if shown:
+                state["pointed_ns"] = time_ns
             self._add(knot, nis)
-        self._transition = np.eye(STATES)
+        state["transition"] = np.eye(STATES)
 
     def _add(self, knots: FilterHistory, nis: float) -> None:
         """Keep knots; say the points of those that are shown, and what is smoothed by then."""
@@ -288,7 +319,10 @@ class InsTrajectory:
             if planar is None
             else planar[rows]
         )
-        columns = (knots["time_ns"][rows], pose[rows[:, None], COLUMNS], own)
+        moved = pose[rows[:, None], COLUMNS]
+        x, y = (SHORT * moved[:, :2]).T  # all strides are short or long together
+        own = own + np.column_stack([x * x, x * y, y * y])
+        columns = (knots["time_ns"][rows], moved, own)
         return [
             TrackPoint(time_ns, number, x, y, vx, vy, (xx, xy, yy), stage, nis)
             for time_ns, (x, y, vx, vy), (xx, xy, yy) in zip(
@@ -297,15 +331,58 @@ class InsTrajectory:
         ]
 
 
-def _lasting(sigma: float, segment: Segment) -> float:
-    """Return the deviation that has the same weight over time if segments were independent."""
-    return float(sigma) * math.sqrt(max(1.0, CORRELATION_S / segment.length_s))
-
-
 def _horizontal(seen: Innovation) -> float:
     """Return the normalised square of an innovation's horizontal part."""
     value, spread = seen.value[:2], seen.spread[:2, :2]
     return float(value @ np.linalg.solve(spread, value))
+
+
+@dataclass(slots=True)
+class HeldRates:
+    """When a gyroscope was held at its limit for :data:`WARNED_S` or longer.
+
+    Attributes
+    ----------
+    count
+        How often.
+    first_ns, first_s
+        The end of the first time [ns], and how long it was [s].
+    longest_ns, longest_s
+        The same of the longest.
+    """
+
+    count: int = 0
+    first_ns: int = 0
+    first_s: float = 0.0
+    longest_ns: int = 0
+    longest_s: float = 0.0
+
+    def add(self, segments: SegmentRun) -> None:
+        """Take the next segments."""
+        period_s = float(segments.interval_s[0, 0]) if len(segments) else 0.0
+        least_s = max(WARNED_S, (WARNED_SAMPLES - 0.5) * period_s)
+        for place in np.flatnonzero(segments.held_s >= least_s):
+            time_ns, held_s = int(segments.time_ns[place]), float(segments.held_s[place])
+            if not self.count:
+                self.first_ns, self.first_s = time_ns, held_s
+            if held_s > self.longest_s:
+                self.longest_ns, self.longest_s = time_ns, held_s
+            self.count += 1
+
+    def warning(self) -> str:
+        """Return what is said at the first time."""
+        return (
+            f"the gyroscope was held at its limit for {1e3 * self.first_s:.0f} ms, and turned "
+            "further than it says: the track is unsure from here on; record with a wider range"
+        )
+
+    def summary(self) -> str:
+        """Return what is said at the end."""
+        return (
+            f"the gyroscope was held at its limit for {1e3 * WARNED_S:.0f} ms or longer "
+            f"{self.count} times, the longest {1e3 * self.longest_s:.0f} ms: the track is unsure "
+            "after them"
+        )
 
 
 #: A sensor that stands and works measures gravity, at least about half of it. Chosen by judgement:
@@ -324,9 +401,10 @@ class FootNavigator(Stage):
     """ZUPT-INS: integrates a foot's motion, and corrects it by each stance that fits.
 
     The candidates are the beginnings of stances. ``distance`` and ``speed`` say how far the
-    velocity had strayed from zero, in standard deviations and in m/s; ``swing`` is how long the
-    foot had been under way. A stance that is rejected changes nothing but how sure the velocity
-    is; while it lasts each of its segments is another candidate.
+    velocity had strayed from zero, in standard deviations and in parts of the fastest that the foot
+    usually swings; ``swing`` is how long the foot had been under way. A stance that is rejected
+    changes nothing at first, and each of its further segments is another candidate. A foot that is
+    still for ``settle_s`` stands all the same: then the filter is wrong, and is made less sure.
 
     Streams whose placement is given and is no foot are left alone. A bridged gap changes nothing;
     any other ends the track, and the next begins at the origin again: nothing says how far the
@@ -346,7 +424,7 @@ class FootNavigator(Stage):
     columns = (
         Quantity("stillness", "1"),
         Quantity("distance", "1"),
-        Quantity("speed", "m/s"),
+        Quantity("speed", "1"),
         Quantity("swing", "s"),
         Quantity("x", "m"),
         Quantity("y", "m"),
@@ -354,7 +432,7 @@ class FootNavigator(Stage):
     gates = (
         Level("stillness", "1", "stillness"),
         Level("distance", "1", "max_distance", at_least=False),
-        Level("speed", "m/s", "max_speed_mps", at_least=False),
+        Level("speed", "1", "max_speed", at_least=False),
     )
 
     def __init__(self, parameters: FootNavigatorParameters) -> None:
@@ -365,6 +443,7 @@ class FootNavigator(Stage):
         self._standing: list[Segment] = []
         self._stands = False
         self._rate_told = False
+        self._held = HeldRates()
 
     @property
     def pose(self) -> Pose | None:
@@ -381,6 +460,7 @@ class FootNavigator(Stage):
             text = f"no track: expected three axes of {' and '.join(QUANTITIES)}, found others"
             raise CannotStart(text if stream.placement else "")
         self._columns, self._topic, self._holder = columns, context.topic, NonFiniteHold()
+        self._held = HeldRates()
         self._segments = segments_of(self.parameters, stream.rate_hz)
         self.begin(context.stage, context.tracks.next())
         return ("foot",)
@@ -403,6 +483,9 @@ class FootNavigator(Stage):
         for segments in self._segments.flush():
             yield from self._navigate(segments)
         yield from self.finish()
+        if self._held.count > 1:
+            text = f"{self._topic}: {self._held.summary()}"
+            yield Note(self._held.longest_ns, text, "WARN", self.stage)
         if self._holder.count:
             text = f"{self._topic}: {self._holder.count} samples not finite, last value held"
             yield Note(self._holder.last_ns, text, "WARN", self.stage)
@@ -413,7 +496,11 @@ class FootNavigator(Stage):
 
     def _navigate(self, segments: SegmentRun) -> Iterator[Output]:
         """Go on by segments, each with which a stance may begin decided before the next."""
-        at = 0
+        at, held = 0, self._held.count
+        self._held.add(segments)
+        if self._held.count and not held:
+            text = f"{self._topic}: {self._held.warning()}"
+            yield Note(self._held.first_ns, text, "WARN", self.stage)
         while at < len(segments):
             at, points = self.go_on(segments, at)
             yield from points
@@ -448,18 +535,14 @@ class FootNavigator(Stage):
             self._standing = [*self._standing, segment] if still else []
             return none
         walk = self._walk
-        walk.predict(segment)
-        walk.rested_s = walk.rested_s + segment.length_s if stillness >= 0.5 else 0.0
+        swung_s = walk.predict(segment, still=still, stands=self._stands)
         if not still:
-            self._stands, walk.stood_s = False, 0.0
-        if self._stands:
-            return none
-        walk.swung_s += segment.length_s
-        if not still:
+            self._stands = False
+        if self._stands or not still:
             return none
         seen = walk.stillness(segment)
-        speed = float(np.linalg.norm(seen.value))
-        row = [stillness, seen.distance, speed, walk.swung_s, *walk.place[:2]]
+        speed = float(np.linalg.norm(seen.value)) / walk.usual_mps
+        row = [stillness, seen.distance, speed, swung_s, *walk.place[:2]]
         return Candidates(
             np.array([segment.time_ns], np.int64),
             np.zeros(1, np.int32),
@@ -491,6 +574,8 @@ class FootNavigator(Stage):
         if np.linalg.norm(force) < LEAST_FORCE_MPS2:
             return []
         self._walk = InsTrajectory(self.parameters, levelled(force), self.stage, self.number)
+        for part in self._standing[:-1]:
+            kernels.navigation.stand_on(self._walk.filter.state[()], part.rate, part.length_s)
         self._standing, self._stands = [], True
         return self._walk.follow(segment, self._stands, None)
 

@@ -142,6 +142,20 @@ def kalman_gain(across: Array, spread: Array, gain: Array) -> None:
         gain[0, i], gain[1, i], gain[2, i] = (a - l10 * b - l20 * c) / l00, b, c
 
 
+@inlined
+def squared_distance(spread: Array, x: float, y: float, z: float) -> float:
+    """Return v' S^-1 v of three values, S of shape (3, 3) taken apart into L L' (Cholesky)."""
+    l00 = math.sqrt(spread[0, 0])
+    l10, l20 = spread[1, 0] / l00, spread[2, 0] / l00
+    l11 = math.sqrt(spread[1, 1] - l10 * l10)
+    l21 = (spread[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(spread[2, 2] - l20 * l20 - l21 * l21)
+    a = x / l00
+    b = (y - l10 * a) / l11
+    c = (z - l20 * a - l21 * b) / l22
+    return float(a * a + b * b + c * c)
+
+
 #: Least variance of a part of a state, where the others' are 1: some may be known exactly. Chosen
 #: by judgement: far above the rounding of a division, far below any variance.
 _KNOWN = 1e-12

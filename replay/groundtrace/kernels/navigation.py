@@ -30,6 +30,7 @@ from .algebra import (
     rotate,
     rotation_of,
     rts_gain,
+    squared_distance,
 )
 from .compiling import compiled, inlined, record
 
@@ -47,18 +48,23 @@ VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, POSE = 4, 7, 10, 13, 16
 #: Shapes. Source: definition.
 _MATRIX, _ROWS = (SIZE, SIZE), (3, SIZE)
 #: What the filter knows: the pose, the covariance of its error, the transition of errors since the
-#: last knot, clocks, whether the foot stands, and when the last point of the track was. Of the
-#: segment gone on by last: its transition, the velocity gained, and how far it turned and was
-#: pushed. The others are written over.
+#: last knot, clocks, whether the foot stands, when the last point of the track was, and the fastest
+#: since the foot stood. Of the stance under way: the mean rate of its last segment, and the sum and
+#: the squares of all such. Of the segment gone on by last: its transition, the velocity gained, and
+#: how far it turned and was pushed. The others are written over.
 STATE = record(
     ("pose", "f8", POSE),
     ("covariance", "f8", _MATRIX),
     ("transition", "f8", _MATRIX),
     ("stood_s", "f8"),
     ("swung_s", "f8"),
-    ("rested_s", "f8"),
+    ("still_s", "f8"),
     ("stands", "i8"),
     ("pointed_ns", "i8"),
+    ("fastest_mps", "f8"),
+    ("rate", "f8", 3),
+    ("rate_sum", "f8", 3),
+    ("rate_square", "f8"),
     ("step", "f8", _MATRIX),
     ("gained", "f8", 3),
     ("turned_rad", "f8"),
@@ -88,6 +94,9 @@ SETTINGS = record(
     ("lost_s", "f8"),
     ("lost_mps", "f8"),
     ("correlation_s", "f8"),
+    ("rest_correlation_s", "f8"),
+    ("missed_part", "f8"),
+    ("missed_sigma", "f8"),
     ("point_ns", "f8"),
     ("keep_all", "i8"),
 )
@@ -103,9 +112,77 @@ KNOT = record(
     ("covariance", "f8", _MATRIX),
     ("transition", "f8", _MATRIX),
 )
+#: What is known of an axis of the gyroscope, upward and downward: its highest value so far, and of
+#: the run of samples near that under way the lowest value, the step into it, and the count.
+PLATEAUS = record(
+    ("highest", "f8", (3, 2)),
+    ("lowest", "f8", (3, 2)),
+    ("entered", "f8", (3, 2)),
+    ("count", "i8", (3, 2)),
+    ("last", "f8", 3),
+    ("began", "i8"),
+)
 _STATE, _SETTINGS, _KNOT = from_dtype(STATE), from_dtype(SETTINGS), from_dtype(KNOT)
+_PLATEAUS = from_dtype(PLATEAUS)
 _SAMPLES, _VALUES = float64[:, ::1], float64[::1]
 _PAIR = UniTuple(int64, 2)
+
+
+@compiled(void(_SAMPLES, _PLATEAUS, float64, int64, float64, _SAMPLES, _VALUES))
+def plateaus(
+    rate: Array, state: Any, within: float, shortest: int, corner: float, missed: Array, held: Array
+) -> None:
+    """Find where a gyroscope was held at its limit, and about how much of a turn it missed.
+
+    A plateau is a run of samples near an axis's extreme so far, with steps into and out of it that
+    are steep for its length. A parabola that goes through both flanks, of steps a and b a sample,
+    encloses n^2 / 3 * ab / (a + b) over n samples.
+
+    Parameters
+    ----------
+    rate
+        Shape (n, 3) [rad/s].
+    state
+        Goes on from run to run.
+    within
+        A sample is near the extreme from ``1 - within`` of it on.
+    shortest
+        Samples of a plateau, at least.
+    corner
+        Its steps in those of a smooth top that stays near its extreme for as long, at least.
+    missed, held
+        Take, at the sample after each plateau, its missed turn over the time between samples,
+        shape (n, 3) [rad/s], and its samples, shape (n,); 0 elsewhere.
+    """
+    missed[:], held[:] = 0.0, 0.0
+    for i in range(len(rate)):
+        for k in range(3):
+            before = state.last[k] if state.began else rate[i, k]
+            for side in range(2):
+                sign = 1.0 - 2.0 * side
+                now, count = sign * rate[i, k], state.count[k, side]
+                highest = max(state.highest[k, side], now)
+                near = highest * (1.0 - within)
+                state.highest[k, side] = highest
+                if now >= near and now > 0.0:
+                    if count == 0 or state.lowest[k, side] < near:  # the extreme rose: anew
+                        state.lowest[k, side], state.count[k, side] = now, 1
+                        state.entered[k, side] = now - sign * before
+                    else:
+                        state.lowest[k, side] = min(state.lowest[k, side], now)
+                        state.count[k, side] = count + 1
+                    continue
+                entered, left = state.entered[k, side], sign * before - now
+                if (
+                    count >= shortest
+                    and min(entered, left) * count >= corner * 4 * within * highest
+                ):
+                    more = count * count / 3.0 * entered * left / (entered + left)
+                    missed[i, k] += sign * more
+                    held[i] = max(held[i], float(count))
+                state.count[k, side] = 0
+            state.last[k] = rate[i, k]
+        state.began = 1
 
 
 @compiled(void(_STATE, _VALUES, _SAMPLES, _SAMPLES, float64))
@@ -181,13 +258,41 @@ def error_transition(state: Any, length_s: float, gravity: float) -> None:
             out[6 + i, 9 + k] = length_s / 3.0 * out[3 + i, 9 + k]
 
 
-@compiled(void(_STATE, _VALUES, _SAMPLES, _SAMPLES, float64, _SETTINGS))
+@compiled(void(_STATE, _VALUES, float64, float64))
+def add_missed_turn(state: Any, missed: Array, part: float, sigma: float) -> None:
+    """Turn the pose by a part of what the gyroscope missed, and know it as much less well.
+
+    Parameters
+    ----------
+    missed
+        In the sensor's axes, shape (3,) [rad].
+    part, sigma
+        What of it is made good, and its standard deviation, both as parts of it.
+    """
+    axes = state.axes
+    axes[:] = 0.0
+    add_rotation_matrix(quaternion(state.pose), 1.0, axes)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                state.covariance[i, j] += axes[i, k] * axes[j, k] * (sigma * missed[k]) ** 2
+    turn = rotation_of(part * missed[0], part * missed[1], part * missed[2])
+    put_normalised(quaternion_product(quaternion(state.pose), turn), state.pose)
+
+
+@compiled(void(_STATE, _VALUES, _SAMPLES, _SAMPLES, float64, _VALUES, _SETTINGS))
 def propagate(
-    state: Any, interval_s: Array, rate: Array, force: Array, length_s: float, p: Any
+    state: Any,
+    interval_s: Array,
+    rate: Array,
+    force: Array,
+    length_s: float,
+    missed: Array,
+    p: Any,
 ) -> None:
     """Go on by a segment of some length [s]: pose, P' = F P F' + Q, and transition since the knot.
 
-    The samples are as those of :func:`strapdown`.
+    The samples are as those of :func:`strapdown`; what the gyroscope missed is added at the end.
     """
     covariance, step, dt = state.covariance, state.step, length_s
     w, x, y, z = quaternion(state.pose)
@@ -204,6 +309,8 @@ def propagate(
         covariance[6 + i, 6 + i] += speed * dt**2 / 3
         covariance[9 + i, 9 + i] += p.gyro_bias_walk**2 * dt
         covariance[12 + i, 12 + i] += p.force_bias_walk**2 * dt
+    if missed[0] != 0.0 or missed[1] != 0.0 or missed[2] != 0.0:
+        add_missed_turn(state, missed, p.missed_part, p.missed_sigma)
     product(step, state.transition, state.half)
     copy_matrix(state.half, state.transition)
 
@@ -255,44 +362,104 @@ def state_update(state: Any, first: int, x: float, y: float, z: float, sigma: fl
     add_error(state.pose, change)
 
 
+@compiled(void(_STATE, _SAMPLES, float64))
+def stand_on(state: Any, rate: Array, length_s: float) -> None:
+    """Count a segment of a stance, and the rates in it: mean and square of the means."""
+    count, square = len(rate) - 1, 0.0
+    for k in range(3):
+        mean = 0.0
+        for i in range(1, len(rate)):
+            mean += rate[i, k] / count
+        state.rate[k] = mean
+        state.rate_sum[k] += mean * length_s
+        square += mean * mean
+    state.rate_square += square * length_s
+    state.stood_s += length_s
+
+
+@compiled(void(_STATE))
+def end_stance(state: Any) -> None:
+    """Begin to count anew how long the foot stands, and how it turns meanwhile."""
+    state.stands, state.stood_s, state.rate_square = 0, 0.0, 0.0
+    state.rate_sum[:] = 0.0
+
+
+@compiled(void(_STATE, float64))
+def swing_on(state: Any, length_s: float) -> None:
+    """Count a segment of a swing, and how fast the foot moves at its end."""
+    x, y, z = state.pose[VELOCITY], state.pose[VELOCITY + 1], state.pose[VELOCITY + 2]
+    state.swung_s += length_s
+    state.fastest_mps = max(state.fastest_mps, math.sqrt(x * x + y * y + z * z))
+
+
 @compiled(void(_STATE, _SAMPLES, float64, _SETTINGS))
 def stance_update(state: Any, rate: Array, length_s: float, p: Any) -> None:
     """Take it that the foot stands in a segment just predicted: velocity and, at rest, rate are 0.
 
-    How sure it is of its velocity depends on how fast it rolls over the sole.
+    How sure it is of its velocity depends on how fast it rolls over the sole. When a stance becomes
+    a rest, the mean rate of all of it so far is the gyroscope's bias; then that of each segment.
     """
-    pose, square, x, y, z = state.pose, 0.0, 0.0, 0.0, 0.0
+    pose, square, before_s = state.pose, 0.0, state.stood_s
     u, v, w, count = pose[GYRO_BIAS], pose[GYRO_BIAS + 1], pose[GYRO_BIAS + 2], len(rate) - 1
     for i in range(1, len(rate)):
         square += (rate[i, 0] - u) ** 2
         square += (rate[i, 1] - v) ** 2
         square += (rate[i, 2] - w) ** 2
-        x, y, z = x + rate[i, 0] / count, y + rate[i, 1] / count, z + rate[i, 2] / count
     lasting = math.sqrt(max(1.0, p.correlation_s / length_s))
     sigma = math.hypot(p.still_mps, p.sole_m * math.sqrt(square / count)) * lasting
     state_update(state, 3, -pose[VELOCITY], -pose[VELOCITY + 1], -pose[VELOCITY + 2], sigma)
-    state.stood_s += length_s
-    state.swung_s = 0.0
-    if state.stood_s >= p.rest_s:
-        x, y, z = x - pose[GYRO_BIAS], y - pose[GYRO_BIAS + 1], z - pose[GYRO_BIAS + 2]
-        sigma = math.hypot(p.still_radps, math.sqrt(x * x + y * y + z * z)) * lasting
-        state_update(state, 9, x, y, z, sigma)
+    state.swung_s = state.fastest_mps = 0.0
+    stand_on(state, rate, length_s)
+    if state.stood_s < p.rest_s:
+        return
+    x, y, z = state.rate[0], state.rate[1], state.rate[2]
+    if before_s < p.rest_s:
+        length_s, part = state.stood_s, 1.0 / state.stood_s
+        x, y, z = (
+            part * state.rate_sum[0],
+            part * state.rate_sum[1],
+            part * state.rate_sum[2],
+        )
+        square = max(part * state.rate_square - (x * x + y * y + z * z), 0.0)
+    x, y, z = x - pose[GYRO_BIAS], y - pose[GYRO_BIAS + 1], z - pose[GYRO_BIAS + 2]
+    if before_s >= p.rest_s:
+        square = x * x + y * y + z * z
+    lasting = math.sqrt(max(1.0, p.rest_correlation_s / length_s))
+    state_update(state, 9, x, y, z, math.hypot(p.still_radps, math.sqrt(square)) * lasting)
 
 
-@inlined
-def lose_velocity(state: Any, sigma: float) -> None:
-    """Give the velocity up: it is 0, known to ``sigma`` [m/s]."""
-    for i in range(3):
-        state.pose[VELOCITY + i] = 0.0
-        for k in range(SIZE):
-            state.covariance[3 + i, k] = state.covariance[k, 3 + i] = 0.0
-    for i in range(3):
-        state.covariance[3 + i, 3 + i] = sigma * sigma
+@compiled(void(_STATE, float64))
+def doubt(state: Any, sigma: float) -> None:
+    """Be less sure of everything where the velocity contradicts one of 0, known to ``sigma`` [m/s].
+
+    Where the two are further apart than both together explain, the covariance is scaled by the
+    excess: the normalised square of their difference over the 3 expected of three values. The
+    velocity then corrects tilt, heading and place as well, as far as errors of these
+    have made it, and each of them says how far it may be off. Source: covariance inflation, as in
+    Anderson, Monthly Weather Review 129 (2001).
+    """
+    covariance, spread, pose = state.covariance, state.spread, state.pose
+    for a in range(3):
+        for b in range(3):
+            spread[a, b] = covariance[3 + a, 3 + b] + (sigma * sigma if a == b else 0.0)
+    seen = squared_distance(spread, pose[VELOCITY], pose[VELOCITY + 1], pose[VELOCITY + 2])
+    excess = seen / 3.0
+    if excess > 1.0:
+        for i in range(SIZE):
+            for k in range(SIZE):
+                covariance[i, k] *= excess
+
+
+@compiled(void(_STATE, float64))
+def speed_update(state: Any, sigma: float) -> None:
+    """Update by a velocity of 0, known to ``sigma`` [m/s]."""
+    x, y, z = state.pose[VELOCITY], state.pose[VELOCITY + 1], state.pose[VELOCITY + 2]
+    state_update(state, 3, -x, -y, -z, sigma)
 
 
 @compiled(
     _PAIR(
-        *(int64, int64[::1], _SAMPLES, _SAMPLES, _SAMPLES, _VALUES, _VALUES, _VALUES),
+        *(int64, int64[::1], _SAMPLES, _SAMPLES, _SAMPLES, _VALUES, _VALUES, _VALUES, _SAMPLES),
         *(_STATE, _SETTINGS, _KNOT[::1]),
     )
 )
@@ -305,6 +472,7 @@ def navigate(
     statistic: Array,
     peak: Array,
     length_s: Array,
+    missed: Array,
     state: Any,
     p: Any,
     knots: Any,
@@ -315,7 +483,7 @@ def navigate(
 
     Parameters
     ----------
-    time_ns, interval_s, rate, force, statistic, peak, length_s
+    time_ns, interval_s, rate, force, statistic, peak, length_s, missed
         Segments, as :class:`.inertial.strapdown.SegmentRun` has them.
     state, p
         Of the walk; the state goes on in place.
@@ -332,14 +500,15 @@ def navigate(
         if still and not state.stands:
             break
         first, last, length = at * samples, (at + 1) * samples + 1, length_s[at]
-        propagate(state, interval_s[at], rate[first:last], force[first:last], length, p)
-        state.rested_s = state.rested_s + length if 1 / (1 + statistic[at]) >= 0.5 else 0.0
+        parts = (interval_s[at], rate[first:last], force[first:last])
+        propagate(state, *parts, length, missed[at], p)
         if not still:
-            state.stands, state.stood_s = 0, 0.0
-            state.swung_s += length
-        if state.swung_s >= p.lost_s:  # no swing is so long
-            lose_velocity(state, p.lost_mps)
-            state.swung_s = 0.0
+            end_stance(state)
+            swing_on(state, length)
+            state.still_s = 0.0
+        lost = state.swung_s >= p.lost_s  # no swing is so long
+        if lost:
+            doubt(state, p.lost_mps)
         due = time_ns[at] - state.pointed_ns >= p.point_ns
         knot = knots[count]
         for k in range(POSE):
@@ -347,14 +516,17 @@ def navigate(
         copy_matrix(state.covariance, knot.predicted_covariance)
         if still:
             stance_update(state, rate[first:last], length, p)
-        if due or (still and p.keep_all):
+        elif lost:
+            speed_update(state, p.lost_mps)
+            state.swung_s = 0.0
+        if due or ((still or lost) and p.keep_all):
             knot.time_ns, knot.shown = time_ns[at], 1 if due else 0
             for k in range(POSE):
                 knot.pose[k] = state.pose[k]
             copy_matrix(state.covariance, knot.covariance)
             copy_matrix(state.transition, knot.transition)
             count += 1
-        if due or still:
+        if due or still or lost:
             state.transition[:] = 0.0
             for k in range(SIZE):
                 state.transition[k, k] = 1.0

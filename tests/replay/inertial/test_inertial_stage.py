@@ -75,7 +75,7 @@ def test_each_stance_is_a_candidate_with_its_verdict() -> None:
 
 
 def test_a_stance_that_does_not_fit_is_rejected_and_changes_no_place() -> None:
-    events = said([WALK.block], stage(max_speed_mps=1e-9))
+    events = said([WALK.block], stage(max_speed=1e-9, settle_s=1e3))
     blocks = [e for e in events if isinstance(e, CandidateBlock)]
     assert blocks
     assert not any(b.accepted.any() for b in blocks)
