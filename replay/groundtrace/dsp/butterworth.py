@@ -6,6 +6,7 @@ second before the first sample. The order of operations is that of scipy, and so
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -39,6 +40,13 @@ def butterworth(
     -------
     Second-order sections, shape (n_sections, 6); the poles nearest to the unit circle come last.
     """
+    return _designed(order, tuple(edges_hz), rate_hz, highpass=highpass).copy()
+
+
+@cache
+def _designed(
+    order: int, edges_hz: tuple[float, ...], rate_hz: float, *, highpass: bool
+) -> NDArray[np.float64]:
     warped = 4.0 * np.tan(np.pi * (np.asarray(edges_hz, np.float64) / (rate_hz / 2)) / 2.0)
     poles = -np.exp(1j * np.pi * np.arange(1.0 - order, order, 2) / (2 * order))
     zeros = np.zeros(0 if len(warped) == 1 and not highpass else order)

@@ -184,6 +184,8 @@ class Regions:
         Shape (q,) [m^2].
     neighbours
         Shape (m, 2), intp: regions with a common edge.
+    shapes
+        Shape (q,): polygons [m], of several parts where walls cut a region.
     told
         Shape (n_pairs,), bool: pairs whose sign tells regions apart.
     across
@@ -200,6 +202,7 @@ class Regions:
     centres: Array
     areas: Array
     neighbours: NDArray[np.intp]
+    shapes: NDArray[np.object_]
     told: NDArray[np.bool_] = field(init=False)
     across: NDArray[np.float32] = field(init=False)
     axes: Array = field(init=False)
@@ -252,6 +255,7 @@ def find_regions(sensors: Array, room: shapely.Polygon) -> Regions:
         shapely.get_coordinates(shapely.centroid(shapes)),
         shapely.area(shapes),
         _neighbours(signs, owner, shapes, room, extent),
+        shapes,
     )
 
 
@@ -269,20 +273,12 @@ def borders(regions: Regions, room: shapely.Polygon) -> list[Array]:
     return [shapely.get_coordinates(line) for line in found]
 
 
-def corners(regions: Regions, row: int, room: shapely.Polygon) -> list[Array]:
+def corners(regions: Regions, row: int) -> list[Array]:
     """Return the closed rings around one region, each of shape (k, 2) [m].
 
     There is one, unless walls cut the region in several.
     """
-    part = shapely.get_coordinates(room.convex_hull)[:-1]
-    for i, j, sign in zip(regions.first, regions.second, regions.signs[row], strict=True):
-        squares = np.sum((part[:, None] - regions.sensors[[i, j]]) ** 2, axis=2)
-        height = sign * (squares[:, 0] - squares[:, 1])
-        height[np.abs(height) <= TOLERANCE * room.length**2] = 0.0
-        if (height < 0).any():
-            part = _halves(part, height)[0]
-    shape = shapely.intersection(shapely.Polygon(part), room)
-    pieces = [piece for piece in shapely.get_parts(shape) if piece.area > 0]
+    pieces = [piece for piece in shapely.get_parts(regions.shapes[row]) if piece.area > 0]
     return [shapely.get_coordinates(piece.exterior) for piece in pieces]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from viewer_sessions import at, read_back, room_session
 
 from groundtrace_codecs.events import Fix, StageSpec
-from groundtrace_viewers.rerun.places import CORNERS, ELLIPSES, FIX_KEY, POINTS, ellipse
+from groundtrace_viewers.rerun.places import CORNERS, ELLIPSES, FIX_KEY, POINTS, ellipses
 from groundtrace_viewers.rerun.sink import RerunSink
 from groundtrace_viewers.rerun.timeline import FIX_COLOURS
 
@@ -22,8 +22,12 @@ def fix(seconds: float = 1.0, stage: str = "power-law", xx: float = 0.25, xy: fl
     return Fix(at(seconds), 2.0, 3.0, (xx, xy, 0.09), 1e-4, "power-law", 9, stage)
 
 
+def ellipse(xx: float = 0.25, xy: float = 0.0) -> np.ndarray:
+    return ellipses([(2.0, 3.0)], [(xx, xy, 0.09)])[0]
+
+
 def test_the_ellipse_lies_at_one_standard_deviation() -> None:
-    line = ellipse(fix(xy=0.05))
+    line = ellipse(xy=0.05)
     off = line - (2.0, 3.0)
     inverse = np.linalg.inv([[0.25, 0.05], [0.05, 0.09]])
     np.testing.assert_allclose(np.einsum("ni,ij,nj->n", off, inverse, off), 1.0, rtol=1e-4)
@@ -31,7 +35,7 @@ def test_the_ellipse_lies_at_one_standard_deviation() -> None:
 
 
 def test_an_unknown_covariance_leaves_the_place() -> None:
-    np.testing.assert_array_equal(ellipse(fix(xx=NAN)), np.tile([[2.0, 3.0]], (CORNERS, 1)))
+    np.testing.assert_array_equal(ellipse(xx=NAN), np.tile([[2.0, 3.0]], (CORNERS, 1)))
 
 
 def test_fixes_are_points_and_ellipses_in_the_colour_of_their_stage(tmp_path: Path) -> None:

@@ -14,6 +14,9 @@ class Recorder:
     def declare(self, *_: object) -> None:
         pass
 
+    def static(self, *_: object) -> None:
+        pass
+
     def send(self, _: str, times: tuple[int, ...], columns: object) -> None:
         (column,) = columns
         states = [s for [s] in column.as_arrow_array().to_pylist()]

@@ -15,9 +15,9 @@ def test_a_span_is_the_same_whatever_the_blocks(rows: int) -> None:
     for block in blocks(SEISMIC, samples, rows):
         recent.push(block)
     pieces = list(recent.between(at(0.05), at(0.1)))
-    times = np.concatenate([t for t, _ in pieces])
+    times = np.concatenate([block.sample_times() for block in pieces])
     np.testing.assert_array_equal(times, at(0.05) + np.arange(100) * 500_000)
-    values = np.concatenate([v for _, v in pieces])
+    values = np.concatenate([block.values for block in pieces])
     np.testing.assert_array_equal(values, samples[100:200] * 2e-9)
 
 
@@ -45,3 +45,23 @@ def test_a_step_lies_on_the_magnitude_of_the_acceleration() -> None:
     assert traces.of_step(step) == pytest.approx(np.linalg.norm(samples[200, :3]))
     seismic = StepEvent(at(2.0), "step", "", "/seismic", "steps", 1.0)
     assert traces.of_step(seismic) == 0.0
+
+
+@pytest.mark.parametrize("rows", [7, 500])
+def test_signal_with_an_arrival_is_kept_longer(rows: int) -> None:
+    recent = RecentSamples(SEISMIC, keep_s=2.2)
+    for block in blocks(SEISMIC, seismic_samples(), rows):
+        recent.push(block)
+        if block.start_ns <= at(1.5) < block.end_ns:
+            recent.arrival(at(1.5))
+    kept = list(recent.between(at(1.4), at(1.6)))
+    assert sum(len(block) for block in kept) == 400
+    assert not list(recent.between(at(0.0), at(0.4)))
+
+
+def test_what_is_kept_longer_is_as_much_again_at_most() -> None:
+    recent = RecentSamples(SEISMIC, keep_s=1.0)
+    for block in blocks(SEISMIC, seismic_samples(), 100):
+        recent.arrival(block.start_ns)
+        recent.push(block)
+    assert sum(len(block) for block in recent.between(at(0.0), at(60.0))) <= 2 * 2000 + 100

@@ -177,6 +177,35 @@ def test_a_stage_tells_its_curve_whose_cells_peaks_are_the_frames_ratio() -> Non
                 np.testing.assert_allclose(value[inside].max(axis=0), reached, rtol=1e-5)
 
 
+@pytest.mark.parametrize("picker", ["sta-lta", "toa-cv", "toa-sb"])
+def test_the_curve_around_a_step_is_that_of_one_run_over_everything(
+    tmp_path: Path, picker: str
+) -> None:
+    recipe = parse_pipeline(RECIPE.replace("sta-lta", picker).encode(), "test")
+    pipeline = build_pipeline(recipe, room_session().geometry)
+    sink = RerunSink(tmp_path / "room.rrd")
+    sink.open(replace(room_session(), pipeline=pipeline.recipe()))
+    replay(blocks(SEISMIC, seismic_samples(), 700), pipeline, [sink])
+    sink.close()
+    times, values = read_back(tmp_path / "room.rrd", "/decision/picks/seismic", SCALARS)
+    drawn = np.array(values)
+    shown = ~np.isnan(drawn).all(axis=1)
+    stage = build_pipeline(recipe, None).stages[0]
+    known, curves = [], []
+    for block in blocks(SEISMIC, seismic_samples(), 700):
+        stage.process(block)
+        curve = stage.curve("/seismic")  # type: ignore[attr-defined]
+        if curve is not None:
+            known.append(curve.time_ns)
+            curves.append(curve.value)
+    rows = np.searchsorted(np.concatenate(known) - START_NS, times[shown])
+    top = np.nanmax(drawn)
+    expected = np.minimum(np.concatenate(curves)[rows], top)
+    assert shown.sum() > 1000
+    # half a step of the value axis, and what the start of a run leaves
+    assert np.abs(drawn[shown] - expected).max() < 0.015 * top
+
+
 def triaxial() -> ReplaySession:
     """Two stations of three axes, at the left corners."""
     names = [f"{station}{axis}" for station in ("A", "B") for axis in "xyz"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from groundtrace_codecs.events import StageSpec
+from groundtrace_codecs.events import Pick, StageSpec
 from groundtrace_codecs.signals import SignalBlock
 
 from .samples import Traces
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import Event, Pick, StepEvent
+    from groundtrace_codecs.events import Event, StepEvent
 
     from .samples import Plan
     from .timeline import Bounds
@@ -144,6 +144,8 @@ class ViewContext:
             first_ns, _ = self.replayed_ns or (item.start_ns, 0)
             self.replayed_ns = first_ns, item.last_ns
             self.traces.push(item)
+        elif isinstance(item, Pick):
+            self.traces.arrival(item.topic, item.time_ns)
         elif isinstance(item, StageSpec):
             self.stages.add(item)
 
@@ -181,9 +183,6 @@ class View:
     def add(self, item: SignalBlock | Event) -> None:
         """Take an item of one of its kinds."""
         self.kinds[type(item)](self, item)
-
-    def expect(self, time_ns: int) -> None:
-        """Take a moment that the signal has just come past, and that may be told of later."""
 
     def close_up(self, start_ns: int, end_ns: int) -> None:
         """Show every sample of a half-open span."""

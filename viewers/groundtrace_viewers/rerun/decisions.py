@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from groundtrace.detectors.trace import FRAME_S
 from groundtrace.evaluation.matching import answers_text, found_text, match_steps, timing_pairs
+from groundtrace.pipeline.parameters import describe
 from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
     EVENTS,
@@ -27,7 +29,6 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View, step_like
-from .samples import Excerpts, Waiting
 from .timeline import (
     ACCEPTED,
     CONFLICT,
@@ -73,7 +74,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.events import GateSpec, Label
 
     from .context import LogLines, ViewContext
-    from .samples import ExcerptPiece
+    from .samples import Piece
     from .timeline import SensorColours, StageLanes, Timeline
 
     #: Where marks lie: times [ns], and values.
@@ -345,6 +346,12 @@ class DetectorView:
 
 #: How much is drawn around a step [s].
 BEFORE_S, AFTER_S = 0.1, 0.1
+#: Pickers look so far ahead at most [s].
+LOOK_AHEAD_S = 0.05
+#: A picker's past is forgotten after so many times its longest time.
+RUN_INS = 5.0
+#: Parameter of pickers: noise that is known for a shorter time is trusted less.
+WARM_UP = "warm_up_s"
 #: Steps of the value axis, about a pixel each: samples that change nothing need no row.
 LEVELS = 128
 
@@ -367,32 +374,18 @@ class PickerCurves(View):
         if spec.emits == "pick" and spec.trace:
             self._curves.append(PickerCurve(context, spec))
 
-    def feed(self, item: SignalBlock | Gap) -> None:
-        """Take what the stages are given: a block, or a gap."""
-        for curve in self._curves:
-            curve.feed(item)
-
-    def pick(self, pick: Pick) -> None:
-        """Take an arrival, which may become a step."""
-        self.expect(pick.time_ns)
-
-    def expect(self, time_ns: int) -> None:
-        """Take a true step, which may be missed."""
-        for curve in self._curves:
-            curve.expect(time_ns)
-
     def near(self, time_ns: int) -> None:
         """Log the curves around a moment."""
         for curve in self._curves:
             curve.show(time_ns)
 
-    kinds: ClassVar = {StageSpec: stage, SignalBlock: feed, Gap: feed, Pick: pick}
+    kinds: ClassVar = {StageSpec: stage}
 
 
 class PickerCurve:
     """Logs the decision function of one picking stage on one topic.
 
-    It costs as much as picking itself: where few moments are shown, it is computed when one is.
+    It costs as much as picking itself, so it is computed around moments alone.
 
     Parameters
     ----------
@@ -404,46 +397,23 @@ class PickerCurve:
 
     def __init__(self, context: ViewContext, spec: StageSpec) -> None:
         self._timeline = context.timeline
-        self._session = context.session
+        self._traces = context.traces
         self._spec = spec
         self._colours = context.colours
-        self._waiting = Waiting(context.plan, spec.topic)
         self._path = f"/decision/{spec.stage}/{spec.topic.strip('/')}"
         self._top = ceiling(spec)
-        self._excerpts = Excerpts(BEFORE_S, AFTER_S)
         self._retold = RecomputedCurve(context.session, spec)
         self._declared = False
 
-    def feed(self, item: SignalBlock | Gap) -> None:
-        """Take what the picker is given: a block, or a gap."""
-        self._waiting.add(item)
-        if self._waiting.at_once:
-            self._compute()
-
-    def _compute(self) -> None:
-        """Compute the curve over what waits; anew where a part was left out."""
-        items, broken = self._waiting.taken()
-        if broken:
-            self._retold = RecomputedCurve(self._session, self._spec)
-        for item in items:
-            curve = self._retold.feed(item)
-            if curve is not None:
-                self._excerpts.push(curve.time_ns, curve.value)
-
-    def expect(self, time_ns: int) -> None:
-        """Take an arrival, which may become a step, or a true step, which may be missed."""
-        self._excerpts.expect(time_ns)
-
     def show(self, time_ns: int) -> None:
         """Log the curve around a moment."""
-        self._compute()
-        piece = self._excerpts.around(time_ns)
-        if piece is None or not len(piece[0]):
+        times, values = self._around(time_ns)
+        if not len(times):
             return
         if not self._declared:
             self._declare()
             self._declared = True
-        times, values = self._drawn(*piece)
+        times, values = self._drawn(times, values)
         # the viewer would draw a line to the next step
         ended = np.full((1, values.shape[1]), np.nan)
         end_ns = times[-1:] + 1
@@ -451,7 +421,26 @@ class PickerCurve:
             self._path, np.concatenate([times, end_ns]), np.concatenate([values, ended])
         )
 
-    def _drawn(self, times: NDArray[np.int64], values: NDArray[np.float32]) -> ExcerptPiece:
+    def _around(self, time_ns: int) -> Piece:
+        """Return the curve about a moment, of a run that begins long enough before it."""
+        start_ns, end_ns = time_ns - round(BEFORE_S * NS_PER_S), time_ns + round(AFTER_S * NS_PER_S)
+        early_ns = start_ns - round((self._retold.run_in_s + FRAME_S) * NS_PER_S)
+        late_ns = end_ns + round(LOOK_AHEAD_S * NS_PER_S)
+        run = _last_run(self._traces.blocks(self._spec.topic, early_ns, late_ns), time_ns)
+        self._retold.restart(under_way=bool(run) and run[0].first > 0)
+        pieces = []
+        for block in run:
+            begin = block.index_of(start_ns)
+            self._retold.skip(block.slice(0, begin))
+            curve = self._retold.feed(block.slice(begin, len(block)))
+            if curve is not None:
+                first, last = np.searchsorted(curve.time_ns, [start_ns, end_ns])
+                pieces.append((curve.time_ns[first:last], curve.value[first:last]))
+        if not pieces:
+            return np.empty(0, np.int64), np.empty((0, 0))
+        return np.concatenate([p[0] for p in pieces]), np.concatenate([p[1] for p in pieces])
+
+    def _drawn(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> Piece:
         """Return the samples that make the drawn curve: the first and last of equal ones."""
         if not self._top:
             return times, values
@@ -459,7 +448,7 @@ class PickerCurve:
         level = np.round(np.minimum(values, self._top) / grain)
         changed = (np.diff(level, axis=0) != 0).any(axis=1)
         kept = np.append(changed, True) | np.append(True, changed)
-        return times[kept], (level[kept] * grain).astype(np.float32)
+        return times[kept], level[kept] * grain
 
     def _declare(self) -> None:
         import rerun as rr
@@ -483,6 +472,22 @@ class PickerCurve:
         )
 
 
+def _last_run(blocks: Sequence[SignalBlock], time_ns: int) -> list[SignalBlock]:
+    """Return the blocks of the run that a moment lies in, from the begin of one of its frames."""
+    run: list[SignalBlock] = []
+    for block in blocks:
+        if run and not block.continues(run[-1]):
+            if run[-1].end_ns > time_ns:
+                break
+            run = []
+        run.append(block)
+    if not run:
+        return []
+    # cells are of the samples that they are of in a run from the beginning
+    frame = max(1, round(FRAME_S * run[0].stream.rate_hz))
+    return [run[0].slice(-run[0].first % frame, len(run[0])), *run[1:]]
+
+
 class RecomputedCurve:
     """The curve of one stage on one topic.
 
@@ -496,32 +501,60 @@ class RecomputedCurve:
 
     def __init__(self, session: ReplaySession, spec: StageSpec) -> None:
         self._topic = spec.topic
-        self._stage: StageRunner | None = None
-        self._last: Curve | None = None
+        self._spec = spec
         found = used(session, spec)
-        if found is not None and hasattr(found.kind, "curve"):
-            config = StageConfig(spec.plugin, spec.stage, found.topics)
-            self._stage = StageRunner(config, found.kind, found.parameters)
+        self._used = found if found is not None and hasattr(found.kind, "curve") else None
+        self.restart()
 
     @property
     def known(self) -> bool:
         """Whether there is a curve: the stage is known, and its detector tells one."""
         return self._stage is not None
 
+    @property
+    def run_in_s(self) -> float:
+        """How long the stage must have run until its past is forgotten [s].
+
+        That is some times the longest time, or the period of the lowest frequency, that it measures
+        by.
+        """
+        if self._used is None:
+            return 0.0
+        given = self._used.parameters
+        own = (info for info in describe(type(given)) if info.part == "measure")
+        known = [(info.unit, getattr(given, info.name)) for info in own]
+        times = [value for unit, value in known if unit == "s"]
+        periods = [1 / value for unit, value in known if unit == "Hz" and value > 0]
+        return RUN_INS * max([*times, *periods], default=0.0)
+
+    def restart(self, *, under_way: bool = False) -> None:
+        """Begin the stage anew; of a run that began long before, noise is trusted at once."""
+        self._last: Curve | None = None
+        self._stage: StageRunner | None = None
+        if self._used is not None:
+            config = StageConfig(self._spec.plugin, self._spec.stage, self._used.topics)
+            given = self._used.parameters
+            if under_way and hasattr(given, WARM_UP):
+                given = replace(given, **{WARM_UP: 0.0})
+            self._stage = StageRunner(config, self._used.kind, given)
+
+    def skip(self, item: SignalBlock | Gap) -> None:
+        """Take what the stage is given, a block or a gap."""
+        if self._stage is not None and item.topic == self._topic:
+            self._stage.process(item)
+
     def feed(self, item: SignalBlock | Gap) -> Curve | None:
         """Take what the stage is given, a block or a gap; return the curve completed by it."""
         if self._stage is None or item.topic != self._topic:
             return None
-        for _ in self._stage.process(item):
-            pass
+        self._stage.process(item)
         return self._completed(self._stage)
 
     def flush(self) -> Curve | None:
         """End the recording; return the curve that was held back."""
         if self._stage is None:
             return None
-        for _ in self._stage.flush():
-            pass
+        self._stage.flush()
         return self._completed(self._stage)
 
     def _completed(self, stage: StageRunner) -> Curve | None:
@@ -812,14 +845,15 @@ class PickView(View):
         self._pending = []
 
     def _rows(self, picks: list[Pick]) -> None:
+        import pyarrow as pa
         import rerun as rr
 
         self._timeline.declare(Entity("/table/picks", "table", "Picks"))
         columns = rr.AnyValues.columns(
-            channel=[p.channel for p in picks],
-            stage=[p.stage for p in picks],
-            peak=np.array([p.value for p in picks]),
-            uncertainty_ms=np.array([p.uncertainty_s for p in picks]) * 1e3,
+            channel=pa.array([p.channel for p in picks]),
+            stage=pa.array([p.stage for p in picks]),
+            peak=pa.array([p.value for p in picks]),
+            uncertainty_ms=pa.array([p.uncertainty_s * 1e3 for p in picks]),
         )
         self._timeline.send("/table/picks", [p.time_ns for p in picks], columns)
 
@@ -884,16 +918,17 @@ class StepView(View):
         self._timeline.send(path, [s.time_ns for s, _ in marks], columns)
 
     def _rows(self, steps: list[StepEvent]) -> None:
+        import pyarrow as pa
         import rerun as rr
 
         self._timeline.declare(Entity("/table/steps", "table", "Steps"))
         columns = rr.AnyValues.columns(
-            kind=[s.kind for s in steps],
-            foot=[s.foot for s in steps],
-            type=[s.type for s in steps],
-            stage=[s.stage for s in steps],
-            peak=np.array([s.value for s in steps]),
-            channels=np.array([s.channels for s in steps]),
+            kind=pa.array([s.kind for s in steps]),
+            foot=pa.array([s.foot for s in steps]),
+            type=pa.array([s.type for s in steps]),
+            stage=pa.array([s.stage for s in steps]),
+            peak=pa.array([s.value for s in steps]),
+            channels=pa.array([s.channels for s in steps]),
         )
         self._timeline.send("/table/steps", [s.time_ns for s in steps], columns)
 

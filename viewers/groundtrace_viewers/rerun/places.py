@@ -46,7 +46,7 @@ from .timeline import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
     from rerun import ComponentColumn, ComponentColumnList
 
     from groundtrace.localizers.arrival_order import Regions
@@ -74,21 +74,31 @@ FIX_MARGIN = 0.8
 TIPS = np.array([(-1, -1), (1, 1), (0, 0), (-1, 1), (1, -1)], np.float32)
 
 
-def ellipse(fix: Fix) -> NDArray[np.float32]:
-    """Return the closed line at one standard deviation about a fix, shape (CORNERS, 2) [m].
+#: Corners of a circle about the origin, the first twice.
+CIRCLE = np.stack([f(np.linspace(0.0, 2 * np.pi, CORNERS)) for f in (np.cos, np.sin)], axis=1)
 
-    A covariance that is unknown gives the place alone.
+
+def ellipses(places: ArrayLike, covariances: ArrayLike) -> NDArray[np.float32]:
+    """Return closed lines at one standard deviation about places, shape (n, CORNERS, 2) [m].
+
+    Parameters
+    ----------
+    places
+        Shape (n, 2) [m].
+    covariances
+        Shape (n, 3): of x, of x and y, of y [m^2]; one that is unknown gives the place alone.
     """
-    xx, xy, yy = fix.covariance
-    place = np.array([fix.x_m, fix.y_m])
-    matrix = np.array([[xx, xy], [xy, yy]])
-    if not np.isfinite(matrix).all():
-        return np.tile(place, (CORNERS, 1)).astype(np.float32)
-    value, vector = np.linalg.eigh(matrix)
-    turn = np.linspace(0.0, 2 * np.pi, CORNERS)
-    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    line: NDArray[np.float64] = place + circle * np.sqrt(np.maximum(value, 0.0)) @ vector.T
-    return line.astype(np.float32)
+    middles, spread = np.asarray(places, np.float64), np.asarray(covariances, np.float64)
+    known = np.isfinite(spread).all(axis=1, keepdims=True)
+    matrices = np.where(known, spread, 0.0)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    value, vector = np.linalg.eigh(matrices)
+    radii = np.sqrt(np.maximum(value, 0.0))[:, np.newaxis]
+    lines = middles[:, np.newaxis] + CIRCLE * radii @ np.swapaxes(vector, 1, 2)
+    return np.asarray(lines, np.float32)
+
+
+def _ellipses(placed: Sequence[Fix | TrackPoint]) -> NDArray[np.float32]:
+    return ellipses([(p.x_m, p.y_m) for p in placed], [p.covariance for p in placed])
 
 
 class FixView(View):
@@ -141,7 +151,7 @@ class FixView(View):
 
         colours = np.full(len(fixes), self._colour(stage), np.uint32)
         lines = rr.LineStrips2D.columns(
-            strips=np.stack([ellipse(fix) for fix in fixes]),
+            strips=_ellipses(fixes),
             colors=colours,
             radii=np.full(len(fixes), -0.8),
         )
@@ -193,19 +203,15 @@ def strokes(ring: Ring) -> tuple[list[Ring], float]:
     """Fill a convex ring with level strokes: their ends, each of shape (2, 2), and their radius."""
     low, high = ring[:, 1].min(), ring[:, 1].max()
     radius = (high - low) / STROKES / 2
-    x, y = ring.T
-    x_after, y_after = np.roll(ring, -1, axis=0).T
-    lines = []
-    for level in low + radius * (2 * np.arange(STROKES) + 1):
-        crossed = (y - level) * (y_after - level) < 0
-        if np.count_nonzero(crossed) < 2:
-            continue
-        share = (level - y[crossed]) / (y_after[crossed] - y[crossed])
-        ends = x[crossed] + share * (x_after[crossed] - x[crossed])
-        left, right = ends.min() + radius, ends.max() - radius
-        if left < right:
-            lines.append(np.array([(left, level), (right, level)]))
-    return lines, radius * OVERLAP
+    level = (low + radius * (2 * np.arange(STROKES) + 1))[:, np.newaxis]
+    (x, y), (x_after, y_after) = ring[:-1].T, ring[1:].T
+    crossed = (y - level) * (y_after - level) < 0
+    rise = np.where(y_after == y, 1.0, y_after - y)  # a level edge crosses no level
+    ends = x + (level - y) / rise * (x_after - x)
+    left = np.where(crossed, ends, np.inf).min(axis=1) + radius
+    right = np.where(crossed, ends, -np.inf).max(axis=1) - radius
+    lines = np.stack([left, level[:, 0], right, level[:, 0]], axis=1).reshape(-1, 2, 2)
+    return list(lines[left < right]), radius * OVERLAP
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,7 +257,6 @@ class RegionView:
         shown = {s.channel: s.name for s in geometry.sensors}
         self._names = [shown[channel] for channel in self._channels]
         self._regions = known_regions(self._positions, self._outline)
-        self._room = outline_of(self._positions, self._outline)
         self._picking = picking.stage
         self._fills = Strips(timeline, FILLS, -40.0)
         self._rings = Strips(timeline, RINGS, -20.0)
@@ -271,7 +276,8 @@ class RegionView:
     def _log_borders(self) -> None:
         import rerun as rr
 
-        lines = [line.astype(np.float32) for line in borders(self._regions, self._room)]
+        room = outline_of(self._positions, self._outline)
+        lines = [line.astype(np.float32) for line in borders(self._regions, room)]
         faint = np.full(len(lines), FAINT, np.uint32)
         strips = rr.LineStrips2D(lines, colors=faint, radii=-0.5, draw_order=-30.0)
         self._timeline.declare(Entity(BORDERS, "map"), strips)
@@ -304,7 +310,7 @@ class RegionView:
     def _drawing(self, row: int) -> Drawn:
         """Return how a region is drawn; walkers come back to the same ones."""
         if row not in self._drawn:
-            rings = corners(self._regions, row, self._room)
+            rings = corners(self._regions, row)
             filled = [strokes(ring) for ring in rings]
             lines = [line for part, _ in filled for line in part]
             radii = [radius for part, radius in filled for _ in part]
@@ -620,19 +626,11 @@ def _drawn(path: str, points: list[TrackPoint]) -> list[tuple[str, list[Componen
         radii=np.full(len(points), -6.0),
     )
     lines = rr.LineStrips2D.columns(
-        strips=np.stack([ellipse(_place(p)) for p in points]),
+        strips=_ellipses(points),
         colors=colours,
         radii=np.full(len(points), -1.0),
     )
     return [(f"{path}/place", list(dots)), (f"{path}/ellipse", list(lines))]
-
-
-def _place(point: TrackPoint) -> Fix:
-    """Return a point as the fix it amounts to."""
-    unknown = float("nan")
-    return Fix(
-        point.time_ns, point.x_m, point.y_m, point.covariance, unknown, "track", 0, point.stage
-    )
 
 
 def _colour(stage: str, track: int) -> int:
@@ -677,7 +675,9 @@ class StepDetails(View):
         mapped = bounds(context.session) is not None
         self._names = ArrivalSigns(context.timeline, site if mapped else None, context.colours)
         self._stations = {
-            stream.topic: StationViews(context.timeline, stream, site, context.colours)
+            stream.topic: StationViews(
+                context.timeline, stream, site, context.colours, context.traces
+            )
             for stream in context.session.streams
             if site is not None and not stream.irregular and StationViews.fits(stream, site)
         }
@@ -702,16 +702,12 @@ class StepDetails(View):
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block."""
-        if block.topic in self._stations:
-            self._stations[block.topic].signal(block)
         while self._due and self._due[0].time_ns + COMPLETE_NS <= block.last_ns:
             self._show(self._due.popleft())
 
     def pick(self, pick: Pick) -> None:
         """Take an arrival, which may become a step."""
         self._picks.append(pick)
-        if pick.topic in self._stations:
-            self._stations[pick.topic].expect(pick.time_ns)
 
     def step(self, step: StepEvent) -> None:
         """Take a step of the stage that has the last word."""

@@ -4,15 +4,15 @@ Envelopes and events of ten minutes take a few megabytes, every sample of 16 cha
 gigabyte and more. Samples matter where a detector was wrong, so only some spans are shown at full
 rate; :class:`FullRate` says how much of a recording.
 
-A step is announced when a later arrival closes its window, which may take long. The signal around
-every arrival is kept until then, and no other signal of the past.
+A step is announced when a later arrival closes its window, which may take long. Of the signal
+before the last seconds the parts with arrivals are kept longest.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,17 +22,16 @@ from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 from ..errors import ViewerError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import Gap, Pick, StepEvent
+    from groundtrace_codecs.events import Pick, StepEvent
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     #: Times, shape (n,) [ns], and values, shape (n, n_columns).
     Piece = tuple[NDArray[np.int64], NDArray[np.float64]]
-    ExcerptPiece = tuple[NDArray[np.int64], NDArray[np.float32]]
 
 #: Units in which people read a quantity, and the factor to them; other quantities stay in theirs.
 _DISPLAY = {
@@ -263,10 +262,14 @@ def _megabytes(size: float) -> str:
 
 #: How much signal is kept [s]; gaps do not count, so a shot stays until others replace it.
 KEEP_S = 10.0
+#: Around an arrival signal is kept longer: so much before and after it [ns].
+AROUND_NS = NS_PER_S
+#: Arrivals this close together count as one [ns].
+SPREAD_NS = NS_PER_S // 20
 
 
 class RecentSamples:
-    """Keeps the last blocks of a stream.
+    """Keeps the last blocks of a stream, and as much again of those before that have arrivals.
 
     Parameters
     ----------
@@ -279,16 +282,36 @@ class RecentSamples:
     def __init__(self, stream: Stream, keep_s: float = KEEP_S) -> None:
         #: First time of each, the time after it, and the block.
         self._blocks: deque[tuple[int, int, SignalBlock]] = deque()
+        self._older: deque[tuple[int, int, SignalBlock]] = deque()
+        self._arrivals: deque[int] = deque()
         self._scales = stream.scales
         self._enough = round(keep_s * stream.rate_hz)
-        self._held = 0
+        self._held = self._held_older = 0
 
     def push(self, block: SignalBlock) -> None:
         """Take a block."""
         self._blocks.append((block.start_ns, block.end_ns, block))
         self._held += len(block)
         while self._held - len(self._blocks[0][2]) >= self._enough:
-            self._held -= len(self._blocks.popleft()[2])
+            known = self._blocks.popleft()
+            self._held -= len(known[2])
+            if self._has_arrival(*known[:2]):
+                self._older.append(known)
+                self._held_older += len(known[2])
+        while self._held_older > self._enough:
+            self._held_older -= len(self._older.popleft()[2])
+
+    def arrival(self, time_ns: int) -> None:
+        """Take an arrival: steps may be told of long after it."""
+        if not self._arrivals or abs(time_ns - self._arrivals[-1]) >= SPREAD_NS:
+            self._arrivals.append(time_ns)
+
+    def _has_arrival(self, start_ns: int, end_ns: int) -> bool:
+        """Whether there is an arrival in or about a span; those long before it are forgotten."""
+        while self._arrivals and self._arrivals[0] < start_ns - 2 * AROUND_NS:
+            self._arrivals.popleft()
+        first_ns, last_ns = start_ns - AROUND_NS, end_ns + AROUND_NS
+        return any(first_ns <= time_ns < last_ns for time_ns in self._arrivals)
 
     def value(self, time_ns: int, columns: list[int]) -> float:
         """Return the norm over columns of the sample at a time, with its sign if it is one column.
@@ -303,122 +326,13 @@ class RecentSamples:
                 return float(np.linalg.norm(block.samples[at, columns] * self._scales[columns]))
         return 0.0
 
-    def between(
-        self, start_ns: int, end_ns: int
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Yield times, shape (n,), and values, shape (n, n_channels), of a half-open span."""
-        for first_ns, _, block in self._blocks:
-            if first_ns < end_ns and block.last_ns >= start_ns:
+    def between(self, start_ns: int, end_ns: int) -> Iterator[SignalBlock]:
+        """Yield what is there of a half-open span, in order of time."""
+        for first_ns, after_ns, block in (*self._older, *self._blocks):
+            if first_ns < end_ns and after_ns > start_ns:
                 part = block.slice(block.index_of(start_ns), block.index_of(end_ns))
-                yield part.sample_times(), part.values
-
-
-#: Longer than any picker holds an arrival back [ns].
-KEEP_NS = 3 * NS_PER_S
-#: Arrivals this close together share one excerpt [ns].
-SPREAD_NS = NS_PER_S // 20
-#: So many moments wait at most to be asked for.
-MOST_MOMENTS = 256
-
-
-@dataclass(slots=True)
-class _Moment:
-    start_ns: int
-    end_ns: int
-    time_ns: int
-    pieces: list[ExcerptPiece] = field(default_factory=list)
-
-    def take(self, piece: ExcerptPiece) -> None:
-        times, values = piece
-        first, last = np.searchsorted(times, [self.start_ns, self.end_ns])
-        if first < last:
-            self.pieces.append((times[first:last].copy(), values[first:last].copy()))
-
-
-class Excerpts:
-    """Keeps what lies around moments.
-
-    Parameters
-    ----------
-    before_s, after_s
-        How much is kept before and after a moment [s].
-    """
-
-    def __init__(self, before_s: float, after_s: float) -> None:
-        self._before_ns = round(before_s * NS_PER_S)
-        self._after_ns = round(after_s * NS_PER_S)
-        self._recent: deque[ExcerptPiece] = deque()
-        self._moments: deque[_Moment] = deque(maxlen=MOST_MOMENTS)
-
-    def push(self, times_ns: NDArray[np.int64], values: NDArray[np.floating]) -> None:
-        """Take the next samples: times, shape (n,), and values, shape (n, n_columns)."""
-        if not len(times_ns):
-            return
-        piece = (times_ns, values.astype(np.float32))
-        self._recent.append(piece)
-        while self._recent[0][0][-1] < times_ns[-1] - KEEP_NS:
-            self._recent.popleft()
-        for moment in self._moments:
-            moment.take(piece)
-
-    def expect(self, time_ns: int) -> None:
-        """Keep what lies around a moment, those of the last seconds included."""
-        if self._moments and 0 <= time_ns - self._moments[-1].time_ns < SPREAD_NS:
-            return  # as most: one wave reaches many channels
-        if any(0 <= time_ns - moment.time_ns < SPREAD_NS for moment in reversed(self._moments)):
-            return
-        end_ns = time_ns + self._after_ns + SPREAD_NS
-        moment = _Moment(time_ns - self._before_ns, end_ns, time_ns)
-        for piece in self._recent:
-            moment.take(piece)
-        self._moments.append(moment)
-
-    def around(self, time_ns: int) -> ExcerptPiece | None:
-        """Return what was kept around a time, or None; forget what lies before it."""
-        known = [m for m in self._moments if 0 <= time_ns - m.time_ns < SPREAD_NS and m.pieces]
-        while self._moments and self._moments[0].time_ns < time_ns - SPREAD_NS:
-            self._moments.popleft()
-        if not known:
-            return None
-        times = np.concatenate([piece[0] for piece in known[-1].pieces])
-        values = np.concatenate([piece[1] for piece in known[-1].pieces])
-        first, last = np.searchsorted(times, [time_ns - self._before_ns, time_ns + self._after_ns])
-        return times[first:last], values[first:last]
-
-
-class Waiting:
-    """Blocks and gaps of a topic that are worked on when a moment is shown, if it ever is.
-
-    Parameters
-    ----------
-    plan
-        Where few moments are shown, and those within seconds, the items of the last
-        :data:`KEEP_S` wait: far longer than a picker remembers. Elsewhere none does.
-    topic
-        Whose items.
-    """
-
-    def __init__(self, plan: Plan, topic: str) -> None:
-        self.at_once = not (plan.mode == "misses" and plan.truth)
-        self._topic = topic
-        self._items: deque[SignalBlock | Gap] = deque()
-        self._broken = False
-
-    def add(self, item: SignalBlock | Gap) -> None:
-        """Take an item."""
-        if item.topic != self._topic:
-            return
-        self._items.append(item)
-        while self._items[0].end_ns < item.end_ns - KEEP_S * NS_PER_S:
-            self._items.popleft()
-            self._broken = True
-
-    def taken(self) -> tuple[list[SignalBlock | Gap], bool]:
-        """Return what waits, and whether something before it was left out; then none waits."""
-        items, broken = list(self._items), self._broken
-        self._items.clear()
-        self._broken = False
-        return items, broken
+                if len(part):
+                    yield part
 
 
 #: Of slow streams so much is kept [s]: what a step of a walk is may be said when the walk ends.
@@ -461,11 +375,24 @@ class Traces:
             self._begin(block.stream)
         self._recent[block.topic].push(block)
 
+    def arrival(self, topic: str, time_ns: int) -> None:
+        """Take an arrival on a topic."""
+        if topic in self._recent:
+            self._recent[topic].arrival(time_ns)
+
+    def blocks(self, topic: str, start_ns: int, end_ns: int) -> list[SignalBlock]:
+        """Return what is there of a half-open span, in order of time."""
+        return list(self._recent[topic].between(start_ns, end_ns)) if topic in self._recent else []
+
     def between(
-        self, topic: str, start_ns: int, end_ns: int
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-        """Yield times [ns] and values, shape (n, n_channels), of a half-open span."""
-        return self._recent[topic].between(start_ns, end_ns)
+        self, topic: str, start_ns: int, end_ns: int, columns: Sequence[int]
+    ) -> Piece | None:
+        """Return the samples of some columns that are there of a half-open span; None of none."""
+        blocks = self.blocks(topic, start_ns, end_ns)
+        if not blocks:
+            return None
+        times = np.concatenate([block.sample_times() for block in blocks])
+        return times, np.concatenate([block.select(columns).values for block in blocks])
 
     def of_pick(self, pick: Pick) -> float:
         """Return the signal at a pick; 0 where it is not known."""

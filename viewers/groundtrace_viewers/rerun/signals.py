@@ -13,7 +13,7 @@ from .samples import FULL_RATE_HZ, curves_of, enveloped
 from .timeline import NORM, Entity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     import rerun as rr
     from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class SignalViews(View):
     def close_up(self, start_ns: int, end_ns: int) -> None:
         """Show every sample of a half-open span."""
         for topic, view in self._streams.items():
-            view.close_up(self._context.traces.between(topic, start_ns, end_ns))
+            view.close_up(self._context.traces.blocks(topic, start_ns, end_ns))
 
     def close(self) -> None:
         """Log what is pending and the envelopes' last buckets."""
@@ -101,6 +101,7 @@ class SignalView:
         self._plan = plan
         self._rows = max(1, round(seconds * stream.rate_hz))
         self._curves = curves_of(stream)
+        self._declared: set[Curves] = set()
         self._styles = CurveStyles(stream, colours)
         self._levels = [
             EnvelopeView(
@@ -121,6 +122,9 @@ class SignalView:
                 self._declare(curves)
 
     def _declare(self, curves: Curves) -> None:
+        if curves in self._declared:
+            return
+        self._declared.add(curves)
         around = f" around {self._plan.subject}" if self._plan.close_ups else ""
         where = around if enveloped(self._stream, curves.quantity) else ""
         self._timeline.declare(*self._styles.samples(curves, where))
@@ -135,15 +139,12 @@ class SignalView:
             self._take(block.slice(start, stop))
             start = stop
 
-    def close_up(self, pieces: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]]) -> None:
-        """Log samples that were asked for later: times [ns], and values, shape (n, n_channels)."""
-        known = list(pieces)
-        if not known:
+    def close_up(self, blocks: Sequence[SignalBlock]) -> None:
+        """Log samples that were asked for later."""
+        if not blocks:
             return
-        times = np.concatenate([piece[0] for piece in known])
-        values = np.concatenate([piece[1] for piece in known])
-        if not len(times):
-            return
+        times = np.concatenate([block.sample_times() for block in blocks])
+        values = np.concatenate([block.values for block in blocks])
         # the viewer would draw a line to the next
         times = np.append(times, times[-1] + 1)
         values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])

@@ -308,7 +308,7 @@ def _growing(path: Path) -> Path:
 
 
 #: How much of the recording is collected before events are logged.
-FLUSH_NS = 10 * NS_PER_S
+FLUSH_NS = 60 * NS_PER_S
 LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
@@ -437,10 +437,9 @@ class CloseUpTimes:
         else:
             self._steps.append(time_ns)
 
-    def passed(self, last_ns: int) -> list[int]:
-        """Return the true steps that the signal has come past since this was asked before."""
-        first, self._passed = self._passed, bisect_right(self._true_ns, last_ns)
-        return self._true_ns[first : self._passed]
+    def passed(self, last_ns: int) -> None:
+        """Say how far the signal has come."""
+        self._passed = bisect_right(self._true_ns, last_ns)
 
     def ready(self, last_ns: int | None) -> list[int]:
         """Return the moments that can be told now that the signal came so far; None is the end."""
@@ -521,9 +520,7 @@ class CloseUps:
         if self._plan.mode == "none":
             return
         if last_ns is not None:
-            for time_ns in self.moments.passed(last_ns):
-                for view in views:
-                    view.expect(time_ns)
+            self.moments.passed(last_ns)
         for time_ns in self.moments.ready(last_ns):
             if not self._plan.close_ups or self._show_around(time_ns, views):
                 for view in views:

@@ -516,10 +516,9 @@ class Section:
         ready = [w for w in self._pending if end_ns is None or w[1] <= end_ns]
         self._pending = [w for w in self._pending if w not in ready]
         for start, end in sorted(ready):
-            pieces = list(self._traces.between(self._topic, start, end))
-            if pieces:
-                times = np.concatenate([t for t, _ in pieces])
-                self._log_traces(times, np.concatenate([v for _, v in pieces])[:, self._columns])
+            piece = self._traces.between(self._topic, start, end, self._columns)
+            if piece is not None:
+                self._log_traces(*piece)
 
     def _log_traces(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         import rerun as rr

@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace_codecs.events import Pick
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
-from .samples import Excerpts, Waiting
 from .timeline import Entity, heat
 
 if TYPE_CHECKING:
@@ -341,10 +339,11 @@ class FineSpectrogram:
         self._cut = Resolution(window, window // 2, transform, edges, 1)
         self._power = self._cut.power(np.hamming(window))
         self._frequencies = self._cut.frequencies_hz(stream.rate_hz)
+        self._declared = False
         self._path = f"/spectrum/{stream.topic.strip('/')}/{channel}"
         self._title = f"Spectrogram of {channel} at steps, Hamming 3 ms, 50 % overlap [Hz]"
 
-    def show(self, times_ns: NDArray[np.int64], samples: NDArray[np.float32]) -> None:
+    def show(self, times_ns: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
         """Log the spectrogram of an excerpt: times and samples, shape (n,)."""
         import rerun as rr
 
@@ -352,8 +351,10 @@ class FineSpectrogram:
         starts = np.arange(0, len(samples) - cut.window + 1, cut.hop)
         if not len(starts):
             return
-        levels = band_levels(samples.astype(np.float64), 0, len(starts), cut, self._power)
-        self._declare(bands)
+        levels = band_levels(np.ascontiguousarray(samples), 0, len(starts), cut, self._power)
+        if not self._declared:
+            self._declare(bands)
+            self._declared = True
         shade = np.clip(1.0 + (levels - levels.max()) / RANGE_DB, 0.0, 1.0)
         colours = heat(np.round(shade * SHADES) / SHADES)
         rows = np.full(len(starts), bands)
@@ -377,13 +378,11 @@ class FineSpectrograms(View):
     """The spectrograms around steps of the chosen channels, by default the first seismic one."""
 
     def __init__(self, context: ViewContext) -> None:
-        self._parts: dict[str, StreamSpectra] = {}
+        self._context = context
+        self._known: set[str] = set()
+        self._parts: list[StreamSpectra] = []
         for stream in context.session.streams:
-            seismic = not stream.irregular and stream.columns_of(SEISMIC_QUANTITIES)
-            if not seismic or stream.rate_hz < LEAST_RATE_HZ:
-                continue
-            if context.channels or not self._parts:
-                self._parts[stream.topic] = StreamSpectra(context, stream)
+            self._begin(stream)
 
     @staticmethod
     def fits(context: ViewContext) -> bool:
@@ -391,26 +390,23 @@ class FineSpectrograms(View):
         return context.session.application == "room" and context.plan.mode != "none"
 
     def signal(self, block: SignalBlock) -> None:
-        """Take a block."""
-        if block.topic in self._parts:
-            self._parts[block.topic].signal(block)
+        """Take a block: it may be of a stream that the session did not name."""
+        if block.topic not in self._known:
+            self._begin(block.stream)
 
-    def pick(self, pick: Pick) -> None:
-        """Take an arrival, which may become a step."""
-        if pick.topic in self._parts:
-            self._parts[pick.topic].expect(pick.time_ns)
-
-    def expect(self, time_ns: int) -> None:
-        """Take a true step, which may be missed."""
-        for part in self._parts.values():
-            part.expect(time_ns)
+    def _begin(self, stream: Stream) -> None:
+        context = self._context
+        self._known.add(stream.topic)
+        seismic = not stream.irregular and stream.columns_of(SEISMIC_QUANTITIES)
+        if seismic and stream.rate_hz >= LEAST_RATE_HZ and (context.channels or not self._parts):
+            self._parts.append(StreamSpectra(context, stream))
 
     def near(self, time_ns: int) -> None:
         """Log the spectrograms around a moment."""
-        for part in self._parts.values():
+        for part in self._parts:
             part.show(time_ns)
 
-    kinds: ClassVar = {SignalBlock: signal, Pick: pick}
+    kinds: ClassVar = {SignalBlock: signal}
 
 
 class StreamSpectra:
@@ -428,38 +424,18 @@ class StreamSpectra:
         self._columns = chosen(stream, context.channels)
         names = [stream.channels[column].name for column in self._columns]
         self._parts = [FineSpectrogram(context.timeline, stream, name) for name in names]
-        self._waiting = Waiting(context.plan, stream.topic)
-        self._excerpts = Excerpts(BEFORE_S, AFTER_S)
+        self._traces = context.traces
+        self._topic = stream.topic
         self._shown_to_ns = 0
-
-    def signal(self, block: SignalBlock) -> None:
-        """Take a block."""
-        if self._columns:
-            self._waiting.add(block)
-            if self._waiting.at_once:
-                self._cut()
-
-    def _cut(self) -> None:
-        """Keep what lies around moments of the blocks that wait."""
-        for block in self._waiting.taken()[0]:
-            if isinstance(block, SignalBlock):
-                values = block.select(self._columns).values
-                self._excerpts.push(block.sample_times(), values)
-
-    def expect(self, time_ns: int) -> None:
-        """Take an arrival, which may become a step, or a true step, which may be missed."""
-        self._excerpts.expect(time_ns)
 
     def show(self, time_ns: int) -> None:
         """Log the spectrograms around a moment, without what was shown around others."""
-        self._cut()
-        piece = self._excerpts.around(time_ns)
+        start_ns = max(time_ns - round(BEFORE_S * NS_PER_S), self._shown_to_ns)
+        end_ns = time_ns + round(AFTER_S * NS_PER_S)
+        piece = self._traces.between(self._topic, start_ns, end_ns, self._columns)
         if piece is None:
             return
-        new = piece[0] >= self._shown_to_ns
-        times, values = piece[0][new], piece[1][new]
-        if not len(times):
-            return
+        times, values = piece
         self._shown_to_ns = int(times[-1])
         for column, part in enumerate(self._parts):
             part.show(times, values[:, column])

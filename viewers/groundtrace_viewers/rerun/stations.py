@@ -14,7 +14,6 @@ import numpy as np
 from groundtrace.localizers.bearings import PARTS, polarization, stations
 from groundtrace_codecs.signals import NS_PER_S
 
-from .samples import Excerpts
 from .site import SITE
 from .timeline import Entity, Strips, dimmed
 
@@ -25,15 +24,13 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Bearing, Pick
     from groundtrace_codecs.geometry import Geometry
-    from groundtrace_codecs.signals import SignalBlock, Stream
+    from groundtrace_codecs.signals import Stream
 
-    from .samples import ExcerptPiece
+    from .samples import Traces
     from .timeline import SensorColours, Timeline
 
     Array = NDArray[np.float64]
 
-#: Arrivals of a step come at most this long after it [s].
-LATEST_S = 0.05
 #: Bearings of so many steps wait for their step's signal.
 MOST_STEPS = 64
 
@@ -51,13 +48,19 @@ class StationViews:
         Where they stand.
     colours
         Of the sensors; a station has its vertical channel's.
+    traces
+        The last samples of all streams.
     """
 
     def __init__(
-        self, timeline: Timeline, stream: Stream, geometry: Geometry, colours: SensorColours
+        self,
+        timeline: Timeline,
+        stream: Stream,
+        geometry: Geometry,
+        colours: SensorColours,
+        traces: Traces,
     ) -> None:
         self._stations = stations(stream, geometry)
-        self._columns = [column for s in self._stations for column in s.columns]
         self._channels = [
             tuple(stream.channels[column].name for column in s.columns) for s in self._stations
         ]
@@ -68,22 +71,13 @@ class StationViews:
         box = np.stack([known.min(axis=0), known.max(axis=0)])
         self._hodograms = HodogramView(timeline, names, shades)
         self._rays = BearingView(timeline, places, dict(zip(names, shades, strict=True)), box)
-        self._excerpts = Excerpts(0.0, LATEST_S + LENGTH_S)
+        self._traces, self._topic = traces, stream.topic
         self._bearings: dict[int, dict[str, Bearing]] = {}
 
     @staticmethod
     def fits(stream: Stream, geometry: Geometry) -> bool:
         """Whether a stream has stations of three axes."""
         return bool(stations(stream, geometry))
-
-    def signal(self, block: SignalBlock) -> None:
-        """Take a block."""
-        if len(block):
-            self._excerpts.push(block.sample_times(), block.select(self._columns).values)
-
-    def expect(self, time_ns: int) -> None:
-        """Take an arrival, which may become a step."""
-        self._excerpts.expect(time_ns)
 
     def bearing(self, bearing: Bearing) -> None:
         """Take a bearing."""
@@ -95,19 +89,23 @@ class StationViews:
         """Show a step."""
         found = self._bearings.pop(time_ns, {})
         self._rays.step(time_ns, found)
-        piece = self._excerpts.around(time_ns)
-        if piece is None:
-            return
         moved = {}
         for index, station in enumerate(self._stations):
             own = [p.time_ns for p in picks if p.channel in self._channels[index]]
-            values = _from(piece, min(own, default=time_ns), index)
+            values = self._motion(min(own, default=time_ns), index)
             if len(values) < 2 * PARTS or not np.ptp(values, axis=0).all():
                 continue
             known = found.get(station.name)
             azimuth = known.azimuth_rad if known else polarization(values).azimuth_rad
             moved[index] = values, azimuth
         self._hodograms.step(time_ns, moved)
+
+    def _motion(self, start_ns: int, index: int) -> NDArray[np.float64]:
+        """Return the motion of a station from a time on, shape (n, 3)."""
+        end_ns = start_ns + round(LENGTH_S * NS_PER_S)
+        columns = self._stations[index].columns
+        piece = self._traces.between(self._topic, start_ns, end_ns, columns)
+        return np.empty((0, 3)) if piece is None else piece[1]
 
     def flush(self) -> None:
         """Log what is pending."""
@@ -117,14 +115,6 @@ class StationViews:
     def clear(self, time_ns: int) -> None:
         """Show no bearings any more."""
         self._rays.clear(time_ns)
-
-
-def _from(piece: ExcerptPiece, start_ns: int, index: int) -> NDArray[np.float64]:
-    """Return the motion of a station from a time on, shape (n, 3)."""
-    times, values = piece
-    end_ns = start_ns + round(LENGTH_S * NS_PER_S)
-    first, last = np.searchsorted(times, [start_ns, end_ns])
-    return values[first:last, 3 * index : 3 * index + 3].astype(np.float64)
 
 
 #: Brightness of a ray and of its sides as parts of the station's.

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
     #: A time [ns], and a place [m].
     Passed = tuple[int, tuple[float, float]]
+    #: Points, shape (k, 2) [m].
+    Line = NDArray[np.floating] | Sequence[tuple[float, float]]
 
 #: Name of the timeline: time since the recording's first sample.
 TIMELINE = "t"
@@ -140,9 +142,10 @@ class Timeline:
         return tuple(self._entities.values())
 
     def declare(self, entity: Entity, *static: AsComponents) -> None:
-        """Announce an entity to the layout and log what does not change about it."""
-        self._entities.setdefault(entity.path, entity)
-        self.static(entity.path, *static)
+        """Announce an entity to the layout and log what does not change about it, once."""
+        if entity.path not in self._entities:
+            self._entities[entity.path] = entity
+            self.static(entity.path, *static)
 
     def static(self, path: str, *archetypes: AsComponents) -> None:
         """Log what holds at all times."""
@@ -169,16 +172,39 @@ class Timeline:
 
     def scalars(self, path: str, times_ns: ArrayLike, values: NDArray[np.floating]) -> None:
         """Log curves: ``values`` has shape (n, n_curves)."""
-        import rerun as rr
-
-        rows, curves = values.shape
-        columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values, np.float64).ravel())
-        self.send(path, times_ns, columns.partition(np.full(rows, curves)))
+        self.send(path, times_ns, [scalar_column(values)])
 
     def seconds(self, time_ns: int) -> str:
         """Return a time as text: seconds since the start."""
         since = time_ns - self._start_ns
         return f"{since / 1e9:+.3f} s"
+
+
+def scalar_column(values: NDArray[np.floating]) -> rr.ComponentColumn:
+    """Return the column of curves, shape (n, n_curves), without a copy where they are float64.
+
+    The library's own ``Scalars.columns`` copies twice, and divides into single values first.
+    """
+    import pyarrow as pa
+    import rerun as rr
+
+    rows, curves = values.shape
+    batch = rr.components.ScalarBatch(pa.array(np.ascontiguousarray(values, np.float64).ravel()))
+    offsets = np.arange(0, (rows + 1) * curves, max(curves, 1), dtype=np.int32)
+    return rr.ComponentColumn(rr.Scalars.descriptor_scalars(), batch, offsets=offsets)
+
+
+def strips_of(lines: Sequence[Line]) -> Any:
+    """Return lines, each of shape (k, 2), as the library stores them: it converts one by one."""
+    import pyarrow as pa
+    import rerun as rr
+
+    counts = [len(line) for line in lines]
+    offsets = np.concatenate([np.zeros(1, np.int32), np.cumsum(counts, dtype=np.int32)])
+    points = np.concatenate(lines, dtype=np.float32, casting="same_kind")
+    kind = rr.components.LineStrip2DBatch([]).as_arrow_array().type
+    flat = pa.FixedSizeListArray.from_arrays(pa.array(points.ravel()), type=kind.value_type)
+    return pa.ListArray.from_arrays(offsets, flat, type=kind)
 
 
 def stream_of(name: str, application: str) -> rr.RecordingStream:
@@ -440,7 +466,8 @@ class Lane:
         style = rr.StateConfiguration(
             values=list(self._colours), colors=np.array(list(self._colours.values()), np.uint32)
         )
-        self._timeline.declare(Entity(self._path, "lane"), style)
+        self._timeline.declare(Entity(self._path, "lane"))
+        self._timeline.static(self._path, style)
         self._declared = True
 
 
@@ -543,7 +570,7 @@ class Strips:
         self._role = role
         self._times: list[int] = []
         self._counts: list[int] = []
-        self._lines: list[NDArray[np.float32]] = []
+        self._lines: list[NDArray[np.floating]] = []
         self._colours: list[int] = []
         self._radii: list[float] = []
 
@@ -557,7 +584,7 @@ class Strips:
         """Take the lines of a time: each of shape (k, 2), with its colour and radius."""
         self._times.append(time_ns)
         self._counts.append(len(lines))
-        self._lines += [line.astype(np.float32) for line in lines]
+        self._lines += lines
         self._colours += colours
         self._radii += radii
 
@@ -574,9 +601,8 @@ class Strips:
         style = rr.LineStrips2D.from_fields(draw_order=self._order)
         self._timeline.declare(Entity(self._path, self._role), style)
         # columns cannot be made of nothing: a line that no time shows stands for it
-        lines = self._lines or [np.zeros((2, 2), np.float32)]
         columns = rr.LineStrips2D.columns(
-            strips=lines,
+            strips=strips_of(self._lines or [np.zeros((2, 2))]),
             colors=np.array(self._colours or [0], np.uint32),
             radii=np.array(self._radii or [0.0], np.float32),
         )
@@ -652,7 +678,7 @@ class GrowingLine:
         import rerun as rr
 
         columns = rr.LineStrips2D.columns(
-            strips=[np.array(line, np.float32) for line in lines],
+            strips=strips_of(lines),
             colors=np.full(len(lines), self._colour, np.uint32),
             radii=np.full(len(lines), self._radius),
         )

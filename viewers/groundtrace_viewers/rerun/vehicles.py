@@ -13,7 +13,6 @@ from groundtrace.evaluation.positions import ignored
 from groundtrace.evaluation.vehicles import match_passes
 from groundtrace_codecs.events import (
     CandidateBlock,
-    Fix,
     LikelihoodSurface,
     LineCrossing,
     Pass,
@@ -26,7 +25,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .context import View
 from .decisions import VERDICT_COLOURS
-from .places import ellipse
+from .places import ellipses
 from .site import SITE, bounds, signs_of
 from .timeline import (
     ACCEPTED,
@@ -201,13 +200,10 @@ class CourseView(VehicleView):
 
     def _log_ellipses(self, stage: str, turn: int, way: Way, points: list[TrackPoint]) -> None:
         drawn = self._of(stage, turn, "ellipse")
-        spreads = way.between(np.array([p.covariance for p in points])).tolist()
-        places = way.between(way.places).tolist()
-        unknown = float("nan")
-        fix = Fix(0, 0.0, 0.0, (0.0, 0.0, 0.0), unknown, "course", 0, stage)
-        for time_ns, (x, y), spread in zip(way.steps_ns().tolist(), places, spreads, strict=True):
-            here = replace(fix, x_m=x, y_m=y, covariance=tuple(spread))
-            drawn.add(time_ns, [ellipse(here)], [self.colour(stage)], [-1.0])
+        spreads = way.between(np.array([p.covariance for p in points]))
+        lines = ellipses(way.between(way.places), spreads)
+        for time_ns, line in zip(way.steps_ns().tolist(), lines, strict=True):
+            drawn.add(time_ns, [line], [self.colour(stage)], [-1.0])
         drawn.clear(int(way.times_ns[-1]) + 1)
 
     def _of(self, stage: str, turn: int, what: str) -> Strips:
