@@ -457,6 +457,11 @@ _CHUNK_HEAD: Final = struct.Struct("<QQQI")
 # What each format can reach at best (zstd: a 4-byte block repeats 128 KiB; LZ4: 255 bytes a byte);
 # more is a lie, and would be allocated before it is found out.
 _MAX_RATIO: Final = {"": 1, "lz4": 256, "zstd": 1 << 15}
+# Chunks of more bytes than the first must be compressed by no more than the second: a few kB that
+# become a gigabyte are no signal. Chosen by judgement: 32 MiB are 100 of our own chunks, and what
+# sensors at rest record is compressed 100 times at most.
+_LARGE_BYTES: Final = 1 << 25
+_LARGE_RATIO: Final = 1000
 
 
 class MisplacedError(MalformedError):
@@ -643,9 +648,13 @@ class ChunkReader:
         packed = fields.blob(fields.unpack(U64)[0])
         if compression not in _MAX_RATIO:
             raise MalformedError(f"expected compression zstd, lz4 or none, found {compression!r}")
-        limit = min(MAX_RECORD_BYTES, len(packed) * _MAX_RATIO[compression])
+        possible = len(packed) * _MAX_RATIO[compression]
+        limit = min(MAX_RECORD_BYTES, possible, max(_LARGE_BYTES, len(packed) * _LARGE_RATIO))
         if size > limit:
-            raise MalformedError(f"expected at most {limit} uncompressed bytes, found {size}")
+            raise MalformedError(
+                f"expected at most {limit} uncompressed bytes of {len(packed)} compressed ones, "
+                f"found {size}"
+            )
         records = packed if compression == "" else self._decompress(compression, packed, size)
         if len(records) != size:
             raise MalformedError(f"expected {size} uncompressed bytes, found {len(records)}")
@@ -695,6 +704,10 @@ _COPIED: Final = ("channel_id", "sequence", "log_time", "publish_time")
 #: What messages are ordered by, the first key last.
 _ORDER: Final = ("sequence", "channel_id", "log_time")
 _LATEST_NS: Final = (1 << 64) - 1
+#: Copies of the rows while they are sorted: rows, joined ones, keys, and what they come out as.
+_SORTED_ROWS: Final = 4
+#: Rows that become Python's numbers at once, which take ten times the memory.
+_LISTED: Final = 4096
 
 
 class MessageTable(Sequence[Message]):
@@ -772,9 +785,16 @@ class MessageTable(Sequence[Message]):
 
     def __iter__(self) -> Iterator[Message]:
         make, pieces = tuple.__new__, self.pieces
-        for channel_id, sequence, log_ns, publish_ns, piece, start, length in self.rows.tolist():
-            payload = pieces[piece][start : start + length]
-            yield make(Message, (channel_id, sequence, log_ns, publish_ns, payload))
+        for first in range(0, len(self), _LISTED):
+            rows = self.rows[first : first + _LISTED].tolist()
+            for channel_id, sequence, log_ns, publish_ns, piece, start, length in rows:
+                payload = pieces[piece][start : start + length]
+                yield make(Message, (channel_id, sequence, log_ns, publish_ns, payload))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of memory that hold the messages, what they are sorted in included."""
+        return sum(len(piece) for piece in self.pieces) + _SORTED_ROWS * self.rows.nbytes
 
     def where(self, which: NDArray[np.bool_]) -> MessageTable:
         """Return the messages that a mask chooses."""

@@ -276,7 +276,8 @@ class McapFile:
                 found = found.between(low, high).in_order()
             return self._in_time(entry, found, floor_ns)
 
-        return merge(chunks, load)
+        room_bytes = max(_OVERLAP_BYTES, _OVERLAP_RATIO * self._source.size)
+        return merge(chunks, load, self._refuse, room_bytes)
 
     def reading_clock(self, channel_ids: Collection[int]) -> ReadingClock | None:
         """Return at what times some channels are to be read if a clock was set back, else None."""
@@ -328,8 +329,7 @@ class McapFile:
             records = self._loader.records(part.reader, entry, self._note)
             found, strays = part.reader.messages(records, part.wanted, low, high)
         except MalformedError as error:
-            lost = indexed_messages(self._source, entry.offset + entry.length).messages
-            self._lost(entry, lost, f"chunk: {error}")
+            self._refuse(entry, error)
             return MessageTable.none()
         if strays:
             self._lost(entry, strays, gap_reason(entry))
@@ -343,6 +343,11 @@ class McapFile:
         reason = f"chunk: expected log times from {entry.start_ns}, found {found[0].log_time}"
         self._lost(entry, late, reason)
         return found[late:]
+
+    def _refuse(self, entry: ChunkEntry, error: MalformedError) -> None:
+        """Note that a chunk is left out as a whole."""
+        lost = indexed_messages(self._source, entry.offset + entry.length).messages
+        self._lost(entry, lost, f"chunk: {error}")
 
     def _lost(self, entry: ChunkEntry, messages: int | None, reason: str) -> None:
         self._note(
@@ -733,6 +738,11 @@ class ChunkLoader:
         return self._scanned
 
 
+# Overlapping chunks may take so much memory together, or so much for each byte of a larger file: a
+# megabyte that overlaps itself a thousand times is no recording. Chosen by judgement: 128 MiB are
+# five hundred of our own chunks, and 64 is more than what sensors record is compressed.
+_OVERLAP_BYTES = 1 << 27
+_OVERLAP_RATIO = 64
 # Later than any message: log times are u64.
 _NEVER_NS = 1 << 64
 _NONE = MessageTable.none()
@@ -742,7 +752,10 @@ _Left = tuple[int, int, MessageTable]
 
 
 def merge(
-    chunks: Sequence[ChunkEntry], load: Callable[[ChunkEntry, int], MessageTable]
+    chunks: Sequence[ChunkEntry],
+    load: Callable[[ChunkEntry, int], MessageTable],
+    refuse: Callable[[ChunkEntry, MalformedError], None],
+    room_bytes: int,
 ) -> Iterator[MessageTable]:
     """Merge the messages of ``chunks`` in the order (log time, channel id, sequence, offset).
 
@@ -755,11 +768,21 @@ def merge(
         In the order (start time, offset).
     load
         Gives the messages of a chunk in order, none earlier than the log time it is told.
+    refuse
+        Takes note of a chunk that is left out because too much overlaps.
+    room_bytes
+        The most that chunks in memory may take together; one alone may take more.
     """
     left: list[_Left] = []
     floor_ns = 0
     for place, chunk in enumerate(chunks):
-        _keep(left, chunk.offset, load(chunk, floor_ns))
+        found = load(chunk, floor_ns)
+        taken = found.nbytes + sum(run.nbytes for _, _, run in left)
+        if left and taken > room_bytes:
+            found = _NONE
+            said = f"expected overlapping chunks of at most {room_bytes} bytes, found {taken}"
+            refuse(chunk, MalformedError(said))
+        _keep(left, chunk.offset, found)
         following = chunks[place + 1 : place + 2]
         found = _due(left, following[0].start_ns if following else _NEVER_NS)
         if found:

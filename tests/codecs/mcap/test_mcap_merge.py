@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from groundtrace_codecs.mcap.chunks import ChunkEntry, Message, MessageTable
+from groundtrace_codecs.mcap.chunks import ChunkEntry, MalformedError, Message, MessageTable
 from groundtrace_codecs.mcap.reader import merge
 
 if TYPE_CHECKING:
@@ -24,6 +24,26 @@ def chunks_of(spans: list[list[tuple[int, int]]]) -> list[tuple[ChunkEntry, list
     return sorted(found, key=lambda pair: (pair[0].start_ns, pair[0].offset))
 
 
+def never(entry: ChunkEntry, error: MalformedError) -> None:
+    raise AssertionError((entry, error))
+
+
+def test_what_overlaps_beyond_the_room_is_left_out_and_said() -> None:
+    pairs = chunks_of(5 * [[(5, 1), (99, 1)]])
+    tables = {entry.offset: MessageTable.of(messages) for entry, messages in pairs}
+    refused: list[tuple[int, str]] = []
+    room_bytes = 3 * tables[0].nbytes
+    found = merge(
+        [entry for entry, _ in pairs],
+        lambda entry, _: tables[entry.offset],
+        lambda entry, error: refused.append((entry.offset, str(error))),
+        room_bytes,
+    )
+    assert sum(map(len, found)) == 6
+    said = f"expected overlapping chunks of at most {room_bytes} bytes, found {4 * room_bytes // 3}"
+    assert refused == [(3, said), (4, said)]
+
+
 @given(st.lists(st.lists(st.tuples(st.integers(0, 9), st.integers(1, 3)), min_size=1), max_size=8))
 def test_messages_come_by_time_channel_and_place(spans: list[list[tuple[int, int]]]) -> None:
     pairs = chunks_of(spans)
@@ -35,7 +55,8 @@ def test_messages_come_by_time_channel_and_place(spans: list[list[tuple[int, int
         loaded.append(entry.offset)
         return MessageTable.of(said[entry.offset])
 
-    found = [m for table in merge([entry for entry, _ in pairs], load) for m in table]
+    tables = merge([entry for entry, _ in pairs], load, never, 1 << 20)
+    found = [m for table in tables for m in table]
     every = [m for _, messages in pairs for m in messages]
     assert found == sorted(every, key=lambda m: (m.log_time, m.channel_id, m.sequence))
     assert loaded == [entry.offset for entry, _ in pairs]
@@ -49,6 +70,7 @@ def test_a_chunk_that_waits_is_not_looked_at_again_for_every_other_one(
     asked = []
     before = MessageTable.before
     monkeypatch.setattr(MessageTable, "before", lambda *given: asked.append(1) or before(*given))
-    tables = merge([entry for entry, _ in pairs], lambda e, _: MessageTable.of(said[e.offset]))
+    listed = [entry for entry, _ in pairs]
+    tables = merge(listed, lambda e, _: MessageTable.of(said[e.offset]), never, 1 << 20)
     assert sum(map(len, tables)) == 1200
     assert len(asked) <= 3 * 600
