@@ -358,6 +358,13 @@ class HeadingParameters:
     field_memory_s: Annotated[
         float, measured("s", "For how long it is off the same way.", gt=0)
     ] = 2.0
+    place_ut: Annotated[
+        float, measured("uT", "What the first field may be off that of the recording.", gt=0)
+    ] = 3.0
+    plain_s: Annotated[
+        float,
+        measured("s", "A field that passes for so long is the place's, unless iron turned.", gt=0),
+    ] = 0.5
     drift_factor: Annotated[
         float, measured("1", "Standard deviations of drift that an azimuth may be off.", ge=0)
     ] = 2.0

@@ -174,7 +174,8 @@ class HeadingEstimator:
         """Take the first field, earth frame [T], for the earth's."""
         sigma_t = self.parameters.field_sigma_ut * TESLA
         attitude, state, before = self.attitude, self.attitude.state, self.attitude.orientation
-        attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), sigma_t)
+        place_t = self.parameters.place_ut * TESLA
+        attitude.take_earth(math.hypot(field[0], field[1]), float(field[2]), place_t)
         attitude.face(field, sigma_t)
         turn = turn_about_vertical(before, attitude.orientation)
         state["gyroscope_offset_rad"] = state["gyroscope_offset_rad"] - turn if self._faced else 0.0
@@ -217,6 +218,8 @@ class HeadingEstimator:
             self.attitude.turn_heading(scalar.correct(math.atan2(seen[0], seen[1]), sigma))
             late, moved = record["delay_sums"].tolist()
             state["delay_sums"] += late + self.delay_s * moved, moved
+        else:  # what changes is looked at among fields that pass
+            state["fields"] = 0
         self.attitude.reset_heading(scalar.sigma_rad)
         return np.array(record["tests"]), float(compass.azimuths[-1]), undisturbed
 

@@ -80,6 +80,10 @@ DEVIATION_S, DERIVATIVE_S = 0.3, 0.3
 #: many better explained by the clean belief before it is dropped. Chosen by judgement: frames come
 #: ten a second, so half a second and a fifth.
 TO_BELIEVE, TO_CLEAN = 5, 2
+#: Iron on the sensor is told from a field of the place where it turned by more than this against
+#: the earth, and still explains what is seen: the cosine. Chosen by judgement: 60 degrees, by which
+#: a field turns as far as it is strong. With 45 to 90 the disturbances of BROAD come out the same.
+TURNED = 0.5
 #: What is left of a field when it is blamed on iron [T]. Chosen by judgement: the noise of a
 #: compass and what its calibration leaves.
 BLAME_SIGMA_T = 2e-6
@@ -106,6 +110,11 @@ class Compass:
         Of the last fields [T], [rad], with room for more.
     for_clean, for_iron
         Frames in a row that speak for the clean belief, and for that of other iron.
+    plain_s
+        For how long fields have passed all tests but that of the iron [s].
+    blamed, turned
+        The other iron's field where it was blamed first, earth frame, shape (3,) [T]; whether it
+        has turned far from there and explained what was seen.
     clean_covariance
         Of the iron by the clean belief, shape (3, 3).
     watched
@@ -118,6 +127,9 @@ class Compass:
     azimuths: Array = field(default_factory=lambda: np.empty(0))
     for_clean: int = 0
     for_iron: int = 0
+    plain_s: float = 0.0
+    blamed: Array = field(default_factory=lambda: np.zeros(3))
+    turned: bool = False
     clean_covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     watched: list[tuple[float, ...]] = field(default_factory=list)
 
@@ -144,8 +156,12 @@ class Compass:
             As :data:`.kernels.attitude.SETTINGS` names them.
         """
         tests = frame["tests"]
+        others = (p["limits"] - tests.astype(np.float32))[:-1]
+        self.plain_s = self.plain_s + length_s if bool((others >= 0.0).all()) else 0.0
         tests[7] = self._iron_change(attitude.state, frame) / TESLA
         passed = bool((p["limits"] - tests.astype(np.float32) >= 0.0).all())
+        if not passed:  # what changes is looked at among fields that pass
+            attitude.state["fields"] = 0
         before = attitude.orientation
         self._learn(attitude, frame, length_s, p, passed=passed)
         turn = turn_about_vertical(before, attitude.orientation)
@@ -162,7 +178,12 @@ class Compass:
         explained = miss <= CONSISTENT_T + 2 * math.sqrt(variance)
         self.for_iron = self.for_iron + 1 if explained else 0
         self.for_clean = self.for_clean + 1 if frame["tests"][0] * TESLA < miss else 0
-        if self.for_iron < TO_BELIEVE or self.for_clean >= TO_CLEAN:
+        iron = frame["earth_turn"] @ (state["hard_iron"] - state["clean_iron"])
+        lengths = float(np.linalg.norm(iron) * np.linalg.norm(self.blamed))
+        self.turned |= explained and float(iron @ self.blamed) < TURNED * lengths
+        of_place = self.plain_s >= self.parameters.plain_s and not self.turned
+        plain = self.for_clean >= TO_CLEAN or of_place
+        if self.for_iron < TO_BELIEVE or plain:
             return 0.0
         return float(np.linalg.norm(state["hard_iron"] - state["clean_iron"]))
 
@@ -215,6 +236,8 @@ class Compass:
         state, back = attitude.state, np.linalg.inv(frame["earth_turn"])
         north, up = state["earth_field"].tolist()
         state["hard_iron"] = back @ (frame["earth_field"] - [0.0, north, up])
+        self.blamed = frame["earth_turn"] @ (state["hard_iron"] - state["clean_iron"])
+        self.turned = False
         slope = np.zeros((3, kernels.attitude.SIZE))
         slope[:, 0] = back[:, 2] * north - back[:, 1] * up
         slope[:, 1], slope[:, 2] = back[:, 0] * up, -back[:, 0] * north

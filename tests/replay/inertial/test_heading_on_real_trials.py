@@ -52,3 +52,18 @@ def test_an_undisturbed_trial_has_no_disturbance(data: Path, tmp_path: Path) -> 
     assert score.disturbance is not None
     assert score.disturbance.truth_s == score.disturbance.false_alarm_s == 0.0
     assert score.disturbance.f1 is None
+
+
+def test_a_field_that_changes_with_the_place_is_no_disturbance(data: Path, tmp_path: Path) -> None:
+    # it wanders by 3.9 uT about its median, and begins 2.9 uT off
+    score = scored(trial(data, "10"), tmp_path)
+    assert score.disturbance is not None
+    assert score.disturbance.truth_s == 0.0
+    assert score.disturbance.false_alarm_s < 0.5
+
+
+def test_a_magnet_beside_the_way_is_found_and_left_behind(data: Path, tmp_path: Path) -> None:
+    score = scored(trial(data, "29"), tmp_path)
+    assert score.disturbance is not None
+    assert score.disturbance.f1 is not None
+    assert score.disturbance.f1 > 0.92
