@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any, Protocol
-from urllib.parse import urlsplit
 
 from zlib_ng import zlib_ng
 
 from ..errors import CodecError, MissingReaderError
+from ..location import Location, is_url, without_secrets
 
 _BLOCK_BYTES = 1 << 18
 
@@ -110,31 +109,11 @@ def crc32_of(source: ByteSource, start: int, stop: int) -> int:
     return crc
 
 
-_URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:/")
 #: What is fetched, kept and forgotten together; a request costs more than these bytes.
 BLOCK_BYTES = 1 << 18
 #: Reads that run forward fetch up to so many blocks at once.
 MOST_AHEAD = 16
 KEPT_BLOCKS = 64
-
-
-def is_url(place: str | Path) -> bool:
-    """Tell whether a place is a URL, also after a path made one slash of its two."""
-    return _URL.match(str(place)) is not None
-
-
-def as_url(place: str | Path) -> str:
-    """Return the URL that a place is, with both its slashes."""
-    scheme, _, rest = str(place).partition(":")
-    if rest.startswith("//"):
-        return str(place)
-    return f"{scheme}://{rest if scheme == 'file' else rest[1:]}"
-
-
-def public_url(url: str) -> str:
-    """Return a URL without what may be secret in it: user, password, query."""
-    parts = urlsplit(url)
-    return f"{parts.scheme}://{parts.netloc.rpartition('@')[2]}{parts.path}"
 
 
 def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
@@ -147,7 +126,7 @@ def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
     CodecError
         If what is behind a URL cannot be read.
     """
-    return RemoteBytes(as_url(place)) if is_url(place) else FileBytes(place)
+    return RemoteBytes(Location(place)) if is_url(place) else FileBytes(place)
 
 
 class RemoteBytes:
@@ -156,7 +135,8 @@ class RemoteBytes:
     Parameters
     ----------
     url
-        What fsspec opens: ``s3://``, ``gs://``, ``https://``, ``memory://``, ...
+        What fsspec opens: ``s3://``, ``gs://``, ``https://``, ``memory://``, ...; secrets in it are
+        not in `name`.
     hashed
         Compute the SHA-256 of the file from what is read anyway; see `sha256`.
 
@@ -174,9 +154,10 @@ class RemoteBytes:
     """
 
     def __init__(self, url: str, *, hashed: bool = False) -> None:
-        self.name = public_url(url)
+        location = Location(url)
+        self.name = str(location)
         self.fetched_bytes = self.requests = 0
-        self._system, self._path = file_system(url)
+        self._system, self._path = file_system(location)
         self.size = self._size()
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._ahead, self._next = 1, -1
@@ -262,7 +243,7 @@ class RemoteBytes:
         return data
 
 
-def file_system(url: str) -> tuple[Any, str]:
+def file_system(location: Location) -> tuple[Any, str]:
     """Return the file system of a URL, and the path in it.
 
     Raises
@@ -275,16 +256,17 @@ def file_system(url: str) -> tuple[Any, str]:
     try:
         from fsspec.core import url_to_fs
     except ImportError:
-        raise MissingReaderError(public_url(url), "fsspec", "fleet") from None
+        raise MissingReaderError(location, "fsspec", "fleet") from None
     try:
-        system, path = url_to_fs(url)
+        system, path = url_to_fs(location.opened_by())
     except (ImportError, ValueError) as error:
-        raise CodecError(f"{public_url(url)}: expected a URL to read, found: {error}") from error
+        said = without_secrets(str(error))
+        raise CodecError(f"{location}: expected a URL to read, found: {said}") from error
     return system, str(path)
 
 
 def _unreachable(name: str, place: str, error: Exception) -> CodecError:
-    said = str(error).splitlines()[0] if str(error) else ""
+    said = without_secrets(str(error).splitlines()[0]) if str(error) else ""
     if isinstance(error, FileNotFoundError):
         said = "no such file"
     return CodecError(

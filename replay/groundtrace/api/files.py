@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING
 
-from groundtrace_codecs.mcap.byte_source import is_url
+from groundtrace_codecs.location import is_url
 
 from ..errors import RecordingError
 from ..pipeline.results import file_sha256, read_results

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from groundtrace_codecs.mcap.byte_source import is_url
+from groundtrace_codecs.location import is_url
 
 from ..errors import RecordingError
 from ..explain.sweep import recording_in

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from groundtrace_codecs.geometry import Geometry
-from groundtrace_codecs.mcap.byte_source import is_url
+from groundtrace_codecs.location import Location, is_url
 from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -393,7 +393,7 @@ class Recordings:
         Error
             Where there is none.
         """
-        path = Path(source)
+        path = Path(Location(source))
         if not path.is_file() and str(source) in self.names:
             return self.get(str(source))
         return existing(path)

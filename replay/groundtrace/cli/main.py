@@ -208,6 +208,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     limit_blas_threads()  # before a command imports numpy
     raise_malloc_trim()
     try:
+        if arguments is None:
+            arguments = sys.argv[1:] = _public(sys.argv[1:])
+        else:
+            arguments = _public(arguments)
         code = _run(arguments)
         for stream in (sys.stdout, sys.stderr):
             if stream is not None:  # None where the caller has closed it
@@ -228,7 +232,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(code)
 
 
-def _run(arguments: Sequence[str] | None) -> int:
+def _public(arguments: Sequence[str]) -> list[str]:
+    """Return arguments without what is secret in URLs; what opens these is kept to open them."""
+    if not any("://" in argument for argument in arguments):
+        return list(arguments)
+    from groundtrace_codecs.location import Location, is_url
+
+    found = []
+    for argument in arguments:
+        option, equals, value = (
+            argument.partition("=") if argument[:1] == "-" else ("", "", argument)
+        )
+        found.append(f"{option}{equals}{Location(value)}" if is_url(value) else argument)
+    return found
+
+
+def _run(arguments: Sequence[str]) -> int:
     """Run the command line; say known errors in one line, and return the exit code."""
     try:
         application()(arguments, exit_on_error=False, result_action="return_value")

@@ -25,7 +25,8 @@ import msgspec
 from groundtrace_codecs.annotations import journal_of, sidecar_path
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.mcap.byte_source import RemoteBytes, as_url, file_system, is_url, public_url
+from groundtrace_codecs.location import Location, is_url, without_secrets
+from groundtrace_codecs.mcap.byte_source import RemoteBytes, file_system
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -99,10 +100,10 @@ class Count:
 
 
 def tasks_of(
-    locations: Sequence[str],
+    locations: Sequence[Location],
     recipes: Sequence[Recipe],
     tolerance_s: float,
-    truths: Mapping[str, Path],
+    truths: Mapping[Location, Path],
 ) -> list[Task]:
     """Return a task for each recording and pipeline, recording by recording."""
     return [
@@ -242,7 +243,7 @@ class Task:
         Keys of parts that need not be made again.
     """
 
-    location: str
+    location: Location
     recipe: Recipe
     tolerance_s: float = STEP_TOLERANCE_S
     truth: str | None = None
@@ -354,17 +355,14 @@ def _key(task: Task, content: str) -> str:
     return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(told))[:32]}"
 
 
-def name_part(location: str) -> str:
+def name_part(location: Location) -> str:
     """Return what the keys of a recording begin with."""
     return file_part(name_of(location))[:80]
 
 
 def error_text(task: Task, error: Exception) -> str:
     """Return an error without the folder of its recording: the same wherever that lies."""
-    text = str(error)
-    for place in (task.location, public_url(task.location) if is_url(task.location) else ""):
-        text = text.replace(place, name_of(task.location)) if place else text
-    return text
+    return without_secrets(str(error)).replace(task.location, name_of(task.location))
 
 
 def _truth_content(task: Task) -> tuple[str, ...]:
@@ -591,7 +589,7 @@ _PATTERN = re.compile(r"[*?\[]")
 TRUTH_SUFFIXES = (".csv", ".truth.csv", ".sgt", ".annotations.mcap", ".mcap")
 
 
-def recordings_of(arguments: Sequence[str]) -> list[str]:
+def recordings_of(arguments: Sequence[str]) -> list[Location]:
     """Return every recording that the arguments mean, sorted, each once.
 
     Parameters
@@ -606,7 +604,7 @@ def recordings_of(arguments: Sequence[str]) -> list[str]:
     CodecError
         Where a URL cannot be listed.
     """
-    found: set[str] = set()
+    found: set[Location] = set()
     for argument in arguments:
         places = _remote(argument) if is_url(argument) else _local(argument)
         if not places:
@@ -619,9 +617,9 @@ def recordings_of(arguments: Sequence[str]) -> list[str]:
     return sorted(found)
 
 
-def name_of(location: str) -> str:
-    """Return the file name of a recording, without the query of its URL."""
-    return PurePosixPath(public_url(location)).name if is_url(location) else Path(location).name
+def name_of(location: Location) -> str:
+    """Return the file name of a recording."""
+    return PurePosixPath(location).name if is_url(location) else Path(location).name
 
 
 def shard_of(text: str) -> tuple[int, int]:
@@ -638,7 +636,7 @@ def shard_of(text: str) -> tuple[int, int]:
     raise RecordingError(f"--shard: expected I/N with I from 1 to N, found {text!r}")
 
 
-def truth_beside(truth: Path | None, locations: Sequence[str]) -> dict[str, Path]:
+def truth_beside(truth: Path | None, locations: Sequence[Location]) -> dict[Location, Path]:
     """Return the file of truth of each recording that has one.
 
     Parameters
@@ -673,25 +671,25 @@ def _named(folder: Path, stem: str) -> Path | None:
     return next((path for path in files if path.is_file()), None)
 
 
-def _local(argument: str) -> list[str]:
+def _local(argument: str) -> list[Location]:
     path = Path(argument)
     if path.is_dir():
         below = (p for p in path.rglob("*.mcap") if p.is_file())
-        return [str(p) for p in below if _is_recording(p.name)]
+        return [Location(p) for p in below if _is_recording(p.name)]
     if path.is_file() or not _PATTERN.search(argument):
-        return [str(path)] if path.is_file() else []
+        return [Location(path)] if path.is_file() else []
     matched = (Path(p) for p in glob.glob(argument, recursive=True))  # noqa: PTH207  # absolute too
-    return [str(p) for p in matched if p.is_file() and _is_recording(p.name)]
+    return [Location(p) for p in matched if p.is_file() and _is_recording(p.name)]
 
 
-def _remote(argument: str) -> list[str]:
-    url = as_url(argument)
-    pattern = _PATTERN.search(public_url(url).partition("://")[2])
-    if not pattern and (url.startswith("http") or public_url(url).endswith(".mcap")):
+def _remote(argument: str) -> list[Location]:
+    url = Location(argument)
+    pattern = _PATTERN.search(url.partition("://")[2])
+    if not pattern and (url.startswith("http") or url.endswith(".mcap")):
         return [url]
     system, path = file_system(url)
     listed = system.glob(path) if pattern else system.find(path)
-    return [system.unstrip_protocol(p) for p in listed if _is_recording(p)]
+    return [Location(system.unstrip_protocol(p)) for p in listed if _is_recording(p)]
 
 
 def _is_recording(name: str) -> bool:

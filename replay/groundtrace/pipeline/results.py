@@ -20,7 +20,8 @@ import numpy as np
 
 from groundtrace_codecs.errors import NoRoomError
 from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock, TrackPoint
-from groundtrace_codecs.mcap.byte_source import RemoteBytes, as_url, is_url
+from groundtrace_codecs.location import Location, is_url
+from groundtrace_codecs.mcap.byte_source import RemoteBytes
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import OutputError, RecordingError
@@ -97,7 +98,7 @@ def package_versions() -> dict[str, str]:
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, as hexadecimal digits; of a URL's, all are fetched."""
     if is_url(path):
-        return RemoteBytes(as_url(path), hashed=True).sha256()
+        return RemoteBytes(Location(path), hashed=True).sha256()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

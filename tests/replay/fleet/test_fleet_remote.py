@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import threading
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from command_runs import check_schema, done, run
 from fleet_runs import Here, use
 from pyarrow import parquet
+from served_room import ROOM, Ranges, served_room
 
 from groundtrace.fleet.run import name_of, recordings_of
 from groundtrace_codecs import CodecError, Recording
-from groundtrace_codecs.mcap.byte_source import BLOCK_BYTES, RemoteBytes, as_url, is_url, public_url
+from groundtrace_codecs.location import Location, as_url, is_url
+from groundtrace_codecs.mcap.byte_source import BLOCK_BYTES, RemoteBytes
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
@@ -24,42 +24,14 @@ if TYPE_CHECKING:
 fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: groundtrace[fleet]")
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: groundtrace[fleet]")
 Capture = pytest.CaptureFixture[str]
-ROOM = path_of("room-walk.mcap").read_bytes()
-
-
-class Ranges(BaseHTTPRequestHandler):
-    """Gives ranges of one recording, and counts the bytes."""
-
-    sent = 0
-    deaf = False  # answers with the whole file, as some servers do
-
-    def do_GET(self) -> None:
-        asked = self.headers.get("Range", "").removeprefix("bytes=")
-        first, _, last = asked.partition("-")
-        whole = not asked or type(self).deaf
-        data = ROOM if whole else ROOM[int(first) : int(last) + 1]
-        type(self).sent += len(data)
-        self.do_HEAD(200 if whole else 206, len(data))
-        self.wfile.write(data)
-
-    def do_HEAD(self, code: int = 200, size: int = len(ROOM)) -> None:
-        self.send_response(code)
-        self.send_header("Content-Length", str(size))
-        self.send_header("Accept-Ranges", "bytes")
-        self.end_headers()
-
-    def log_message(self, *_: Any) -> None:
-        """Say nothing."""
 
 
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """Serve the bundled room; yield its URL."""
     monkeypatch.setattr(Ranges, "sent", 0)
-    with ThreadingHTTPServer(("127.0.0.1", 0), Ranges) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}/data/room-walk.mcap"
-        server.shutdown()
+    with served_room() as port:
+        yield f"http://127.0.0.1:{port}/data/room-walk.mcap"
 
 
 @pytest.fixture
@@ -151,9 +123,9 @@ def test_urls_are_told_from_paths_and_their_secrets_are_not_told() -> None:
     assert not is_url("folder/walk.mcap")
     assert as_url("https:/host/a.mcap") == as_url("https://host/a.mcap") == "https://host/a.mcap"
     assert as_url("file:/tmp/a.mcap") == "file:///tmp/a.mcap"
-    assert public_url("https://me:word@host/a.mcap?key=1") == "https://host/a.mcap"
-    assert name_of("https://host/b/a.mcap?key=1") == "a.mcap"
-    assert recordings_of(["https://host/a.mcap?key=*"]) == ["https://host/a.mcap?key=*"]
+    assert str(Location("https://me:word@host/a.mcap?key=1")) == "https://host/a.mcap"
+    assert name_of(Location("https://host/b/other.mcap?key=1")) == "other.mcap"
+    assert recordings_of(["https://host/c.mcap?key=*"]) == ["https://host/c.mcap"]
 
 
 def test_a_folder_behind_a_url_that_holds_none_is_refused(memory: Any) -> None:
