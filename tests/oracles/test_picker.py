@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from groundtrace.dsp.filters import bandpass
-from groundtrace.kernels import grid, locate, picker
+from groundtrace.dsp.spectral import WindowPower
+from groundtrace.kernels import frames, grid, locate, picker
 
 RNG = np.random.default_rng(22)
 CHANNELS = (1, 3, 8, 9, 16, 17, 33)
@@ -62,13 +63,14 @@ def cells_of(x: np.ndarray, sos: np.ndarray, alpha: float, length: int) -> tuple
 def picked(x: np.ndarray, sos: np.ndarray, alpha: float, length: int, block: int) -> tuple:
     """Run the kernel over blocks."""
     n, channels = x.shape
-    rows, cells, filled = x.copy(), [], 0
+    rows, cells, filled = np.empty(x.shape), [], 0
     state = picker.channels_of(np.ones(channels), np.zeros((4, channels)))
     sections = picker.sections_of(sos)
     for start in range(0, n, block):
-        part = rows[start : start + block]
+        part = x[start : start + block]
         found = np.empty((picker.CELL, channels, (filled + len(part)) // length))
-        picker.variance_cells(part, sections, alpha, state, filled, length, found)
+        filtered = rows[start : start + block]
+        picker.variance_cells(part, sections, alpha, state, filled, length, filtered, found)
         filled = (filled + len(part)) % length
         cells.append(found)
     return rows, np.concatenate(cells, axis=2)
@@ -86,6 +88,69 @@ def test_cells_are_those_of_a_plain_loop_to_the_last_bit(channels, block, order)
             filtered, expected = cells_of(x[:, c], sos, 0.2, 7)
             assert np.array_equal(rows[:, c], filtered, equal_nan=True), name
             assert np.array_equal(cells[:, c].T, expected, equal_nan=True), name
+
+
+@pytest.mark.parametrize("kind", picker.STORED)
+@pytest.mark.parametrize("planar", [True, False])
+def test_cells_are_the_same_however_samples_are_stored(kind, planar):
+    whole = RNG.integers(-3000, 3000, (120, 9))
+    stored = np.frombuffer(b"0" + whole.T.astype(kind).tobytes(), kind, offset=1).reshape(9, 120).T
+    stored = stored if planar else stored.copy()
+    sos = bandpass(20.0, 400.0, 2000.0)
+    for found, expected in zip(
+        picked(stored, sos, 0.2, 7, 50), picked(whole.astype(float), sos, 0.2, 7, 50), strict=True
+    ):
+        assert np.array_equal(found, expected)
+
+
+def frame_of(columns: np.ndarray) -> tuple[float, ...]:
+    """Return what a frame of columns, shape (5, n), tells."""
+    decision, peak, power, high, low = columns
+    flat = 0
+    for before, own in zip(columns[3:].T[:-1], columns[3:].T[1:], strict=True):
+        same = own[0] == own[1] == before[0] == before[1]
+        flat += bool(same and own[0] in (high.max(), low.min()))
+    level, swing = math.sqrt(math.fsum(power) / len(power)), (high.max() - low.min()) / 2
+    return decision.max(), peak.max(), level, swing, flat
+
+
+@pytest.mark.parametrize("channels", [1, 3, 16])
+@pytest.mark.parametrize("length", [1, 2, 7])
+@pytest.mark.parametrize("block", [1, 3, 50])
+def test_frames_are_those_of_plain_columns(channels, length, block):
+    rows = RNG.integers(-2, 3, (5, channels, 50)).astype(float)
+    rows[2], rows[4] = rows[2] ** 2, np.minimum(rows[3], rows[4])
+    rows[3:, :, 20:] = np.repeat(rows[3:, :, 20:25], 6, axis=2)  # stands still again and again
+    rows[4] = np.where(RNG.random((channels, 50)) < 0.7, rows[3], rows[4])
+    state, filled, found = frames.open_frames(channels), 0, []
+    for start in range(0, 50, block):
+        part = [np.ascontiguousarray(row[:, start : start + block]) for row in rows]
+        many = filled + part[0].shape[1]
+        values = np.empty((channels, many // length, frames.VALUES))
+        frames.frames(*part, state, filled, length, values)
+        filled = many % length
+        found.append(values)
+    whole = np.concatenate(found, axis=1)
+    for c, index in np.ndindex(whole.shape[:2]):
+        expected = frame_of(rows[:, c, index * length : (index + 1) * length])
+        assert whole[c, index] == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize(("window", "transform"), [(60, 60), (90, 200), (7, 9), (1, 2)])
+@pytest.mark.parametrize("mean_removed", [False, True])
+def test_power_is_that_of_plain_sums_of_waves(kind, window, transform, mean_removed):
+    taper, samples = np.hanning(window + 2)[1:-1], RNG.normal(size=(2, 4 * window))
+    found = WindowPower(taper, transform, mean_removed=mean_removed, kind=kind)(
+        samples, 1, window, 3
+    )
+    for channel, index, k in np.ndindex(found.shape):
+        own = samples[channel, 1 + index * window :][:window]
+        own = (own - (own.mean() if mean_removed else 0.0)) * taper
+        angle = 2 * math.pi * k / transform * np.arange(window)
+        expected = math.fsum(own * np.cos(angle)) ** 2 + math.fsum(own * np.sin(angle)) ** 2
+        tolerance = (1e-5 if kind is np.float32 else 1e-12) * window
+        assert found[channel, index, k] == pytest.approx(expected, rel=tolerance, abs=tolerance)
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")

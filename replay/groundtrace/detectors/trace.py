@@ -56,7 +56,8 @@ class FrameTrace:
         self.rate_hz = rate_hz
         self.length = max(1, round(FRAME_S * rate_hz))
         self.history = max(1, round(NOISE_S * rate_hz / self.length))
-        self._columns = np.empty((5, channels, 0))  # of the frame under way
+        self._frame = kernels.frames.open_frames(channels)  # under way
+        self._filled = 0  # columns of it
         self._begin_ns = 0
         self._past = np.full((2, channels, self.history - 1), -np.inf)
 
@@ -81,61 +82,52 @@ class FrameTrace:
 
     def begins(self, columns: int) -> slice:
         """Return which of the next columns begin a frame."""
-        return slice(-self._columns.shape[2] % self.length, columns, self.length)
+        return slice(-self._filled % self.length, columns, self.length)
 
     def take(self, begins: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
         """Take columns as :meth:`add` does, but the times of those alone that begin a frame."""
-        if self._columns.shape[2]:
+        if self._filled:
             begins = np.concatenate([[self._begin_ns], begins])
-        before = self._columns.shape[2]
-        columns = np.empty((*self._columns.shape[:2], before + rows[0].shape[1]))
-        columns[:, :, :before] = self._columns
-        for row, own in zip(rows, columns, strict=True):
-            own[:, before:] = row
-        count = columns.shape[2] // self.length
-        whole, self._columns = np.split(columns, [count * self.length], axis=2)
-        self._begin_ns = int(begins[-1])
-        return self._frames(begins[:count], whole, self.length)
+        if len(begins):
+            self._begin_ns = int(begins[-1])
+        return self._frames(begins, self.length, *rows)
 
     def flush(self) -> Frames:
         """Return the last, shorter frame."""
-        columns, self._columns = self._columns, self._columns[:, :, :0]
-        if not columns.shape[2]:
+        if not self._filled:
             return self.nothing()
-        return self._frames(np.array([self._begin_ns]), columns, columns.shape[2])
+        rows = [np.empty((len(self._frame), 0))] * 5
+        return self._frames(np.array([self._begin_ns]), self._filled, *rows)
 
     def nothing(self) -> Frames:
         """Return no frames."""
         return Frames(np.empty(0, np.int64), np.empty((0, self._past.shape[1], 6), np.float32))
 
-    def _frames(
-        self, times: NDArray[np.int64], columns: NDArray[np.float64], length: int
-    ) -> Frames:
-        """Return frames of columns, shape (5, rows, n), with the quietest of the last 5 s."""
-        if not len(times):
+    def _frames(self, begins: NDArray[np.int64], length: int, *rows: NDArray[np.float64]) -> Frames:
+        """Return the frames that columns complete, with the quietest of the last 5 s."""
+        filled = self._filled + rows[0].shape[1]
+        count, filled_before, self._filled = filled // length, self._filled, filled % length
+        values = np.empty((len(self._frame), count, kernels.frames.VALUES))
+        decision, peak, power, high, low = (np.ascontiguousarray(x, np.float64) for x in rows)
+        kernels.frames.frames(
+            decision, peak, power, high, low, self._frame, filled_before, length, values
+        )
+        if not count:
             return self.nothing()
-        folded = columns.reshape(*columns.shape[:2], -1, length)  # (5, rows, frames, length)
-        decision, peak, power, high, low = folded
-        level = np.sqrt(power.mean(axis=-1))
-        highest, lowest = high.max(axis=-1), low.min(axis=-1)
-        swing = (highest - lowest) / 2.0
+        most, largest, level, swing, still = np.moveaxis(values, -1, 0)
         # dead stretches say nothing about the noise
         quiet = np.stack([level, swing])
         line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
-        self._past = line[:, :, len(times) :]
-        noise, least = (kernels.picker.window_maxima(kind, self.history) for kind in line)
-        flat, still = np.zeros(level.shape), high == low
-        if still.any():
-            still = still[..., 1:] & still[..., :-1]  # and as in the column before:
-            still &= high[..., 1:] == high[..., :-1]
-            at_end = (high == highest[..., None]) | (high == lowest[..., None])
-            flat = (still & at_end[..., 1:]).sum(axis=-1) / self.rate_hz
-        values = (
-            decision.max(axis=-1),
-            peak.max(axis=-1),
+        self._past = line[:, :, count:]
+        noise, least = (kernels.frames.window_maxima(kind, self.history) for kind in line)
+        shown = (
+            most,
+            largest,
             np.where(noise > -np.inf, -noise, 0.0),
             swing,
             np.where(least > -np.inf, -least, 0.0),
-            flat,
+            still / self.rate_hz,
         )
-        return Frames(times, np.stack(values, axis=-1).transpose(1, 0, 2).astype(np.float32))
+        return Frames(
+            begins[:count], np.stack(shown, axis=-1).transpose(1, 0, 2).astype(np.float32)
+        )

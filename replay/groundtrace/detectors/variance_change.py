@@ -86,17 +86,24 @@ class _Variance:
         n = len(block)
         history.extend(n)
         rows = history.recent(n)
-        rows[:] = block.samples
         if self._channels is None:
             scales = block.stream.scales
-            memory = self._steady(rows[0] * scales)
+            memory = self._steady(block.samples[0] * scales)
             self._channels = kernels.picker.channels_of(scales, memory)
         self._before = self._channels["at_cell"].ravel()[: self._count].copy()
         filled, first = self._filled, self._first
         complete = (filled + n) // self._length
         cells = np.empty((kernels.picker.CELL, self._count, complete))
+        known = block.samples.dtype in kernels.picker.STORED
         kernels.picker.variance_cells(
-            rows, self._sections, self._alpha, self._channels, filled, self._length, cells
+            block.samples if known else block.samples.astype(np.float64),
+            self._sections,
+            self._alpha,
+            self._channels,
+            filled,
+            self._length,
+            rows,
+            cells,
         )
         self._filled, self._first = (filled + n) % self._length, first + complete
         return CompleteCells(first, *cells)

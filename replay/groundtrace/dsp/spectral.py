@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from .. import kernels
 
@@ -74,15 +75,21 @@ class WindowPower:
         self._weights = weights.astype(kind)
         self._share = self._weights.dtype.type(2.0 / self.window if mean_removed else 0.0)
         before = (self.window - 1) / 2 - self._pairs[0]
-        record = kernels.spectra.record_of(kind)
-        blocks = -(-self.frequencies // (2 * kernels.spectra.WAVES))
-        self._waves = np.zeros((blocks, len(before)), record)
-        self._sums = np.zeros(1, record)
-        frequency = np.arange(blocks * 2 * kernels.spectra.WAVES).reshape(blocks, 1, -1, 2)
+        spectra = kernels.spectra
+        blocks = -(-self.frequencies // (2 * spectra.WAVES))
+        tiles = -(-len(before) // spectra.PAIRS)
+        self._waves = spectra.zeros(
+            spectra.record_of(kind, spectra.PAIRS, spectra.WAVES), blocks, tiles
+        )
+        self._terms = spectra.zeros(spectra.record_of(kind, spectra.PAIRS), tiles)
+        self._sums = spectra.zeros(spectra.record_of(kind, spectra.WAVES), 1)
+        frequency = np.arange(blocks * 2 * spectra.WAVES).reshape(blocks, 1, -1, 2)
         angle = 2 * np.pi / transform * before[:, None, None] * frequency
         waves = [part[..., odd] for part in (np.cos(angle), np.sin(angle)) for odd in range(2)]
-        for name, values in zip(record.names or (), waves, strict=True):
-            self._waves[name] = values
+        for name, values in zip(self._waves.dtype.names or (), waves, strict=True):
+            for i in range(len(before)):
+                tile, pair = divmod(i, spectra.PAIRS)
+                self._waves[name][:, tile, pair] = values[:, i]
 
     def __call__(
         self,
@@ -107,8 +114,12 @@ class WindowPower:
         if before is not None and start < 0:
             rows, start = np.concatenate([before, rows], axis=1), start + before.shape[1]
         rows = np.ascontiguousarray(rows, self._weights.dtype)
-        even = -(-self.frequencies // 16) * 16
-        power = np.empty((len(rows), count, even), self._weights.dtype)
-        window = (self._pairs, self._weights, self._share, self._waves, self._sums)
-        kernels.spectra.window_power(rows, start, hop, self.window, *window, power)
+        room = 2 * kernels.spectra.WAVES * len(self._waves)
+        power = np.empty((len(rows), count, room), self._weights.dtype)
+        if count > 0:
+            windows = sliding_window_view(rows[:, start:], self.window, axis=1)[:, ::hop]
+            fold = (self._pairs, self._weights, self._share)
+            kernels.spectra.window_power(
+                windows[:, :count], *fold, self._waves, self._terms, self._sums, power
+            )
         return power.reshape(*samples.shape[:-1], *power.shape[1:])[..., : self.frequencies]

@@ -12,10 +12,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from . import attitude, grid, locate, navigation, picker, reckoning, spectra, steps, strides
+    from . import (
+        attitude,
+        frames,
+        grid,
+        locate,
+        navigation,
+        picker,
+        reckoning,
+        spectra,
+        steps,
+        strides,
+    )
 
 __all__ = [
     "attitude",
+    "frames",
     "grid",
     "locate",
     "navigation",

@@ -22,8 +22,13 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Indices = NDArray[np.intp]
 
-#: Channels of one record. Chosen by judgement: twice the 16 of a usual site; more take another.
-LANES = 32
+#: Channels of one record. Chosen by judgement: what is kept of eight stays in registers of eight
+#: numbers; more channels take another record.
+LANES = 8
+#: Samples that are filtered together. Chosen by judgement: the nearest cache holds them.
+TILE = 64
+#: Types of samples that are filtered as they are stored; others are converted first.
+STORED = tuple(map(np.dtype, ("i2", "i4", "f4", "f8")))
 #: A second-order section: y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y'', of the samples before.
 SECTION = np.dtype([(name, "f8") for name in ("b0", "b1", "b2", "a1", "a2")])
 #: The filter has that many sections; one with fewer is filled up by sections of b0 = 1.
@@ -32,12 +37,13 @@ SECTIONS = 2
 #: What is kept of each channel: what its samples are multiplied by; both sections' memory; the
 #: moving average of the square, and what it was at the end of the last complete cell; of the open
 #: cell the largest average, the largest absolute value and the sum of squares filtered, and the
-#: extremes as recorded.
+#: extremes as recorded. And the samples that are filtered, which become the filtered ones.
 CHANNELS = np.dtype(
     [
         *((name, "f8", (LANES,)) for name in ("scale", "p1", "p2", "q1", "q2")),
         *((name, "f8", (LANES,)) for name in ("level", "at_cell", "most", "peak")),
         *((name, "f8", (LANES,)) for name in ("power", "high", "low")),
+        ("tile", "f8", (TILE, LANES)),
     ]
 )
 #: What a cell holds of each channel: level, peak, power, highest, lowest sample. Source:
@@ -47,8 +53,11 @@ CELL = 5
 #: that are slow to count. Chosen by judgement: far below any sample.
 NOTHING = 1e-140
 
-_STATE = (numba.from_dtype(SECTION)[::1], numba.f8, numba.from_dtype(CHANNELS)[::1])
-_CELLS = numba.void(numba.f8[:, ::1], *_STATE, numba.i8, numba.i8, numba.f8[:, :, ::1])
+
+def _cells(kind: np.dtype[Any]) -> Any:
+    samples = numba.types.Array(numba.from_dtype(kind), 2, "A", readonly=True, aligned=False)
+    state = (numba.from_dtype(SECTION)[::1], numba.f8, numba.from_dtype(CHANNELS)[::1])
+    return numba.void(samples, *state, numba.i8, numba.i8, numba.f8[:, ::1], numba.f8[:, :, ::1])
 
 
 def sections_of(sos: Array) -> NDArray[np.void]:
@@ -81,10 +90,8 @@ def channels_of(scales: Array, memory: Array) -> NDArray[np.void]:
 
 
 @inlined
-def _filter(
-    rows: Array, start: int, stop: int, first: int, count: int, sections: Any, alpha: float, c: Any
-) -> None:
-    """Scale and filter rows where they are, and take what cells are made of; ``first`` is a column.
+def _filter(c: Any, start: int, stop: int, sections: Any, alpha: float) -> None:
+    """Scale and filter samples of a tile where they are, and take what cells are made of.
 
     Each section in the transposed direct form II, as scipy's ``sosfilt``::
 
@@ -93,26 +100,27 @@ def _filter(
     one, two, keep = sections[0], sections[1], 1.0 - alpha
     b0, b1, b2, a1, a2 = one.b0, one.b1, one.b2, one.a1, one.a2
     d0, d1, d2, c1, c2 = two.b0, two.b1, two.b2, two.a1, two.a2
-    for i in range(start, stop):
-        row = rows[i, first : first + count]
-        for j in range(count):
-            x = row[j] * c.scale[j]
-            y = b0 * x + c.p1[j]
-            c.p1[j] = b1 * x - a1 * y + c.p2[j]
-            c.p2[j] = b2 * x - a2 * y
-            z = d0 * y + c.q1[j]
-            c.q1[j] = d1 * y - c1 * z + c.q2[j]
-            c.q2[j] = d2 * y - c2 * z
-            row[j] = z
-            power = z * z
+    tile = c.tile[start:stop]
+    for i in range(len(tile)):
+        for j in range(LANES):
+            x, p1, p2, q1, q2 = tile[i, j] * c.scale[j], c.p1[j], c.p2[j], c.q1[j], c.q2[j]
+            most, peak, high, low = c.most[j], c.peak[j], c.high[j], c.low[j]
+            y = b0 * x + p1
+            z = d0 * y + q1
+            power, size = z * z, abs(z)
             level = alpha * power + keep * c.level[j]
-            c.level[j] = level
-            # where an if chose, it would be stored under a mask
-            c.most[j] = np.fmax(c.most[j], level)
-            c.peak[j] = np.fmax(c.peak[j], abs(z))
-            c.power[j] += power
-            c.high[j] = np.fmax(c.high[j], x)
-            c.low[j] = np.fmin(c.low[j], x)
+            total = c.power[j] + power
+            tile[i, j] = z
+            c.p1[j] = b1 * x - a1 * y + p2
+            c.p2[j] = b2 * x - a2 * y
+            c.q1[j] = d1 * y - c1 * z + q2
+            c.q2[j] = d2 * y - c2 * z
+            c.level[j], c.power[j] = level, total
+            # what is none of the numbers is neither larger nor smaller
+            c.most[j] = level if level > most else most
+            c.peak[j] = size if size > peak else peak
+            c.high[j] = x if x > high else high
+            c.low[j] = x if x < low else low
 
 
 @inlined
@@ -128,6 +136,7 @@ def _close(c: Any, first: int, count: int, length: int, cells: Array, index: int
         cells[0, own, index], cells[1, own, index] = c.most[j], c.peak[j]
         cells[2, own, index] = c.power[j] / length
         cells[3, own, index], cells[4, own, index] = c.high[j], c.low[j]
+    for j in range(LANES):
         c.most[j] = c.high[j] = -np.inf
         c.peak[j] = c.power[j] = 0.0
         c.low[j] = np.inf
@@ -136,22 +145,23 @@ def _close(c: Any, first: int, count: int, length: int, cells: Array, index: int
         c.at_cell[j] = c.level[j] = _without_tail(c.level[j])
 
 
-@compiled(_CELLS)
+@compiled([_cells(kind) for kind in STORED])
 def variance_cells(
-    rows: Array,
+    samples: NDArray[Any],
     sections: NDArray[np.void],
     alpha: float,
     channels: NDArray[np.void],
     filled: int,
     length: int,
+    rows: Array,
     cells: Array,
 ) -> None:
     """Scale and filter samples, average their square, reduce them to cells.
 
     Parameters
     ----------
-    rows
-        Shape (n, n_channels): samples as stored; they become the filtered ones.
+    samples
+        Shape (n, n_channels), one of STORED.
     sections
         The filter, as :func:`sections_of` has it.
     alpha
@@ -160,20 +170,37 @@ def variance_cells(
         As :func:`channels_of` has them.
     filled, length
         How many samples the open cell has, and a complete one.
+    rows
+        Shape (n, n_channels): gets the filtered samples.
     cells
         Shape (CELL, n_channels, n_cells): gets the cells that are completed.
     """
     for group in range(len(channels)):
-        c, first, own, start, index = channels[group], group * LANES, filled, 0, 0
-        count = min(LANES, rows.shape[1] - first)
-        while start < len(rows):
-            stop = min(len(rows), start + length - own)
-            _filter(rows, start, stop, first, count, sections, alpha, c)
-            own += stop - start
-            start = stop
-            if own == length:
-                _close(c, first, count, length, cells, index)
-                own, index = 0, index + 1
+        c, first, own, index = channels[group], group * LANES, filled, 0
+        count = min(LANES, samples.shape[1] - first)
+        for begin in range(0, len(samples), TILE):
+            given = samples[begin : begin + TILE, first:]
+            size, start = len(given), 0
+            for i in range(size):
+                for j in range(LANES):  # a lane without a channel of its own takes the last one's
+                    c.tile[i, j] = given[i, min(j, count - 1)]
+            while start < size:
+                stop = min(size, start + length - own)
+                _filter(c, start, stop, sections, alpha)
+                own += stop - start
+                start = stop
+                if own == length:
+                    _close(c, first, count, length, cells, index)
+                    own, index = 0, index + 1
+            filtered = rows[begin : begin + size, first : first + count]
+            if count == LANES:  # a length that is stated is copied at once
+                for i in range(size):
+                    for j in range(LANES):
+                        filtered[i, j] = c.tile[i, j]
+            else:
+                for i in range(size):
+                    for j in range(count):
+                        filtered[i, j] = c.tile[i, j]
 
 
 @compiled("void(f8[:, ::1], f8, f8[::1], f8[:, ::1])")
@@ -195,33 +222,6 @@ def variance_levels(rows: Array, alpha: float, before: Array, levels: Array) -> 
         for i in range(len(rows)):
             level = alpha * (rows[i, j] * rows[i, j]) + keep * level
             levels[i, j] = level
-
-
-@inlined
-def _larger(one: Array, other: Array, found: Array) -> None:
-    for i in range(len(found)):
-        first, second = one[i], other[i]
-        found[i] = first if first >= second or first != first else second
-
-
-@compiled("f8[:, ::1](f8[:, ::1], i8)")
-def window_maxima(line: Array, width: int) -> Array:
-    """Return the maximum of every window of a line, shape (rows, n) to (rows, n - width + 1).
-
-    The maximum of twice as many neighbours is that of two maxima, again and again; what overlaps
-    counts twice without harm. A window with a number that is none has none.
-    """
-    rows, n = line.shape
-    found = np.empty((rows, n - width + 1))
-    room, more = np.empty(n), np.empty(n)
-    for r in range(rows):
-        some, reach = line[r], 1
-        while 2 * reach < width:
-            _larger(some, some[reach:], more[: n - 2 * reach + 1])
-            some, room, more = more, more, room
-            reach *= 2
-        _larger(some, some[width - reach :], found[r])
-    return found
 
 
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[::1], f8, f8[:, ::1])")
@@ -300,8 +300,22 @@ _LOG_UNIT, _LOG_OFFSET = math.log(2) / (1 << 20), 1023 * math.log(2) + 1e-6
 ROUGHNESS = 0.0597
 
 
-@compiled("void(f8[::1], f8, f8[:, ::1], f8[::1])")
-def criterion_of(window: Array, margin: float, variance: Array, found: Array) -> None:
+@inlined
+def _least(room: Array) -> float:
+    """Return the least of some numbers, which are written over: half of them, and half of those."""
+    n = len(room)
+    while n > 1:
+        half = (n + 1) // 2
+        low, high = room[: n - half], room[half:n]
+        for i in range(len(low)):
+            one, other = low[i], high[i]
+            low[i] = other if other < one else one
+        n = half
+    return float(room[0])
+
+
+@compiled("UniTuple(i8, 2)(f8[::1], f8, f8[:, ::1], f8[::1])")
+def criterion_of(window: Array, margin: float, room: Array, found: Array) -> tuple[int, int]:
     """Write AIC(k) = k ln var(x[:k]) + (n - k) ln var(x[k:]) of a window for k = 1 ... n - 1.
 
     What is more than ``margin`` above the least may be known roughly only: still above it, but too
@@ -311,37 +325,47 @@ def criterion_of(window: Array, margin: float, variance: Array, found: Array) ->
     ----------
     window
         Shape (n,), more than 2 * EDGE + 1.
-    variance
-        Shape (2, at least n): room for the variances before and after.
+    room
+        Shape (3, at least n): written over.
     found
         Shape (at least n,): gets AIC(k) at k - 1.
+
+    Returns
+    -------
+    start, stop
+        Outside of ``found[start:stop]`` it is more than ``margin`` above the least.
     """
-    n, first, total, square = len(window), window[0], 0.0, 0.0
-    for i in range(n):
+    last, first, total, square = len(window) - 1, window[0], 0.0, 0.0
+    before, after, spare, found = room[0, :last], room[1, :last], room[2, :last], found[:last]
+    for i in range(last):
         x = window[i] - first  # an offset would take the digits of the variance
         total += x
         square += x * x
-        variance[0, i], variance[1, i] = total, square
-    greatest = 0.0
-    for i in range(n - 1):
-        share, rest = 1.0 / (i + 1.0), 1.0 / (n - 1.0 - i)
-        mean, mean_after = variance[0, i] * share, (total - variance[0, i]) * rest
-        before = variance[1, i] * share - mean * mean
-        after = (square - variance[1, i]) * rest - mean_after * mean_after
-        variance[0, i], variance[1, i] = max(before, 0.0), max(after, 0.0)
-        greatest = max(greatest, variance[1, i])
-    least = max(LEAST_PART * greatest, LEAST)
-    bits = variance.view(np.int64)
-    for i in range(n - 1):
-        variance[0, i] += least
-        variance[1, i] += least
-        rough = (i + 1.0) * (bits[0, i] >> 32) + (n - 1.0 - i) * (bits[1, i] >> 32)
-        found[i] = rough * _LOG_UNIT - n * _LOG_OFFSET
-    limit = found[EDGE : n - 1 - EDGE].min() + n * ROUGHNESS + margin
-    for i in range(n - 1):
+        before[i], after[i] = total, square
+    x = window[last] - first
+    total += x
+    square += x * x
+    for i in range(last):
+        share, rest = 1.0 / (i + 1.0), 1.0 / (last - i)
+        mean, mean_after = before[i] * share, (total - before[i]) * rest
+        variance = after[i] * share - mean * mean
+        variance_after = (square - after[i]) * rest - mean_after * mean_after
+        before[i], after[i] = max(variance, 0.0), max(variance_after, 0.0)
+        spare[i] = -after[i]
+    least = max(LEAST_PART * -_least(spare), LEAST)
+    bits_before, bits_after = before.view(np.int64), after.view(np.int64)
+    for i in range(last):
+        before[i] += least
+        after[i] += least
+        rough = (i + 1.0) * (bits_before[i] >> 32) + (last - i) * (bits_after[i] >> 32)
+        found[i] = spare[i] = rough * _LOG_UNIT - (last + 1) * _LOG_OFFSET
+    limit = _least(spare[EDGE : last - EDGE]) + (last + 1) * ROUGHNESS + margin
+    start, stop = last, 0
+    for i in range(last):
         if found[i] <= limit:
-            before, after = math.log(variance[0, i]), math.log(variance[1, i])
-            found[i] = (i + 1.0) * before + (n - 1.0 - i) * after
+            start, stop = min(start, i), i + 1
+            found[i] = (i + 1.0) * math.log(before[i]) + (last - i) * math.log(after[i])
+    return start, stop
 
 
 @inlined
@@ -383,7 +407,7 @@ def onsets(
     for n in length:
         most = max(most, n)
     result, scale = np.empty((2, len(start))), 1.0 / (2.0 * max(correlation, 1.0))
-    window, variance, criterion = np.empty(most), np.empty((2, most)), np.empty(most)
+    window, room, criterion = np.empty(most), np.empty((3, most)), np.empty(most)
     for i in range(len(start)):
         n = length[i]
         if n < 2 * EDGE + 3:
@@ -391,6 +415,7 @@ def onsets(
             continue
         for k in range(n):
             window[k] = rows[start[i] + k, channel[i]]
-        criterion_of(window[:n], WEIGHTLESS / scale, variance, criterion)
-        result[0, i], result[1, i] = _weighted(criterion, EDGE, n - 1 - EDGE, scale)
+        first, end = criterion_of(window[:n], WEIGHTLESS / scale, room, criterion)
+        first, end = max(first, EDGE), min(end, n - 1 - EDGE)
+        result[0, i], result[1, i] = _weighted(criterion, first, end, scale)
     return result

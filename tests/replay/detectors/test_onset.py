@@ -13,7 +13,7 @@ def aic(windows: np.ndarray) -> np.ndarray:
     m, n = windows.shape
     found = np.empty((m, n))
     for window, own in zip(np.ascontiguousarray(windows), found, strict=True):
-        criterion_of(window, np.inf, np.empty((2, n)), own)
+        criterion_of(window, np.inf, np.empty((3, n)), own)
     return found[:, : n - 1]
 
 
@@ -72,13 +72,15 @@ def test_the_criterion_is_maedas_formula():
 def test_far_from_the_least_the_criterion_is_rough_but_above_what_matters():
     (window,) = bursts(1, 200, 120, 20.0)
     (exact,), margin, found = aic(window[None, :]), 30.0, np.empty(200)
-    criterion_of(window, margin, np.empty((2, 200)), found)
+    start, stop = criterion_of(window, margin, np.empty((3, 200)), found)
     inner = slice(EDGE, -EDGE)
     exact, rough = exact[inner], found[:199][inner]
     near = exact <= exact.min() + margin
     assert np.array_equal(rough[near], exact[near])
     assert (rough[~near] > exact.min() + margin).all()
     assert (rough != exact).any()
+    assert not near[: start - EDGE].any()
+    assert not near[stop - EDGE :].any()
 
 
 def test_the_criterion_does_not_depend_on_an_offset():

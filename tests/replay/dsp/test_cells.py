@@ -15,7 +15,7 @@ from groundtrace.dsp.noise import (
     NoiseRatio,
     RunningMaximum,
 )
-from groundtrace.kernels.picker import window_maxima
+from groundtrace.kernels.frames import window_maxima
 
 N = 203
 RNG = np.random.default_rng(10)
