@@ -67,6 +67,25 @@ EARLY_NS = NS_PER_S
 _MAX_NS = 2**63 - 1
 
 
+#: What makes a cell a formula where it begins with it (OWASP, "CSV Injection"), and what guards it.
+_FORMULA, _GUARD = tuple("=+-@\t\r"), "'"
+
+
+def guarded_cell(text: str) -> str:
+    """Return a text as a cell of CSV that no spreadsheet takes for a formula.
+
+    One that begins with ``= + - @``, tab or carriage return gets an apostrophe in front, which
+    :func:`plain_cell` takes off again; so does one that looks as if it had one already.
+    """
+    return _GUARD + text if text.lstrip(_GUARD).startswith(_FORMULA) else text
+
+
+def plain_cell(cell: str) -> str:
+    """Return the text of a cell, without the apostrophe of :func:`guarded_cell`."""
+    guarded = cell.startswith(_GUARD) and cell.lstrip(_GUARD).startswith(_FORMULA)
+    return cell.removeprefix(_GUARD) if guarded else cell
+
+
 def read_truth_csv(
     path: Path, start_ns: int, files: Mapping[str, int] | None = None
 ) -> tuple[Label, ...]:
@@ -114,7 +133,8 @@ def _labels_of(
     header: list[str] | None = None
     labels: list[Label] = []
     try:
-        for cells in reader:
+        for written in reader:
+            cells = [plain_cell(cell) for cell in written]
             if not any(c.strip() for c in cells) or cells[0].startswith("#"):
                 continue
             place = f"{name}: line {reader.line_num}"

@@ -21,6 +21,7 @@ from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 
 from ..errors import CodecError, FormatError, SchemaError, did_you_mean
+from ..truth import plain_cell
 from . import map as expressions
 from .map import TIME_UNITS_NS, import_tables
 from .time import timestamps
@@ -127,7 +128,7 @@ class TextTable:
         for skipped, (_, cells) in enumerate(lines):
             if skipped > map_.skip_rows:
                 break
-            stripped = tuple(c.strip() for c in cells)
+            stripped = tuple(plain_cell(c.strip()) for c in cells)
             if skipped >= map_.skip_rows - 1 and (
                 named & set(stripped) or (skipped == map_.skip_rows and _is_header(stripped))
             ):

@@ -15,7 +15,7 @@ from ..annotate.store import AUTHOR, named
 from ..api.files import existing, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, OUT, Texts
 
 if TYPE_CHECKING:
@@ -160,14 +160,14 @@ def _report(done: Done, asked: Changes, *, listed: bool, conflicts: bool, other:
     for remark in done.remarks:
         print_stderr(remark)
     for line in _lines(done, undo=asked.undo):
-        print(line)
+        print_line(line)
     if listed or not (asked.anything or conflicts or other):
         _print_annotations(done)
     if conflicts:
         _print_conflicts(done)
     if done.committed is not None:
         count = len(done.annotations)
-        print(f"wrote {done.committed}: {done.path.name} and, inside, its {count} annotations")
+        print_line(f"wrote {done.committed}: {done.path.name} and, inside, its {count} annotations")
 
 
 def _lines(done: Done, *, undo: bool) -> Iterator[str]:
@@ -199,7 +199,7 @@ def _conflict_text(done: Done, conflict: Conflict) -> str:
 
 def _print_annotations(done: Done) -> None:
     if not done.annotations:
-        print(f"{done.path.name}: no annotations")
+        print_line(f"{done.path.name}: no annotations")
         return
     header = ("id", "time [s]", "end [s]", "kind", "label", "channel", "author", "note")
     print_table(header, [_row(done, a) for a in done.annotations])
@@ -215,6 +215,6 @@ def _row(done: Done, annotation: Annotation) -> tuple[str, ...]:
 
 def _print_conflicts(done: Done) -> None:
     found = conflicts_of(done.annotations)
-    print(f"{len(found)} conflicts" if found else "no conflicts")
+    print_line(f"{len(found)} conflicts" if found else "no conflicts")
     for conflict in found:
-        print(f"  {_conflict_text(done, conflict)}")
+        print_line(f"  {_conflict_text(done, conflict)}")

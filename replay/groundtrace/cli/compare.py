@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..pipeline.plugins import load
 from ..pipeline.results import evidence_of, read_results
-from .console import print_json, print_stderr, print_table, truth_of, where_to_show
+from .console import print_json, print_line, print_stderr, print_table, truth_of, where_to_show
 from .options import FLAG, ForceOutput, Json, Tolerance, Truth
 
 if TYPE_CHECKING:
@@ -59,13 +59,15 @@ def compare(
 
 
 def _print_comparison(found: Comparison) -> None:
-    print(f"{found.recording}: A {_side(found.a)}; B {_side(found.b)}")
+    print_line(f"{found.recording}: A {_side(found.a)}; B {_side(found.b)}")
     for change in found.parameters:
         values = ("absent" if v is None else v for v in (change.a, change.b))
-        print(f"  {change.stage}.{change.parameter}: A {{}}, B {{}}".format(*values))
-    print(", ".join(f"{n} {verdict}" for verdict, n in found.verdicts.items()) or "no decisions")
+        print_line(f"  {change.stage}.{change.parameter}: A {{}}, B {{}}".format(*values))
+    print_line(
+        ", ".join(f"{n} {verdict}" for verdict, n in found.verdicts.items()) or "no decisions"
+    )
     if found.p_value is not None:
-        print(
+        print_line(
             f"McNemar's exact test: p = {found.p_value:.2g} "
             f"({'more' if found.p_value < 0.05 else 'no more'} than chance explains)"
         )
@@ -73,7 +75,7 @@ def _print_comparison(found: Comparison) -> None:
         _print_places(found.places)
     rows = [_comparison_row(d) for d in found.decisions if d.obstacle is not None]
     if rows:
-        print()
+        print_line()
         print_table(("time [s]", "step", "verdict", "without it", "why"), rows)
 
 
@@ -99,7 +101,7 @@ def _comparison_row(decision: Decision) -> tuple[str, ...]:
 
 def _print_places(places: PlaceComparison) -> None:
     if places.median_apart_m is None or places.largest_apart_m is None:
-        print(f"places: {places.a} by A, {places.b} by B, none at the same moment")
+        print_line(f"places: {places.a} by A, {places.b} by B, none at the same moment")
         return
     text = (
         f"places: {len(places.pairs)} moments fixed by both, median "
@@ -107,7 +109,7 @@ def _print_places(places: PlaceComparison) -> None:
     )
     if places.rmse_a_m is not None and places.rmse_b_m is not None:
         text += f"; RMSE A {places.rmse_a_m:.2f} m, B {places.rmse_b_m:.2f} m"
-    print(text)
+    print_line(text)
 
 
 READING_COMPARE = """

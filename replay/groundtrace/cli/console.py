@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     from ..pipeline.results import Results
     from ..pipeline.warned import Warned
 
+#: Control characters but tab and newline (C0, DEL, C1; ISO/IEC 6429), and those that say in which
+#: direction text runs (Unicode, Annex 9, explicit and implicit directional formatting).
+_CONTROLS = (*range(9), *range(11, 32), *range(0x7F, 0xA0))
+_DIRECTIONS = (0x61C, 0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))
+_ESCAPED = {code: f"\\u{code:04x}" for code in (*_CONTROLS, *_DIRECTIONS)}
+
 
 def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
     """Print one JSON document on stdout; a number that is not finite is null.
@@ -39,18 +45,32 @@ def print_json(document: Any, warnings: Sequence[Warned] | None = None) -> None:
         What a replay warned of: becomes its property ``warnings``, unless None.
     """
     plain = plain_document(document, warnings)
-    print(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
+    print_line(msgspec.json.format(msgspec.json.encode(plain), indent=2).decode())
+
+
+def visible(text: str) -> str:
+    r"""Return a text whose control characters and marks of direction are escaped, as ``\u001b`` is.
+
+    Names come from files of others: on a terminal they could move the cursor, change what stands
+    there, or reverse the order in which it is read. The escapes are those of JSON.
+    """
+    return text.translate(_ESCAPED)
+
+
+def print_line(text: str = "", end: str = "\n") -> None:
+    """Print a line on stdout."""
+    print(visible(text), end=end)
 
 
 def print_stderr(text: str) -> None:
     """Print a line of progress or a remark on stderr."""
-    print(text, file=sys.stderr)
+    print(visible(text), file=sys.stderr)
 
 
 def print_warnings(warnings: Iterable[Warned]) -> None:
     """Print what a replay warned of, a line each, on stdout: before what rests on it."""
     for warned in warnings:
-        print(f"warning: {warned.line}")
+        print_line(f"warning: {warned.line}")
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -58,7 +78,7 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
     for row in [header, *rows]:
         line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        print(line.rstrip())
+        print_line(line.rstrip())
 
 
 @contextmanager
@@ -97,7 +117,13 @@ def progress(
             of = "" if task.total is None else f" of {task.total:.0f}"
             return Text(f"{task.completed:.0f}{of} {unit}")
 
-    columns = (TextColumn(what), BarColumn(), Done(), Rate(), TimeRemainingColumn())
+    columns = (
+        TextColumn(visible(what), markup=False),
+        BarColumn(),
+        Done(),
+        Rate(),
+        TimeRemainingColumn(),
+    )
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)

@@ -15,7 +15,7 @@ from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.parameters import describe
 from ..pipeline.plugins import GROUPS, load
 from ..pipeline.plugins import plugins as installed_plugins
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, Json, Quiet
 
 
@@ -70,24 +70,26 @@ def doctor(
 
 def _print_health(found: Health) -> None:
     state = "sound" if found.sound else "damaged"
-    print(f"{found.recording}: {state}, {found.bytes} bytes, {found.messages} messages can be read")
+    print_line(
+        f"{found.recording}: {state}, {found.bytes} bytes, {found.messages} messages can be read"
+    )
     for place in found.damage:
-        print(f"damage: {_place_text(place)}")
+        print_line(f"damage: {_place_text(place)}")
     for place in found.undecodable:
-        print(f"not decoded: 1 message at {place.start_s:.3f} s: {place.reason}")
+        print_line(f"not decoded: 1 message at {place.start_s:.3f} s: {place.reason}")
     if found.signals is not None:
-        print(f"signals: none can be decoded: {found.signals}")
+        print_line(f"signals: none can be decoded: {found.signals}")
     for attachment in found.attachments:
         if attachment.fault is not None:
-            print(f"attachment: {attachment.fault}")
+            print_line(f"attachment: {attachment.fault}")
     if found.lost or found.lost_uncounted:
         more = " at least" if found.lost_uncounted else ""
-        print(f"lost:{more} {found.lost} messages")
+        print_line(f"lost:{more} {found.lost} messages")
     print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in found.topics])
     if found.repair is not None:
-        print(f"wrote {found.repair.path}: {found.repair.messages} messages")
+        print_line(f"wrote {found.repair.path}: {found.repair.messages} messages")
         for fault in found.repair.left_out:
-            print(f"left out: {fault}")
+            print_line(f"left out: {fault}")
 
 
 def _place_text(place: Place) -> str:
@@ -100,21 +102,21 @@ def _place_text(place: Place) -> str:
 
 
 def _print_installation(found: Installation) -> None:
-    print(f"groundtrace {found.groundtrace}, Python {found.python}, {found.platform}")
+    print_line(f"groundtrace {found.groundtrace}, Python {found.python}, {found.platform}")
     rows = [(p.name, p.version or "MISSING") for p in found.packages]
     print_table(("package", "version"), rows)
-    print(f"viewer: {found.viewer.version or found.viewer.fault}")
+    print_line(f"viewer: {found.viewer.version or found.viewer.fault}")
     for extra in found.extras:
         has = (
             f"{extra.package} {extra.version}"
             if extra.version
             else f"not installed; {extra.command}"
         )
-        print(f"extra {extra.extra}: {has}")
-    print(f"plugins: {found.plugins}, of which {len(found.broken_plugins)} do not import")
+        print_line(f"extra {extra.extra}: {has}")
+    print_line(f"plugins: {found.plugins}, of which {len(found.broken_plugins)} do not import")
     for broken in found.broken_plugins:
-        print(f"  {broken}")
-    print("everything needed is there" if found.sound else "something needed is missing")
+        print_line(f"  {broken}")
+    print_line("everything needed is there" if found.sound else "something needed is missing")
 
 
 def plugins(*, parameters: Annotated[bool, FLAG] = False) -> None:
@@ -140,7 +142,7 @@ def _print_parameters(group: str, name: str) -> None:
     except PluginError as error:
         print_stderr(f"warning: {error}")
         return
-    print(f"\n{name}: {(kind.__doc__ or '').splitlines()[0]}")
+    print_line(f"\n{name}: {(kind.__doc__ or '').splitlines()[0]}")
     header = ("parameter", "default", "unit", "allowed", "part", "")
     rows = [
         (i.name, _shown(i.default), i.unit, i.allowed, i.part, i.doc)
@@ -165,7 +167,7 @@ def pipelines(name: str | None = None) -> None:
         A shipped pipeline or a TOML file to print in full.
     """
     if name is not None:
-        print(build_pipeline(load_pipeline(name)).recipe(), end="")
+        print_line(build_pipeline(load_pipeline(name)).recipe(), end="")
         return
     configs = [load_pipeline(shipped) for shipped in named_pipelines()]
     rows = [(c.name, " > ".join(s.key for s in c.stage), c.description) for c in configs]

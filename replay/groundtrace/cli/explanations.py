@@ -10,7 +10,7 @@ from ..explain.why import Moment, StepExplanation
 from ..explain.why_picks import PickAccount, PickMoment
 from ..explain.why_places import FixMoment, PlaceAccount
 from ..explain.why_vehicles import VehicleAccount, VehicleMoment
-from .console import print_table
+from .console import print_line, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +32,7 @@ def print_answer(found: Answer) -> None:
         case Moment():
             print_moment(found.details)
             if found.sought:
-                print(f"\nsmallest change: {remedy_text(found.remedy)}")
+                print_line(f"\nsmallest change: {remedy_text(found.remedy)}")
         case PickAccount():
             print_picks(found.details)
         case PickMoment():
@@ -77,24 +77,24 @@ def print_pick(found: PickMoment) -> None:
     if found.bad is not None:
         print_table(PICK_HEADER, _picks_rows([found.bad]))
     else:
-        print(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
+        print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
     for link in found.chain:
         print_link(link)
 
 
 def print_picks(found: PickAccount) -> None:
     """Print the figures, the channels with bad picks, and the bad picks."""
-    print(_picks_headline(found))
+    print_line(_picks_headline(found))
     if found.causes:
         causes = sorted(found.causes.items(), key=lambda item: -item[1])
-        print("causes: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+        print_line("causes: " + ", ".join(f"{n} {cause}" for cause, n in causes))
     wrong = [c for c in found.channels if sum(_counts(c)[1:])]
     if wrong:
-        print("\nchannels")
+        print_line("\nchannels")
         header = ("channel", "right", "late", "early", "missed", "false", "median off [ms]", "")
         print_table(header, [_channel_row(c) for c in wrong])
     if found.bad:
-        print("\npicks")
+        print_line("\npicks")
         print_table(PICK_HEADER, _picks_rows(found.bad))
 
 
@@ -155,19 +155,21 @@ AGAINST = {"truth": "the truth", "track": "the track (no true places)", "none": 
 
 def print_places(found: PlaceAccount) -> None:
     """Print the figures, the wrong sensors and the bad places."""
-    print(_places_headline(found))
+    print_line(_places_headline(found))
     if found.undetected:
-        print(f"{found.undetected} true steps were not detected; see --kind steps")
+        print_line(f"{found.undetected} true steps were not detected; see --kind steps")
     if found.causes:
         causes = sorted(found.causes.items(), key=lambda item: -item[1])
-        print("causes of bad places: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+        print_line("causes of bad places: " + ", ".join(f"{n} {cause}" for cause, n in causes))
     if found.sensors:
-        print("\nsensors")
+        print_line("\nsensors")
         rows = [_sensor_row(s, found.reference) for s in found.sensors]
         print_table(("sensor", "cause", "why", "change", "what it does"), rows)
     if found.bad:
-        print("\nplaces")
-        print("misfit: what a cause leaves unexplained of the arrivals; the next best beside it")
+        print_line("\nplaces")
+        print_line(
+            "misfit: what a cause leaves unexplained of the arrivals; the next best beside it"
+        )
         print_table(FIX_HEADER, _fix_rows(found.bad, found.reference))
 
 
@@ -262,19 +264,21 @@ def _remedy(remedy: PlaceRemedy | None, change: str, reference: str, *, alone: b
 
 def print_place(found: FixMoment, reference: str) -> None:
     """Print everything about one place."""
-    print(_place_line(found.fix))
+    print_line(_place_line(found.fix))
     cause = found.fix.cause
     if cause is not None:
-        print(f"{cause.cause}: {cause.text}")
+        print_line(f"{cause.cause}: {cause.text}")
         if np.isfinite(cause.misfit):
-            print(f"misfit: {_closest([cause])}")
+            print_line(f"misfit: {_closest([cause])}")
         change = cause.remedy.change if cause.remedy is not None else ""
-        print(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
+        print_line(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
     for r in found.fix.readings:
         verdict = "pass" if r.passed else "FAIL"
         unit = "" if r.unit == "1" else f" {r.unit}"
-        print(f"gate {r.gate}: {r.value:.4g}{unit}, threshold {r.threshold:.4g}{unit}: {verdict}")
-    print()
+        print_line(
+            f"gate {r.gate}: {r.value:.4g}{unit}, threshold {r.threshold:.4g}{unit}: {verdict}"
+        )
+    print_line()
     header = ("channel", "arrival [ms]", "off [ms]", "without it: off [m]", "residual", "")
     print_table(header, _channel_rows(found))
 
@@ -349,38 +353,38 @@ def first_to_last(times_s: Sequence[float]) -> str:
 def print_account(found: StepExplanation) -> None:
     """Print every missed and false step, and how many picks and places are bad."""
     counts = found.counts
-    print(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
+    print_line(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
     if found.shift is not None:
         s = found.shift
-        print(
+        print_line(
             f"one shift mends {s.mends} of {s.pairs} steps that were found at the wrong time: all "
             f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} would be "
             f"right; see also --tolerance"
         )
     if found.causes:
         causes = sorted(found.causes.items(), key=lambda item: -item[1])
-        print("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+        print_line("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
     for noun, mended, wrong in (
         ("misses", found.mended_missed, found.missed),
         ("false steps", found.mended_false, found.false),
     ):
         if wrong and not found.untried:
-            print(
+            print_line(
                 f"remedies of {noun}: {mended.one} one change, {mended.two} a pair of changes, "
                 f"{mended.none} none"
             )
     if found.untried and (found.missed or found.false):
-        print(f"remedies: none sought; {_untried_text(found.untried)}")
+        print_line(f"remedies: none sought; {_untried_text(found.untried)}")
     if found.bad_fixes:
-        print(f"places: {found.bad_fixes} far off, rejected or missing; see --kind fixes")
+        print_line(f"places: {found.bad_fixes} far off, rejected or missing; see --kind fixes")
     if found.bad_picks:
-        print(f"picks: {found.bad_picks} late, early or missed; see --kind picks")
+        print_line(f"picks: {found.bad_picks} late, early or missed; see --kind picks")
     if found.missed:
-        print("\nmissed")
+        print_line("\nmissed")
         header = ("step", "time [s]", "candidate", "cause", "why", "smallest change")
         print_table(header, [_missed_row(m, found) for m in found.missed])
     if found.false:
-        print("\nfalse")
+        print_line("\nfalse")
         rows = [_false_row(f, found) for f in found.false]
         print_table(("time [s]", "what it is", "narrowest gate", "smallest change"), rows)
 
@@ -436,10 +440,10 @@ def print_moment(found: Moment) -> None:
     """Print every candidate about a moment."""
     if found.reason is None:
         answers = "" if found.pair is None else f" at {found.pair.found_s:.3f} s: {found.pair.text}"
-        print(f"{found.time_s:.3f} s: a step was accepted{answers}")
+        print_line(f"{found.time_s:.3f} s: a step was accepted{answers}")
     else:
         at = "" if found.pair is None else f" (the step found at {found.pair.found_s:.3f} s)"
-        print(f"{found.time_s:.3f} s: no step ({found.reason.cause}): {found.reason.text}{at}")
+        print_line(f"{found.time_s:.3f} s: no step ({found.reason.cause}): {found.reason.text}{at}")
     for link in found.chain:
         print_link(link)
 
@@ -447,7 +451,7 @@ def print_moment(found: Moment) -> None:
 def print_link(link: Chain) -> None:
     """Print one candidate and its gates."""
     verdict = "accepted" if link.accepted else "rejected"
-    print(f"\n{link.stage} {link.topic} {link.channel} at {link.time_s:.4f} s: {verdict}")
+    print_line(f"\n{link.stage} {link.topic} {link.channel} at {link.time_s:.4f} s: {verdict}")
     rows = [
         (
             "  " + r.gate,
@@ -467,14 +471,14 @@ VEHICLE_HEADER = ("time [s]", "vehicle", "station", "", "stage", "why", "one set
 
 def print_vehicles(found: VehicleAccount) -> None:
     """Print how many are right, and the reasons of those that are not."""
-    print(_vehicles_headline(found))
+    print_line(_vehicles_headline(found))
     if found.reasons:
         print_table(VEHICLE_HEADER, _vehicles_rows(found))
 
 
 def print_vehicle_moment(found: VehicleMoment) -> None:
     """Print the candidates about a moment."""
-    print(f"{found.time_s:.3f} s: {len(found.chain)} candidates")
+    print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates")
     for link in found.chain:
         print_link(link)
 

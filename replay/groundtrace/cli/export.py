@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from ..api.exporting import export_file
 from ..errors import RecordingError
 from ..export.base import Origin
-from .console import print_json, print_stderr
+from .console import print_json, print_line, print_stderr
 from .options import FLAG, OUT, Json
 
 
@@ -70,9 +70,9 @@ def export_(
         return
     words = {"signals": "samples"}
     counts = ", ".join(f"{n} {words.get(name, name)}" for name, n in report.counts.items())
-    print(f"wrote {report.path}: {report.format}, {counts}")
+    print_line(f"wrote {report.path}: {report.format}, {counts}")
     for remark in report.remarks:
-        print(f"  {remark}")
+        print_line(f"  {remark}")
 
 
 def _origin(text: str | None) -> Origin | None:

@@ -31,7 +31,7 @@ from ..fleet.run import shard as shard_tasks
 from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import write_text
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import AT_LEAST_ONE, FLAG, OUT, Json, Texts, Tolerance
 
 if TYPE_CHECKING:
@@ -177,18 +177,18 @@ def _report(
 
 def _print(said: FleetReport) -> None:
     known = f", {said.known} were done before" if said.known else ""
-    print(f"{said.done} replayed, {said.failed} failed{known}; {said.wall_s:.1f} s")
+    print_line(f"{said.done} replayed, {said.failed} failed{known}; {said.wall_s:.1f} s")
     if said.table is None:
-        print(f"parts: {said.parts} (when all shards are there, join them with --join)")
+        print_line(f"parts: {said.parts} (when all shards are there, join them with --join)")
         return
-    print(f"table: {said.table}, {said.rows} rows of {said.recordings} recordings")
-    print(f"steps: {said.steps_table}, {said.steps} rows")
+    print_line(f"table: {said.table}, {said.rows} rows of {said.recordings} recordings")
+    print_line(f"steps: {said.steps_table}, {said.steps} rows")
     if said.errors:
-        print(f"errors: {said.errors} rows have one, in the column error")
+        print_line(f"errors: {said.errors} rows have one, in the column error")
     if said.warnings:
-        print(f"warnings: {said.warnings} rows have some, in the column warnings")
-    print(f"decided: {said.digest} (the same wherever it is computed)")
-    print(f"look at it with: groundtrace fleet-report {said.table} -o fleet.html")
+        print_line(f"warnings: {said.warnings} rows have some, in the column warnings")
+    print_line(f"decided: {said.digest} (the same wherever it is computed)")
+    print_line(f"look at it with: groundtrace fleet-report {said.table} -o fleet.html")
 
 
 @dataclass(frozen=True, slots=True)

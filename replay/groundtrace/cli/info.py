@@ -13,7 +13,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import existing
 from ..api.inspection import examine, summary
-from .console import annotations_to_show, print_json, print_table, progress
+from .console import annotations_to_show, print_json, print_line, print_table, progress
 from .options import FLAG, Json
 
 if TYPE_CHECKING:
@@ -59,33 +59,39 @@ def info(
 
 def _print(found: RecordingInfo) -> None:
     when = f", began {found.start}" if found.start else ""
-    print(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
+    print_line(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
     rows = [stream_row(s) for s in found.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
     print_guesses(found.streams)
     for line in found.clocks:
-        print(f"time: {line}")
+        print_line(f"time: {line}")
     for warning in found.unit_warnings:
-        print(f"unit: {warning}")
+        print_line(f"unit: {warning}")
     for check in found.axes:
-        print(f"axes: {check.topic} against {check.against}: {check.text}")
+        print_line(f"axes: {check.topic} against {check.against}: {check.text}")
     print_faults(found.faults)
     for other in found.others:
-        print(f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)")
+        print_line(
+            f"left alone: {other['topic']} ({other['schema']}, {other['messages']} messages)"
+        )
     print_gaps(found.gaps)
     if not found.signals_read:
-        print("signals: not read, so nothing about gaps, units, faults (without --quick they are)")
+        print_line(
+            "signals: not read, so nothing about gaps, units, faults (without --quick they are)"
+        )
     for damage in found.damage:
         lost = "?" if damage.messages is None else damage.messages
-        print(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
+        print_line(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
     if found.truth:
-        print("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
+        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
     if found.annotations:
         marks = ", ".join(f"{n} {kind}" for kind, n in found.annotations.items())
-        print(f"annotations: {marks} (groundtrace annotate lists them)")
+        print_line(f"annotations: {marks} (groundtrace annotate lists them)")
     if found.geometry is not None:
         unit = "" if found.length_unit in (None, "m") else ", unit of length unknown"
-        print("geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit)
+        print_line(
+            "geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit
+        )
 
 
 #: So many channels with one kind of fault are told one by one.
@@ -100,14 +106,14 @@ def print_faults(faults: Sequence[FaultInfo]) -> None:
         shown = alike if len(alike) <= MOST_LINES else alike[: MOST_LINES - 1]
         for fault in shown:
             where = " ".join(filter(None, (fault.topic, fault.channel)))
-            print(
+            print_line(
                 f"fault: {where}: {fault.what}, first at {fault.start_s:.3f} s: "
                 f"{fault.effect}; {fault.remedy}"
             )
         rest = alike[len(shown) :]
         if rest:
             names = ", ".join(fault.channel for fault in rest)
-            print(f"fault: {kind[0]}: {kind[1]} on {len(rest)} more channels: {names}")
+            print_line(f"fault: {kind[0]}: {kind[1]} on {len(rest)} more channels: {names}")
 
 
 def print_guesses(streams: Sequence[StreamInfo]) -> None:
@@ -116,7 +122,7 @@ def print_guesses(streams: Sequence[StreamInfo]) -> None:
         guess = stream.placement_guess
         if guess is not None:
             but = f"; stated: {stream.placement}, which is taken" if guess.contradicts else ""
-            print(f"placement of {stream.topic}, a guess: {guess.text}{but}")
+            print_line(f"placement of {stream.topic}, a guess: {guess.text}{but}")
 
 
 def stream_row(s: StreamInfo) -> tuple[str, ...]:
@@ -140,13 +146,13 @@ def _cut(steps: int) -> str:
 def print_gaps(gaps: Sequence[GapInfo]) -> None:
     """Print unbridged gaps one by one, the bridged ones as counts."""
     for gap in [g for g in gaps if not g.bridged][:20]:
-        print(
+        print_line(
             f"gap: {gap.topic} {gap.start_s:.3f} to {gap.end_s:.3f} s, {gap.reason}, "
             f"{gap.lost} samples{_cut(gap.steps)}"
         )
     more = sum(not g.bridged for g in gaps) - 20
     if more > 0:
-        print(f"gap: and {more} more")
+        print_line(f"gap: and {more} more")
     bridged = Counter((g.topic, g.reason) for g in gaps if g.bridged)
     for (topic, reason), count in bridged.items():
-        print(f"bridged: {topic} {count} times {reason}")
+        print_line(f"bridged: {topic} {count} times {reason}")

@@ -18,7 +18,7 @@ from ..layout.report import NAMES, assumed, findings, report
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import write_text
-from .console import print_json, print_stderr, print_table, progress, where_to_show
+from .console import print_json, print_line, print_stderr, print_table, progress, where_to_show
 from .options import FLAG, POSITIVE, Force, ForceOutputs, Json, Spawn
 
 if TYPE_CHECKING:
@@ -87,11 +87,11 @@ def room(
 
 
 def _print_room(found: RoomAnalysis) -> None:
-    print(f"{found.layout.name}: {assumed(found.layout)}")
+    print_line(f"{found.layout.name}: {assumed(found.layout)}")
     for line in findings(found):
-        print(f"  {line}")
+        print_line(f"  {line}")
     if found.contributions:
-        print("\nmean error without each sensor, rise [m]")
+        print_line("\nmean error without each sensor, rise [m]")
         _print_sensors(report(found))
 
 
@@ -142,13 +142,13 @@ def attenuation(
 
 
 def _print_attenuation(name: str, impacts: int, law: Attenuation) -> None:
-    print(f"{name}: {impacts} impacts, {law.samples} amplitudes above the noise")
-    print("  amplitude = strength * d^-n * exp(-alpha d), each impact with its own strength")
-    print(f"  n {law.exponent:.3f} +- {law.exponent_sigma:.3f}")
-    print(f"  alpha {law.loss_per_m:.4f} +- {law.loss_sigma:.4f} 1/m")
-    print(f"  scatter about it: a factor of {math.exp(law.scatter):.2f}")
+    print_line(f"{name}: {impacts} impacts, {law.samples} amplitudes above the noise")
+    print_line("  amplitude = strength * d^-n * exp(-alpha d), each impact with its own strength")
+    print_line(f"  n {law.exponent:.3f} +- {law.exponent_sigma:.3f}")
+    print_line(f"  alpha {law.loss_per_m:.4f} +- {law.loss_sigma:.4f} 1/m")
+    print_line(f"  scatter about it: a factor of {math.exp(law.scatter):.2f}")
     if law.correlation < -0.95:
-        print("  n and alpha are hard to tell apart here: they hold together, not each alone")
+        print_line("  n and alpha are hard to tell apart here: they hold together, not each alone")
 
 
 def calibrate(
@@ -213,12 +213,14 @@ def calibrate(
         return
     _print_calibration(done.found)
     if geometry_out is not None:
-        print(f"geometry: {geometry_out} (use it with: groundtrace replay --geometry)")
+        print_line(f"geometry: {geometry_out} (use it with: groundtrace replay --geometry)")
 
 
 def _print_calibration(c: Calibration) -> None:
     places = "known" if c.known_places else "unknown"
-    print(f"{c.impacts} impacts of {places} places, {c.arrivals} arrivals at {c.sensors} sensors")
+    print_line(
+        f"{c.impacts} impacts of {places} places, {c.arrivals} arrivals at {c.sensors} sensors"
+    )
     u = c.unit.removesuffix("s")
     rows = [
         ("scale k", f"{c.scale.value:.4g}", f"{c.scale.deviation:.2g}", f"s/{u}^p"),
@@ -228,20 +230,20 @@ def _print_calibration(c: Calibration) -> None:
     ]
     print_table(("", "value", "deviation", "unit"), rows)
     spread = " ".join(f"{x.loss} {x.scale:.4g}/{x.exponent:.3f}" for x in c.losses)
-    print(f"k/p by loss: {spread}")
+    print_line(f"k/p by loss: {spread}")
     if c.offsets_estimated:
         clocks = [
             (o.channel, f"{o.offset_s * 1e3:+.3f}", f"{o.deviation_s * 1e3:.3f}") for o in c.offsets
         ]
         print_table(("clock", "ahead [ms]", "deviation"), clocks)
     if c.held_out_gain is not None and c.held_out_error is not None:
-        print(
+        print_line(
             f"held-out places: log likelihood {c.held_out_gain:+.1f} with offsets of the clocks, "
             f"standard error {c.held_out_error:.1f}"
         )
     if c.positions is not None:
         p = c.positions
-        print(
+        print_line(
             f"places: RMSE {p.rmse_before:.2f} {c.unit} before, {p.rmse_after:.2f} {c.unit} after, "
             f"n {p.n}"
         )

@@ -224,9 +224,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         if error.errno not in NO_ROOM:
             raise
+        from .console import print_stderr
+
         _hush()
         reason = f"expected room to write, found: {error.strerror}"
-        print(f"groundtrace: output: {reason}", file=sys.stderr)
+        print_stderr(f"groundtrace: output: {reason}")
         code = 1
     if code:
         sys.exit(code)
@@ -265,7 +267,9 @@ def _run(arguments: Sequence[str]) -> int:
         said = str(error)
     else:
         return 0
-    print(f"groundtrace: {said}", file=sys.stderr)
+    from .console import print_stderr
+
+    print_stderr(f"groundtrace: {said}")
     return 1
 
 

@@ -25,7 +25,7 @@ from ..api.merging import (
 )
 from ..errors import RecordingError
 from ..pipeline.config import checked_pipeline
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, OUT, Json, Texts
 
 if TYPE_CHECKING:
@@ -256,10 +256,10 @@ def report(
         )
         return
     files = f"{len(sources)} files" if len(sources) != 1 else sources[0].name
-    print(f"wrote {out}: {size / 1e6:.2f} MB out of {files}")
+    print_line(f"wrote {out}: {size / 1e6:.2f} MB out of {files}")
     for each in found[1:] if len(found) > 1 else found:
         for line in clock_lines(each.record, found[0].record.file, each.alignment):
-            print(line)
+            print_line(line)
     print_table(("topic", "messages"), [(t, str(n)) for t, n in merged.messages.items()])
 
 

@@ -17,7 +17,7 @@ from ..api.cutting import cut_span
 from ..api.files import existing, writable
 from ..errors import RecordingError
 from ..pipeline.results import write_text
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, OUT, Force, Json, Quiet
 
 if TYPE_CHECKING:
@@ -101,14 +101,14 @@ def import_(
 
 
 def _print_import(report: ImportReport) -> None:
-    print(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
+    print_line(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
     for topic, samples in report.samples.items():
-        print(f"  {topic}: {samples} samples")
-    print(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
+        print_line(f"  {topic}: {samples} samples")
+    print_line(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
     for remark in report.remarks:
-        print(f"  {remark}")
+        print_line(f"  {remark}")
     if report.labels:
-        print("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
+        print_line("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
 
 
 def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
@@ -124,8 +124,8 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
     found = guess_map(table)
     write_text(written, found.toml)
     for remark in found.remarks:
-        print(remark_line(remark))
-    print(
+        print_line(remark_line(remark))
+    print_line(
         f"wrote {written}: check it, then: groundtrace import {table} --map {written} -o OUT.mcap"
     )
 
@@ -270,7 +270,7 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
             }
         )
         return
-    print(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
+    print_line(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
     topics = dict.fromkeys((*found.messages, *found.left))
     rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)

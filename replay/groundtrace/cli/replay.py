@@ -19,7 +19,7 @@ from ..errors import RecordingError
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, public_arguments
-from .console import print_json, print_stderr, print_warnings, progress, where_to_show
+from .console import print_json, print_line, print_stderr, print_warnings, progress, where_to_show
 from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOutputs, Json, Quiet
 
 if TYPE_CHECKING:
@@ -250,17 +250,19 @@ def report(
     quiet_notes = counts["notes"] - sum(warned.count for warned in warnings)
     _print_report(session.streams, chain, tally, counts | {"notes": quiet_notes})
     print_warnings(warnings)
-    print(f"results: {results}")
+    print_line(f"results: {results}")
     if rrd is not None:
         size = f"{rrd.stat().st_size / 1e6:.1f} MB, {timeline}"
-        print(f"timeline: {rrd}, {size} (open it with: rerun {rrd})")
+        print_line(f"timeline: {rrd}, {size} (open it with: rerun {rrd})")
     if damage:
-        print(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
+        print_line(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
 
 
 def _print_report(
     streams: tuple[Stream, ...], chain: Pipeline, tally: ReplayCounts, counts: dict[str, int]
 ) -> None:
     signals = ", ".join(f"{s.topic} ({len(s.channels)} x {s.rate_hz:g} Hz)" for s in streams)
-    print(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
-    print(", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events")
+    print_line(f"replayed {tally.recorded_s:.1f} s of {signals} through {chain.config.name}")
+    print_line(
+        ", ".join(f"{count} {name}" for name, count in counts.items() if count) or "no events"
+    )

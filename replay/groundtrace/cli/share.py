@@ -12,7 +12,7 @@ from ..api.files import existing
 from ..errors import RecordingError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_stderr, print_warnings
+from .console import print_line, print_stderr, print_warnings
 from .options import FLAG, OUT, Results
 
 
@@ -75,15 +75,21 @@ def _report(out: Path, form: str) -> None:
         files = [path for path in out.rglob("*") if path.is_file()]
         size = sum(path.stat().st_size for path in files)
         replay = (out / "replay.rrd").stat().st_size
-        print(f"shared: {out}, {len(files)} files, {_mb(size)} ({_mb(replay)} of it the replay)")
-        print(f"open it with: python -m http.server 8000 --bind 127.0.0.1 --directory {out}")
-        print(f"then http://localhost:8000 in a browser; {out / 'summary.html'} opens by itself")
+        print_line(
+            f"shared: {out}, {len(files)} files, {_mb(size)} ({_mb(replay)} of it the replay)"
+        )
+        print_line(f"open it with: python -m http.server 8000 --bind 127.0.0.1 --directory {out}")
+        print_line(
+            f"then http://localhost:8000 in a browser; {out / 'summary.html'} opens by itself"
+        )
         return
-    print(f"shared: {out}, {_mb(out.stat().st_size)}")
+    print_line(f"shared: {out}, {_mb(out.stat().st_size)}")
     if form == "zip":
-        print("unpack it, run python -m http.server 8000 in its folder, open http://localhost:8000")
+        print_line(
+            "unpack it, run python -m http.server 8000 in its folder, open http://localhost:8000"
+        )
     else:
-        print("open it by a double click: it needs no server and no network")
+        print_line("open it by a double click: it needs no server and no network")
 
 
 def _mb(size: int) -> str:

@@ -32,6 +32,7 @@ from ..simulate.room_plan import (
 )
 from ..simulate.vehicle import simulate_vehicle
 from ..simulate.walk import ClockError, Walked, simulate_same_walk, simulate_walk
+from .console import print_line
 from .options import FLAG, OUT, Force, Texts
 
 if TYPE_CHECKING:
@@ -270,7 +271,7 @@ def _offset(text: str) -> tuple[str, float]:
 def store(simulation: Simulation, out: Path, *, force: bool) -> None:
     """Write a simulation and say what its truth holds."""
     write(simulation, writable(out, force=force), force=force)
-    print(f"wrote {out}: {_labels([x.kind for x in simulation.labels])}")
+    print_line(f"wrote {out}: {_labels([x.kind for x in simulation.labels])}")
 
 
 def _labels(kinds: Sequence[str]) -> str:

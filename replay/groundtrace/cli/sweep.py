@@ -10,7 +10,7 @@ from cyclopts import Parameter, validators
 
 from ..api.files import writable
 from ..pipeline.results import write_text
-from .console import print_json, print_stderr, print_table, progress
+from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import AT_LEAST_ONE, FLAG, POSITIVE, ForceOutputs, Json, Texts, Truth
 
 if TYPE_CHECKING:
@@ -107,15 +107,15 @@ def _swept(plan: SweepPlan, top: int, jobs: int) -> tuple[Counted, Ranking]:
 
 
 def _print_sweep(r: Ranking) -> None:
-    print(f"{', '.join(r.recordings)}: {r.truth} true {r.counted}, {r.rate.settings} settings")
+    print_line(f"{', '.join(r.recordings)}: {r.truth} true {r.counted}, {r.rate.settings} settings")
     _print_top(r)
     best = r.best
     if best.same > 1:
-        print(f"\nbest: the middle of the {best.same} settings that reach F1 {best.f1:.3f}")
+        print_line(f"\nbest: the middle of the {best.same} settings that reach F1 {best.f1:.3f}")
     if r.now.f1 >= best.f1:
-        print("no setting is better than the pipeline as it is")
+        print_line("no setting is better than the pipeline as it is")
     sets = " ".join(f"--set {name}={_exact(value)}" for name, value in best.settings.items())
-    print(f"{'' if best.same > 1 else chr(10)}replay with {sets}")
+    print_line(f"{'' if best.same > 1 else chr(10)}replay with {sets}")
     _print_front(r)
     if r.left_out is not None:
         _print_left_out(r.left_out)
@@ -148,7 +148,7 @@ def _sweep_row(name: str, x: Ranked) -> tuple[str, ...]:
 
 
 def _print_front(r: Ranking) -> None:
-    print(f"\nmissed against false {r.counted}: what no setting beats")
+    print_line(f"\nmissed against false {r.counted}: what no setting beats")
     names = [p.name for p in r.parameters]
     rows = [
         (
@@ -164,7 +164,7 @@ def _print_front(r: Ranking) -> None:
 
 
 def _print_left_out(found: LeaveOneOut) -> None:
-    print("\nleft out: each recording under what is best on the others")
+    print_line("\nleft out: each recording under what is best on the others")
     rows = [
         (
             x.recording,
@@ -185,12 +185,14 @@ def _print_left_out(found: LeaveOneOut) -> None:
 
 def _print_rate(r: Ranking) -> None:
     through = "gates of a detector" if r.rate.through == "gates" else "gates and an associator"
-    print(
+    print_line(
         f"\n{r.rate.settings} settings in {r.rate.decided_s:.2f} s through {through}: "
         f"{r.rate.recorded_s_per_s:.0f} recorded seconds per second"
     )
     if r.rate.measurements:
-        print(f"{r.rate.measurements} measurements of the signal took {r.rate.measured_s:.1f} s")
+        print_line(
+            f"{r.rate.measurements} measurements of the signal took {r.rate.measured_s:.1f} s"
+        )
 
 
 def _exact(value: Any) -> str:

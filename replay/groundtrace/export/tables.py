@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
+from groundtrace_codecs.truth import guarded_cell
 
 from .base import LABELS, Miss, Written, all_kinds, events_of_kind, iso_utc, misses, write_tables
 
@@ -44,7 +45,7 @@ def write_csv(table: Table, path: Path) -> int:
     rows = 0
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([column.name for column in table.columns])
+        writer.writerow([guarded_cell(column.name) for column in table.columns])
         for batch in table.batches:
             cells = [_texts(c, v) for c, v in zip(table.columns, batch, strict=True)]
             writer.writerows(zip(*cells, strict=True))
@@ -67,6 +68,8 @@ def _texts(column: Column, values: Cells) -> list[str]:
             return ["" if v is None or math.isnan(v) else str(v) for v in cells]
         case "bool":
             return [str(bool(v)).lower() for v in cells]
+        case "text":
+            return ["" if v is None else guarded_cell(str(v)) for v in cells]
     return ["" if v is None else str(v) for v in cells]
 
 
