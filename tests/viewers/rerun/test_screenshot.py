@@ -23,6 +23,7 @@ from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.rerun.capture import main, screenshot
 from groundtrace_viewers.rerun.process import connect, free_port, open_viewer, quiet_environment
 from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import SINGLES
 
 if TYPE_CHECKING:
     import subprocess
@@ -126,7 +127,7 @@ def test_a_live_viewer_is_left_paused_at_the_first_event(
         sink.close()
         (recording,) = connect(sink.viewer, port).get_state().recordings
         assert recording.current_time == 800_000_000
-        times, _ = read_back(tmp_path / "live.rrd", "/signals/seismic", "Scalars:scalars")
+        times, _ = read_back(tmp_path / "live.rrd", "/signals/seismic", SINGLES)
         assert len(times) == len(seismic_samples())
     finally:
         if sink.viewer is not None:

@@ -378,6 +378,20 @@ def samples(
         name=f"{entity.title}: every sample, cursor {span}",
         axis_x=around(before, after),
         plot_legend=legend(entity.series, most),
+        overrides={entity.path: _mapped(entity.component)} if entity.component else None,
+    )
+
+
+def _mapped(component: str) -> rrb.Visualizer:
+    """Return what draws curves that are no scalars."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    source = rrb.encodings.ComponentSourceKind.SourceComponent
+    mapping = rrb.encodings.VisualizerComponentMapping
+    scalars = rr.Scalars.descriptor_scalars().component
+    return rr.SeriesLines().visualizer(
+        mappings=[mapping(scalars, source, source_component=component)]
     )
 
 

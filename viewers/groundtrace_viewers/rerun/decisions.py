@@ -65,7 +65,7 @@ from .timeline import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -350,8 +350,9 @@ BEFORE_S, AFTER_S = 0.1, 0.1
 LOOK_AHEAD_S = 0.05
 #: A picker's past is forgotten after so many times its longest time.
 RUN_INS = 5.0
-#: Parameter of pickers: noise that is known for a shorter time is trusted less.
-WARM_UP = "warm_up_s"
+#: Parameters of a picker that finds no candidates, and of one whose noise is trusted at once, as it
+#: is in a run that began long before.
+CURVE_ALONE, TRUSTED = {"floor": np.inf}, {"warm_up_s": 0.0}
 #: Steps of the value axis, about a pixel each: samples that change nothing need no row.
 LEVELS = 128
 
@@ -427,7 +428,8 @@ class PickerCurve:
         early_ns = start_ns - round((self._retold.run_in_s + FRAME_S) * NS_PER_S)
         late_ns = end_ns + round(LOOK_AHEAD_S * NS_PER_S)
         run = _last_run(self._traces.blocks(self._spec.topic, early_ns, late_ns), time_ns)
-        self._retold.restart(under_way=bool(run) and run[0].first > 0)
+        under_way = bool(run) and run[0].first > 0
+        self._retold.restart(CURVE_ALONE | (TRUSTED if under_way else {}))
         pieces = []
         for block in run:
             begin = block.index_of(start_ns)
@@ -504,7 +506,7 @@ class RecomputedCurve:
         self._spec = spec
         found = used(session, spec)
         self._used = found if found is not None and hasattr(found.kind, "curve") else None
-        self.restart()
+        self.restart({})
 
     @property
     def known(self) -> bool:
@@ -527,16 +529,15 @@ class RecomputedCurve:
         periods = [1 / value for unit, value in known if unit == "Hz" and value > 0]
         return RUN_INS * max([*times, *periods], default=0.0)
 
-    def restart(self, *, under_way: bool = False) -> None:
-        """Begin the stage anew; of a run that began long before, noise is trusted at once."""
+    def restart(self, changes: Mapping[str, float]) -> None:
+        """Begin the stage anew, with changes to those of its parameters that it has."""
         self._last: Curve | None = None
         self._stage: StageRunner | None = None
         if self._used is not None:
             config = StageConfig(self._spec.plugin, self._spec.stage, self._used.topics)
             given = self._used.parameters
-            if under_way and hasattr(given, WARM_UP):
-                given = replace(given, **{WARM_UP: 0.0})
-            self._stage = StageRunner(config, self._used.kind, given)
+            known = {name: value for name, value in changes.items() if hasattr(given, name)}
+            self._stage = StageRunner(config, self._used.kind, replace(given, **known))
 
     def skip(self, item: SignalBlock | Gap) -> None:
         """Take what the stage is given, a block or a gap."""

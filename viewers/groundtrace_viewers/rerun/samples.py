@@ -90,14 +90,16 @@ def curves_of(stream: Stream) -> tuple[Curves, ...]:
 FULL_RATE_HZ = 500.0
 #: What can be asked for, besides a span.
 MODES = ("none", "misses", "events", "all")
-#: How much is shown before and after a miss or an event [ns].
-REACH_NS = NS_PER_S // 2
+#: How much is shown before and after a miss or an event [ns]; and of events that stand for misses,
+#: whose step is known: as much as the decision function and the wave.
+REACH_NS, STEP_NS = (NS_PER_S // 2, NS_PER_S // 2), (NS_PER_S // 10, NS_PER_S // 5)
 #: A sample takes so much of a file [bytes], and so much as recorded by a converter of 16 bits.
-SHOWN_BYTES, RAW_BYTES = 4.8, 2.0
+SHOWN_BYTES, RAW_BYTES = 4.0, 2.0
 #: Where every sample fits into this [bytes], every sample is shown instead of those around misses.
 SMALL_BYTES = 32e6
-#: Otherwise samples around misses take at most this much of the raw ones, or the above.
-MOST_OF_RAW = 0.25
+#: Otherwise samples around misses take at most this much of the raw ones, or the above; around
+#: events that stand for misses this much [bytes].
+MOST_OF_RAW, UNTOLD_BYTES = 0.25, 8e6
 #: Everything else takes about this much for a second of a fast channel, and of any recording.
 REST_BYTES, LEAST_REST_BYTES = 1_400.0, 4_000.0
 #: Layout, pages and what is logged once [bytes].
@@ -157,6 +159,8 @@ class Plan:
         First and last time that is shown at all [ns].
     span_ns
         Every sample of this half-open span is shown [ns].
+    reach_ns
+        How much is shown before and after a miss or an event [ns].
     truth
         Whether it is known what was missed; else steps stand for misses.
     second_bytes
@@ -170,6 +174,7 @@ class Plan:
     mode: str
     shown_ns: tuple[int, int]
     span_ns: tuple[int, int]
+    reach_ns: tuple[int, int]
     truth: bool
     second_bytes: float
     budget_bytes: float
@@ -210,7 +215,7 @@ class Plan:
             return size
         if not self.close_ups:
             return f"{size}, {self.shown}"
-        each = _megabytes(2 * REACH_NS / NS_PER_S * self.second_bytes)
+        each = _megabytes(sum(self.reach_ns) / NS_PER_S * self.second_bytes)
         instead = "" if self.truth or self.mode == "events" else " (no truth says what was missed)"
         most = f", at most {_megabytes(self.budget_bytes)} of these"
         return f"{size}, and {each} at full rate around each of {self.subject}{instead}{most}"
@@ -234,16 +239,20 @@ def planned(asked: FullRate, session: ReplaySession) -> Plan:
     rest = ONCE_BYTES + duration_s * (LEAST_REST_BYTES + REST_BYTES * channels + SLOW_BYTES * slow)
     whole = duration_s * rate * SHOWN_BYTES
     mode = "all" if asked.mode == "misses" and whole <= SMALL_BYTES else asked.mode
-    budget = max(SMALL_BYTES, MOST_OF_RAW * RAW_BYTES * duration_s * rate)
+    truth = any(label.kind == "step" for label in session.labels)
+    untold = mode == "misses" and not truth
+    least = UNTOLD_BYTES if untold else SMALL_BYTES
+    budget = max(least, MOST_OF_RAW * RAW_BYTES * duration_s * rate)
     span_ns = (start_ns, start_ns)
     if mode == "all":
         span_ns = (start_ns, end_ns + 1)
     elif mode == "span":
         first, last = (session.start_ns + round(s * NS_PER_S) for s in asked.span_s)
         span_ns = (max(first, start_ns), max(first, start_ns, min(last, end_ns + 1)))
-    truth = any(label.kind == "step" for label in session.labels)
     budget = whole if mode == "events" else min(budget, whole)
-    return Plan(mode, (start_ns, end_ns), span_ns, truth, rate * SHOWN_BYTES, budget, rest)
+    reach_ns = STEP_NS if untold else REACH_NS
+    shown_ns, second = (start_ns, end_ns), rate * SHOWN_BYTES
+    return Plan(mode, shown_ns, span_ns, reach_ns, truth, second, budget, rest)
 
 
 def enveloped(stream: Stream, quantity: str) -> bool:

@@ -10,7 +10,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View
 from .samples import FULL_RATE_HZ, curves_of, enveloped
-from .timeline import NORM, Entity
+from .timeline import NORM, SINGLES, Entity
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from .context import ViewContext
     from .samples import Curves, Piece, Plan
     from .timeline import SensorColours, Timeline
+
+    #: A block, or the time at which a curve ends [ns].
+    Part = SignalBlock | int
 
 #: Envelopes: the finest, and for a recording that is longer than the viewer shows at first those of
 #: what it shows, and of all of it.
@@ -111,8 +114,7 @@ class SignalView:
             if enveloped(stream, curves.quantity)
             for role, rate_hz in envelopes_of(plan)
         ]
-        self._times: list[NDArray[np.int64]] = []
-        self._values: list[NDArray[np.float64]] = []
+        self._parts: list[Part] = []
         self._pending = 0
         self._end_ns: int | None = None
         self._patience_ns = stream.period_ns * (IRREGULAR_PERIODS if stream.irregular else 1.0)
@@ -143,15 +145,10 @@ class SignalView:
         """Log samples that were asked for later."""
         if not blocks:
             return
-        times = np.concatenate([block.sample_times() for block in blocks])
-        values = np.concatenate([block.values for block in blocks])
-        # the viewer would draw a line to the next
-        times = np.append(times, times[-1] + 1)
-        values = np.vstack([values, np.full((1, values.shape[1]), np.nan)])
+        ended = blocks[-1].last_ns + 1  # the viewer would draw a line to the next
         for curves in self._curves:
             if enveloped(self._stream, curves.quantity):
-                self._declare(curves)
-                self._log(curves, times, values)
+                self._log(curves, [*blocks, ended])
 
     def _take(self, block: SignalBlock) -> None:
         if self._end_ns is not None and block.start_ns - self._end_ns > self._patience_ns:
@@ -161,37 +158,41 @@ class SignalView:
             level.push(block)
         first_ns, end_ns = self._plan.span_ns
         if self._slow or (block.start_ns < end_ns and block.last_ns >= first_ns):
-            self._times.append(block.sample_times())
-            self._values.append(block.values)
+            self._parts.append(block)
             self._pending += len(block)
         if self._pending >= self._rows:
             self.flush()
 
     def _break(self, end_ns: int) -> None:
         """End the curves at an interruption: the viewer would draw a line across it."""
-        self._times.append(np.array([end_ns]))
-        self._values.append(np.full((1, len(self._stream.channels)), np.nan))
+        self._parts.append(end_ns)
         self._pending += 1
         for level in self._levels:
             level.end(end_ns)
 
     def flush(self) -> None:
         """Log what is pending, of fast curves what lies in the span that is shown."""
-        if not self._pending:
-            return
-        times, values = np.concatenate(self._times), np.concatenate(self._values)
-        self._times, self._values, self._pending = [], [], 0
-        first, last = np.searchsorted(times, self._plan.span_ns)
+        parts, self._parts, self._pending = self._parts, [], 0
+        inside = _within(parts, *self._plan.span_ns)
         for curves in self._curves:
-            if not enveloped(self._stream, curves.quantity):
-                self._log(curves, times, values)
-            elif first < last:
-                self._declare(curves)
-                self._log(curves, times[first:last], values[first:last])
+            self._log(curves, inside if enveloped(self._stream, curves.quantity) else parts)
 
-    def _log(self, curves: Curves, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        shown = values[:, curves.columns] * curves.factor
-        self._timeline.scalars(entity_path("signal", curves), times, shown)
+    def _log(self, curves: Curves, parts: Sequence[Part]) -> None:
+        if not parts:
+            return
+        self._declare(curves)
+        times = np.concatenate([_times_of(part) for part in parts])
+        path, columns = entity_path("signal", curves), list(curves.columns)
+        scales = self._stream.scales[columns]
+        if enveloped(self._stream, curves.quantity):
+            singles = np.full((len(times), len(columns)), np.nan, np.float32)
+            _fill(singles, parts, columns, scales * curves.factor)
+            self._timeline.singles(path, times, singles)
+            return
+        shown = np.full((len(times), len(columns)), np.nan)
+        _fill(shown, parts, columns, scales)
+        shown *= curves.factor
+        self._timeline.scalars(path, times, shown)
         if has_norm(curves):
             norm = np.linalg.norm(shown, axis=1, keepdims=True)
             self._timeline.scalars(entity_path("norm", curves), times, norm)
@@ -201,6 +202,40 @@ class SignalView:
         self.flush()
         for level in self._levels:
             level.close()
+
+
+def _times_of(part: Part) -> NDArray[np.int64]:
+    return part.sample_times() if isinstance(part, SignalBlock) else np.array([part])
+
+
+def _within(parts: Sequence[Part], start_ns: int, end_ns: int) -> list[Part]:
+    """Return what of blocks and ends lies in a half-open span."""
+    found: list[Part] = []
+    for part in parts:
+        if isinstance(part, SignalBlock):
+            inside = part.between(start_ns, end_ns)
+            found += [inside] if len(inside) else []
+        elif start_ns <= part < end_ns:
+            found.append(part)
+    return found
+
+
+def _fill(
+    values: NDArray[np.floating],
+    parts: Sequence[Part],
+    columns: list[int],
+    scales: NDArray[np.float64],
+) -> None:
+    """Write some columns of blocks in the units of scales, one after another; an end is no row."""
+    start, every = 0, len(columns)
+    for part in parts:
+        if not isinstance(part, SignalBlock):
+            start += 1
+            continue
+        samples = part.samples if every == part.samples.shape[1] else part.samples[:, columns]
+        stop = start + len(part)
+        np.multiply(samples, scales, out=values[start:stop], casting="same_kind")
+        start = stop
 
 
 def envelopes_of(plan: Plan) -> list[tuple[Role, float]]:
@@ -281,6 +316,7 @@ class CurveStyles:
         )
 
     def _entity(self, role: Role, title: str, curves: Curves) -> Entity:
+        single = role == "signal" and enveloped(self._stream, curves.quantity)
         return Entity(
             entity_path(role, curves),
             role,
@@ -288,6 +324,7 @@ class CurveStyles:
             series=len(curves.columns),
             rate_hz=self._stream.rate_hz,
             quantity=curves.quantity,
+            component=SINGLES if single else "",
         )
 
 

@@ -312,7 +312,7 @@ FLUSH_NS = 60 * NS_PER_S
 LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
-LIVE_LAG_NS = REACH_NS + NS_PER_S // 20
+LIVE_LAG_NS = REACH_NS[1] + NS_PER_S // 20
 LIVE_CHUNK_S = 0.5
 
 
@@ -525,7 +525,7 @@ class CloseUps:
             if not self._plan.close_ups or self._show_around(time_ns, views):
                 for view in views:
                     view.near(time_ns)
-        self._lane.flush(None if last_ns is None else self._shown_to_ns - 2 * REACH_NS)
+        self._lane.flush(None if last_ns is None else self._shown_to_ns - sum(REACH_NS))
 
     def words(self) -> str:
         """Return what is shown at full rate."""
@@ -537,8 +537,9 @@ class CloseUps:
 
     def _show_around(self, time_ns: int, views: Sequence[View]) -> bool:
         """Show the samples around a moment, unless they would take too much."""
-        start_ns = max(time_ns - REACH_NS, self._shown_to_ns)
-        end_ns = min(time_ns + REACH_NS, self._span_ns[1])
+        before_ns, after_ns = self._plan.reach_ns
+        start_ns = max(time_ns - before_ns, self._shown_to_ns)
+        end_ns = min(time_ns + after_ns, self._span_ns[1])
         cost = max(0, end_ns - start_ns) / NS_PER_S * self._plan.second_bytes
         if self._spent_bytes + cost > self._allowed(time_ns):
             self.left_out += 1
