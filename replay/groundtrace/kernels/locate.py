@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+    Spectra = NDArray[np.complex128]
 
 #: Nodes worked on together: what is summed for each of them stays in the nearest cache.
 #: Chosen by judgement: 64 nodes of 5 sums are 2.5 KB.
@@ -91,7 +93,7 @@ def robust_losses(
     threshold_s
         Residuals beyond it count linearly [s].
     passes
-        Reweightings.
+        Reweightings; none for an infinite threshold.
     losses
         Shape (m, q) [s^2], overwritten.
     """
@@ -106,6 +108,32 @@ def robust_losses(
                 _summed(part, times_s[row], line, threshold_s, index > 0, sums)
                 _fitted(sums, slope, line)
             _lost(part, times_s[row], line, threshold_s, loss)
+
+
+@compiled("void(c16[:, ::1], f8[:, :, ::1], i8[::1], f8[:, ::1])")
+def steered(cross: Spectra, turned: Array, delay: Index, around: Array) -> None:
+    """Sum cross spectra in phase at the delays about one of each pair.
+
+    Parameters
+    ----------
+    cross
+        Shape (n_pairs, n_frequencies).
+    turned
+        Shape (k, 2, n_frequencies): cosine and sine of the phases at delays of 0 steps, 1 and on.
+    delay
+        Shape (n_pairs,), in steps: at most k - 2, and from its negative on.
+    around
+        Shape (3, n_pairs): one step less, that delay, one step more; overwritten.
+    """
+    for pair in range(len(cross)):
+        for part in range(3):
+            at = delay[pair] + part - 1
+            cosine, sine = turned[abs(at), 0], turned[abs(at), 1]
+            same, opposite = 0.0, 0.0
+            for i in range(cross.shape[1]):
+                same += cross[pair, i].real * cosine[i]
+                opposite += cross[pair, i].imag * sine[i]
+            around[part, pair] = same - opposite if at >= 0 else same + opposite
 
 
 @inlined

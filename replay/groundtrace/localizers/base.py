@@ -266,14 +266,18 @@ class ArrivalLocalizer(Stage):
         self._context = context
         return ("all",)
 
-    def process(self, item: Pick | StepEvent) -> Iterator[Output]:
+    def process(self, item: Pick | StepEvent) -> Iterable[Output]:
         """Gather picks, and locate steps."""
-        if isinstance(item, Pick):
-            if item.channel in self._channels:
-                self._picks.append(item)
-                while self._picks[0].time_ns < item.time_ns - KEEP_NS:
-                    self._picks.popleft()
-            return
+        if isinstance(item, StepEvent):
+            return self._located(item)
+        if item.channel in self._channels:
+            self._picks.append(item)
+            while self._picks[0].time_ns < item.time_ns - KEEP_NS:
+                self._picks.popleft()
+        return ()
+
+    def _located(self, item: StepEvent) -> Iterator[Output]:
+        """Yield a step's place for the gates."""
         yield from self._never_passed(item.time_ns)
         while self._picks and self._picks[0].time_ns < item.time_ns:
             self._picks.popleft()

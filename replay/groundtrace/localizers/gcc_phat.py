@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from .array_method import Window
 
     Array = NDArray[np.float64]
+    Single = NDArray[np.float32]
     Spectra = NDArray[np.complex128]
 
 #: Loudness is told up to this, where there is no noise at all. Chosen by judgement: over what 16
@@ -279,10 +280,16 @@ class GccPhat(ArrayMethod):
 
 def _loudness(values: Array, noise: Array) -> Array:
     """Return how much stronger each channel is than its noise, shape (n_channels,); 0: dead."""
-    strength, still = values.std(axis=0), noise.std(axis=0)
+    strength, still = _deviation(values), _deviation(noise)
     over_silence = np.where(strength > 0, np.float64(LOUDEST), 0.0)
     loud = np.divide(strength, still, out=over_silence, where=still > 0)
     return np.asarray(np.minimum(loud, LOUDEST))
+
+
+def _deviation(values: Array) -> Array:
+    """Return the standard deviation of each channel, shape (n_channels,)."""
+    off = values - values.mean(axis=0)
+    return np.sqrt(np.einsum("nc,nc->c", off, off) / len(values))
 
 
 #: Frequency at which delays are given [Hz]. Chosen by judgement: in a footstep's band, as low as it
@@ -351,7 +358,7 @@ class Band:
     @classmethod
     def of(cls, length: int, rate_hz: float, low_hz: float, high_hz: float, power: float) -> Band:
         """Return the band of windows of ``length`` samples; ``power`` is q."""
-        samples = 1 << int(np.ceil(np.log2(2 * length)))
+        samples = fast_length(length)
         frequency = np.arange(samples // 2 + 1, dtype=np.float64) * (rate_hz / samples)
         rows = np.flatnonzero((frequency >= max(low_hz, 1e-9)) & (frequency <= high_hz))
         reference = 2 * np.pi * REFERENCE_HZ
@@ -395,6 +402,19 @@ class Band:
         return np.asarray(signal * (unit * np.sqrt(wiener * self.share)))
 
 
+def fast_length(least: int) -> int:
+    """Return the shortest length from ``least`` on whose only factors are 2, 3 and 5."""
+    found = least
+    while True:
+        left = found
+        for factor in (2, 3, 5):
+            while left % factor == 0:
+                left //= factor
+        if left == 1:
+            return found
+        found += 1
+
+
 @lru_cache(maxsize=8)
 def _rise(length: int) -> Array:
     """Return the weights of samples that fade in, shape (length,)."""
@@ -427,15 +447,17 @@ def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
     lags = _lags(band.turn.tobytes(), np.ascontiguousarray(farthest_s).tobytes(), len(white))
     first, second = lags.first, lags.second
     cross = white[first] * np.conj(white[second])
-    even, odd = np.ascontiguousarray(cross.real), np.ascontiguousarray(cross.imag)
-    place, around = np.empty(len(first)), np.empty((3, len(first)))
+    # single precision finds the highest delay; the correlation about it is then taken in double
+    even, odd = cross.real.astype(np.float32), cross.imag.astype(np.float32)
+    place = np.empty(len(first), np.intp)
     for rows, outside, cosine, sine in lags.parts:
         # of delays d and -d the cosines are the same and the sines opposite: half the products do
         same, opposite = even[rows] @ cosine, odd[rows] @ sine
         steered = np.concatenate([(same + opposite)[:, :0:-1], same - opposite], axis=1)
-        best = np.where(outside, -np.inf, steered).argmax(axis=1).clip(1, outside.shape[1] - 2)
-        around[:, rows] = steered[np.arange(len(best)), best + np.array([[-1], [0], [1]])]
-        place[rows] = best - (cosine.shape[1] - 1)
+        steered[outside] = -np.inf
+        place[rows] = steered.argmax(axis=1).clip(1, outside.shape[1] - 2) - cosine.shape[1] + 1
+    around = np.empty((3, len(first)))
+    kernels.locate.steered(cross, lags.turned, place, around)
     off, top = _refined(*around)
     mass = (white.real**2 + white.imag**2).sum(axis=1)
     scale = np.sqrt(mass[first] * mass[second])
@@ -453,16 +475,19 @@ class Lags:
         The channels of each pair, shape (n_pairs,): pairs that are farther apart come later.
     step_s
         Between neighbouring delays [s].
+    turned
+        Cosine and sine of every frequency's phase at delays of 0 steps, 1 and on, shape
+        (k, 2, n_frequencies).
     parts
         Rows of pairs about as far apart, which of their delays are longer than they may be, shape
-        (n_rows, 2 k - 1), and cosine and sine of every frequency's phase at delays from 0 on, shape
-        (n_frequencies, k).
+        (n_rows, 2 k - 1), and float32 of these cosines and sines, shape (n_frequencies, k).
     """
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
     step_s: float
-    parts: tuple[tuple[slice, NDArray[np.bool_], Array, Array], ...]
+    turned: Array
+    parts: tuple[tuple[slice, NDArray[np.bool_], Single, Single], ...]
 
 
 @lru_cache(maxsize=8)
@@ -474,15 +499,18 @@ def _lags(turn: bytes, farthest_s: bytes, channels: int) -> Lags:
     order = np.argsort(limit, kind="stable")
     limit, step = limit[order], 2 * np.pi / (POINTS * u[-1])
     edges = np.linspace(0, len(order), LAG_PARTS + 1).round().astype(int).tolist()
+    reach = int(np.ceil(limit.max(initial=0.0) / step)) + 1
+    phase = np.multiply.outer(np.arange(reach + 1) * step, u)
+    turned = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    cosine, sine = (turned[:, part].T.astype(np.float32) for part in (0, 1))
     parts = []
     for start, stop in pairwise(edges):
         if start < stop:
             reach = int(np.ceil(limit[stop - 1] / step)) + 1
-            grid, phase = np.arange(-reach, reach + 1) * step, np.arange(reach + 1) * step
-            turned = np.multiply.outer(u, phase)
-            outside = np.abs(grid) > limit[start:stop, None] + step
-            parts.append((slice(start, stop), outside, np.cos(turned), np.sin(turned)))
-    return Lags(first[order], second[order], step, tuple(parts))
+            outside = np.abs(np.arange(-reach, reach + 1) * step) > limit[start:stop, None] + step
+            halves = (np.ascontiguousarray(half[:, : reach + 1]) for half in (cosine, sine))
+            parts.append((slice(start, stop), outside, *halves))
+    return Lags(first[order], second[order], step, turned, tuple(parts))
 
 
 def _refined(before: Array, at: Array, after: Array) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from ..dsp.robust import CAUCHY, HUBER
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
 from .base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
-from .tdoa import Model, distances, for_sensors, lattice, losses, search
+from .tdoa import Cells, Model, distances, for_sensors, lattice, losses, search
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace_codecs.geometry import Medium
-
-    from .tdoa import Lattice
 
     Array = NDArray[np.float64]
 
@@ -46,7 +44,7 @@ TELLING = 4
 ROUNDS_EACH = 1
 #: The floor is estimated anew when one in so many of the impacts is new. Chosen by judgement: it
 #: bounds the cost of an impact however many there are.
-RENEWAL = 8
+RENEWAL = 4
 #: A pace known to this is taken as it is. Chosen by judgement: three paces are then not worth three
 #: times the work.
 SURE = 0.05
@@ -190,39 +188,27 @@ def _on_floor(
 ) -> LocationEstimate:
     """Return the place on a floor whose pace is as uncertain as the fit says."""
     heard = np.isfinite(times_s)
-    here, times, picks = running.positions[heard], times_s[None, heard], int(heard.sum())
+    here, picks = running.positions[heard], int(heard.sum())
+    times = times_s[None, heard] - times_s[heard].min()
     sigma = sigma_s if running.found is None else running.found.sigma_s
     area = for_sensors(lattice(running.positions, running.outline, floor.exponent), heard)
     model = Model(floor.exponent, floor.scale, huber * sigma)
     best = search(area, here, times, model)
-    excess = best.losses * picks
+    fits = [np.concatenate([best.losses[0], best.finer_losses[0]])]
     if running.pace_deviation > SURE:
-        slower, faster = (
-            losses(area.u, times - times.min(), replace(model, slope=floor.scale * factor))
-            for factor in np.exp(np.array([1, -1]) * ABSCISSA * running.pace_deviation)
-        )
-        excess = np.concatenate([best.losses, slower, faster]) * picks
-    mean, covariance = mixed_moments(area, excess, sigma)
+        finer, outside = distances(here, best.finer) ** floor.exponent, ~area.inside(best.finer)
+        for sign in (1, -1):
+            factor = float(np.exp(sign * ABSCISSA * running.pace_deviation))
+            other = replace(model, slope=floor.scale * factor)
+            inner = losses(finer, times, other)
+            inner[outside] = np.inf
+            fits.append(np.concatenate([losses(area.u, times, other)[0], inner[0]]))
+    excess = picks * (np.array(fits) - np.min(fits))
+    mean, covariance = Cells.of(area, best).moments(
+        np.array(WEIGHTS[: len(fits)]) @ np.exp(-excess / (2 * sigma**2))
+    )
     x, y = best.places[0] if picks > tdoa.POWER_LAW_UNKNOWNS else mean
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
-
-
-def mixed_moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:
-    """Return mean, shape (2,), and covariance, shape (2, 2), of the place over several paces.
-
-    Parameters
-    ----------
-    area
-        The lattice.
-    excess
-        Shape (w, q): sum of the losses of all arrivals, for each of the paces [s^2]; one, or those
-        of :data:`WEIGHTS`.
-    sigma_s
-        Standard deviation of an arrival [s].
-    """
-    weights = np.array(WEIGHTS[: len(excess)])[:, None]
-    likely = weights * np.exp(-(excess - excess.min()) / (2 * sigma_s**2))
-    return tdoa.weighted_moments(area, likely.sum(axis=0) / likely.sum())
 
 
 Loss = Literal["huber", "soft-l1", "cauchy", "trimmed"]

@@ -70,7 +70,7 @@ def locate_hyperbolic(
     area = for_sensors(lattice(positions, outline), heard)
     best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
     noise = float(noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)[0])
-    _, covariance = moments(area, best.losses[0] * picks, noise)
+    _, covariance = moments(area, best, picks, noise)
     x, y = best.places[0]
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
@@ -162,7 +162,7 @@ def locate_power_law(
     model = Model(exponent, None, huber * sigma_s)
     best = search(area, positions[heard], times_s[None, heard], model)
     noise = float(noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)[0])
-    mean, covariance = moments(area, best.losses[0] * picks, noise)
+    mean, covariance = moments(area, best, picks, noise)
     x, y = best.places[0] if picks > POWER_LAW_UNKNOWNS else mean
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
@@ -197,15 +197,21 @@ def power_law_places(
     return np.concatenate(found)
 
 
-#: Nodes along the longer side of the room, and along both sides of a refinement. Source: thesis,
-#: chapter 5 has 25 nodes; chosen by judgement: finer, 3025 nodes cost 0.2 ms an impact.
-NODES, FINER = 55, 9
-#: Passes of reweighting, and refinements about the best node, each four times as fine. Chosen by
-#: judgement: from 10 m over 55 nodes they end at 1 cm, below the error of arrivals.
-PASSES, REFINEMENTS = 2, 2
-#: The nodes of a refinement about the best one, in its steps, shape (FINER^2, 2). Source:
-#: definition.
-AROUND = np.stack(np.meshgrid(*[np.linspace(-1, 1, FINER)] * 2), axis=-1).reshape(-1, 2)
+#: Nodes along the longer side of the room. Source: thesis, chapter 5 has 25; chosen by judgement:
+#: about as many, as a refinement about the best node follows.
+NODES = 28
+#: Nodes along both sides of the refinements, and how many of its own nodes the first one has for
+#: each node before: it stands for the best node and its neighbours, the second one for the best
+#: node of the first and its neighbours. Chosen by judgement: from 10 m over 28 nodes they end at
+#: 1.5 cm, below the error of arrivals.
+FINER, PARTS = (15, 11), 5
+#: Passes of reweighting. Chosen by judgement: a third one moves places by less than a node.
+PASSES = 2
+#: The nodes of refinements about the best one, in their steps, shapes (f, 2). Source: definition.
+AROUND = tuple(
+    np.stack(np.meshgrid(*[np.arange(count) - count // 2] * 2, indexing="ij"), -1).reshape(-1, 2)
+    for count in FINER
+)
 #: Losses of so many impacts times nodes are held at once. Chosen by judgement: 8 MB of doubles.
 CELLS = 1_000_000
 
@@ -256,9 +262,20 @@ class Lattice:
         return _centred(self.u)
 
     @cached_property
-    def axes(self) -> Array:
-        """Both coordinates of the nodes, each in one piece, shape (2, q) [m]."""
-        return np.ascontiguousarray(self.nodes.T)
+    def box(self) -> Array | None:
+        """Lowest and highest x and y of a room that is a rectangle along both, shape (2, 2) [m]."""
+        low, high = np.array(self.room.bounds).reshape(2, 2)
+        return np.array([low, high]) if self.room.equals(shapely.box(*low, *high)) else None
+
+    def inside(self, nodes: Array) -> NDArray[np.bool_]:
+        """Return which places, shape (..., 2), are in the room or on its walls."""
+        if self.box is None:
+            found: NDArray[np.bool_] = shapely.intersects_xy(
+                self.room, nodes[..., 0], nodes[..., 1]
+            )
+            return found
+        x, y, ((left, low), (right, high)) = nodes[..., 0], nodes[..., 1], self.box
+        return (x >= left) & (x <= right) & (y >= low) & (y <= high)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,34 +290,42 @@ class GridOptimum:
         Shape (m,): least loss [s^2].
     losses
         Shape (m, q): loss at every node of the lattice [s^2].
+    finer
+        Shape (m, f, 2): nodes of the first refinement [m].
+    finer_losses
+        Shape (m, f): loss there [s^2]; inf outside the room.
     """
 
     places: Array
     loss: Array
     losses: Array
+    finer: Array
+    finer_losses: Array
 
 
-def lattice(positions: Array, outline: Array | None = None, exponent: float = 1.0) -> Lattice:
+def lattice(
+    positions: Array, outline: Array | None = None, exponent: float = 1.0, nodes: int = NODES
+) -> Lattice:
     """Return the lattice of a layout; the layouts used last are remembered."""
     positions = np.ascontiguousarray(positions, np.float64)
     corners = None if outline is None else np.ascontiguousarray(outline, np.float64).tobytes()
-    return _lattice(positions.tobytes(), corners, exponent)
+    return _lattice(positions.tobytes(), corners, exponent, nodes)
 
 
 @lru_cache(maxsize=8)
-def _lattice(positions: bytes, outline: bytes | None, exponent: float) -> Lattice:
-    plain = _distant(positions, outline)
+def _lattice(positions: bytes, outline: bytes | None, exponent: float, count: int) -> Lattice:
+    plain = _distant(positions, outline, count)
     return plain if exponent == 1.0 else replace(plain, u=plain.u**exponent)
 
 
 @lru_cache(maxsize=8)
-def _distant(positions: bytes, outline: bytes | None) -> Lattice:
+def _distant(positions: bytes, outline: bytes | None, count: int) -> Lattice:
     """Return the lattice whose u are the distances themselves."""
     sensors = np.frombuffer(positions).reshape(-1, 2)
     corners = None if outline is None else np.frombuffer(outline).reshape(-1, 2)
     room = outline_of(sensors, corners)
     low, high = np.array(room.bounds).reshape(2, 2)
-    spacing = float(np.max(high - low)) / (NODES - 1)
+    spacing = float(np.max(high - low)) / (count - 1)
     counts = np.rint((high - low) / spacing).astype(int) + 1
     x, y = (a + spacing * np.arange(count) for a, count in zip(low, counts, strict=True))
     nodes = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -334,26 +359,24 @@ def losses(u: Array, times_s: Array, model: Model) -> Array:
     beyond the threshold. A slope that is fitted is at least 0: waves do not arrive before they
     leave.
     """
-    threshold = model.threshold_s
-    if not np.isfinite(threshold):
-        return _squares(*_centred(u), times_s, model.slope)
+    passes = PASSES if np.isfinite(model.threshold_s) else 0
     slope = float("nan") if model.slope is None else model.slope
     nodes = u if u.ndim == 3 else u[None]
     loss = np.empty((len(times_s), nodes.shape[2]))
-    kernels.locate.robust_losses(nodes, times_s, slope, threshold, PASSES, loss)
+    kernels.locate.robust_losses(nodes, times_s, slope, model.threshold_s, passes, loss)
     return loss
 
 
 def _centred(u: Array) -> tuple[Array, Array]:
-    """Return u, shape (..., n, q), less its mean over sensors, and the sums of squares of that."""
-    offset = u - u.mean(axis=-2, keepdims=True)
-    return offset, np.einsum("...nq,...nq->...q", offset, offset)
+    """Return u, shape (n, q), less its mean over sensors, and the sums of squares of that."""
+    offset = u - u.mean(axis=0)
+    return offset, np.einsum("nq,nq->q", offset, offset)
 
 
 def _squares(offset: Array, square: Array, times_s: Array, slope: float | None) -> Array:
     """Return the mean square of the residuals: without weights it needs but one product."""
     late = times_s - times_s.mean(axis=-1, keepdims=True)
-    along = late @ offset if offset.ndim == 2 else np.einsum("mn,mnq->mq", late, offset)
+    along = late @ offset
     if slope is None:
         taken = np.maximum(along, 0.0)
         taken *= taken
@@ -392,21 +415,18 @@ def search(area: Lattice, sensors: Array, times_s: Array, model: Model) -> GridO
         every = _squares(*area.centred, times, model.slope)
     row, best = np.arange(len(times)), every.argmin(axis=1)
     place, loss = area.nodes[best], every[row, best]
-    step = area.spacing
-    for _ in range(REFINEMENTS):
-        nodes = place[:, None] + step * AROUND
+    step, refined = area.spacing, []
+    for around in AROUND:
+        step /= PARTS
+        nodes = place[:, None] + step * around
         finer = losses(distances(sensors, nodes) ** model.exponent, times, model)
+        finer[~area.inside(nodes)] = np.inf
         best = finer.argmin(axis=1)
-        # what lies outside matters only where it is the best
-        if not shapely.intersects_xy(area.room, *nodes[row, best].T).all():
-            inside = shapely.intersects_xy(area.room, nodes[..., 0], nodes[..., 1])
-            finer[~inside] = np.inf
-            best = finer.argmin(axis=1)
         better = finer[row, best] < loss
         place = np.where(better[:, None], nodes[row, best], place)
         loss = np.where(better, finer[row, best], loss)
-        step *= 2 / (FINER - 1)
-    return GridOptimum(place, loss, every)
+        refined.append((nodes, finer))
+    return GridOptimum(place, loss, every, *refined[0])
 
 
 def in_blocks(area: Lattice, times_s: Array) -> list[Array]:
@@ -431,31 +451,68 @@ def noise_s(best: GridOptimum, picks: int, unknowns: int, least_s: float) -> Arr
     return found
 
 
-def moments(area: Lattice, excess: Array, sigma_s: float) -> tuple[Array, Array]:
-    """Return mean, shape (2,), and covariance, shape (2, 2), of the place among the nodes.
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Nodes of a lattice and of its refinement together: parts of the room that do not overlap.
+
+    Attributes
+    ----------
+    nodes
+        Shape (q + f, 2) [m].
+    areas
+        What each stands for, shape (q + f,) [m^2]: 0 where the refinement does.
+    """
+
+    nodes: Array
+    areas: Array
+
+    @classmethod
+    def of(cls, area: Lattice, best: GridOptimum) -> Cells:
+        """Return the cells about the first of the impacts."""
+        finer, square = best.finer[0], area.spacing**2
+        off = np.abs(area.nodes - finer[len(finer) // 2])
+        apart = off.max(axis=1) > 1.5 * area.spacing
+        parts = np.full(len(finer), square / PARTS**2)
+        return cls(np.concatenate([area.nodes, finer]), np.concatenate([square * apart, parts]))
+
+    def moments(self, likelihood: Array) -> tuple[Array, Array]:
+        """Return mean, shape (2,), and covariance, shape (2, 2), of a place by its likelihood."""
+        share = self.areas * likelihood
+        share /= share.sum()
+        mean = share @ self.nodes
+        offset = self.nodes - mean
+        within = float(share @ self.areas) / 12  # a cell is a square
+        return mean, (offset.T * share) @ offset + within * np.eye(2)
+
+
+def moments(area: Lattice, best: GridOptimum, picks: int, sigma_s: float) -> tuple[Array, Array]:
+    """Return mean, shape (2,), and covariance, shape (2, 2), of the place of a first impact.
 
     Parameters
     ----------
     area
         The lattice.
-    excess
-        Shape (q,): sum of the losses of all arrivals [s^2].
+    best
+        The fit.
+    picks
+        How many arrivals its losses are the mean of.
     sigma_s
         Standard deviation of an arrival [s].
     """
-    return weighted_moments(area, node_posterior(excess, np.asarray(sigma_s)))
-
-
-def weighted_moments(area: Lattice, share: Array) -> tuple[Array, Array]:
-    """Return mean, shape (2,), and covariance, shape (2, 2), of nodes that count a share each."""
-    mean = share @ area.nodes
-    offset = area.axes - mean[:, None]
-    # nodes stand for squares
-    return mean, (offset * share) @ offset.T + area.spacing**2 / 12 * np.eye(2)
+    excess = picks * (np.concatenate([best.losses[0], best.finer_losses[0]]) - best.loss[0])
+    return Cells.of(area, best).moments(np.exp(-excess / (2 * sigma_s**2)))
 
 
 def node_posterior(excess: Array, sigma_s: Array) -> Array:
-    """Return how likely each node is, shape (..., q), for :func:`moments`' excess and sigma."""
+    """Return how likely each node is, shape (..., q).
+
+    Parameters
+    ----------
+    excess
+        Shape (..., q): sum of the losses of all arrivals [s^2].
+    sigma_s
+        Shape (...): standard deviation of an arrival [s].
+    """
     least = excess.min(axis=-1, keepdims=True)
     weight = np.exp(-(excess - least) / (2 * sigma_s[..., None] ** 2))
     share: Array = weight / weight.sum(axis=-1, keepdims=True)
