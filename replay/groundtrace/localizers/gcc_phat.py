@@ -289,7 +289,7 @@ def _loudness(values: Array, noise: Array) -> Array:
 def _deviation(values: Array) -> Array:
     """Return the standard deviation of each channel, shape (n_channels,)."""
     off = values - values.mean(axis=0)
-    return np.sqrt(np.einsum("nc,nc->c", off, off) / len(values))
+    return np.asarray(np.sqrt(np.einsum("nc,nc->c", off, off) / len(values)))
 
 
 #: Frequency at which delays are given [Hz]. Chosen by judgement: in a footstep's band, as low as it

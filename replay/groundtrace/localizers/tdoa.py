@@ -275,7 +275,7 @@ class Lattice:
             )
             return found
         x, y, ((left, low), (right, high)) = nodes[..., 0], nodes[..., 1], self.box
-        return (x >= left) & (x <= right) & (y >= low) & (y <= high)
+        return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
