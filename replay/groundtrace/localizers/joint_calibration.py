@@ -25,7 +25,7 @@ from ..dsp.robust import CAUCHY, HUBER
 from ..pipeline.stage import LEAST_PICKS, LocationEstimate, no_location
 from . import tdoa
 from .base import EXPONENT, ArrivalModel, ArrivalPrior, reference_distance
-from .tdoa import Cells, Model, distances, for_sensors, lattice, losses, search
+from .tdoa import Model, distances, for_sensors, lattice, losses, posterior, search
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -204,9 +204,8 @@ def _on_floor(
             inner[outside] = np.inf
             fits.append(np.concatenate([losses(area.u, times, other)[0], inner[0]]))
     excess = picks * (np.array(fits) - np.min(fits))
-    mean, covariance = Cells.of(area, best).moments(
-        np.array(WEIGHTS[: len(fits)]) @ np.exp(-excess / (2 * sigma**2))
-    )
+    likelihood = np.array(WEIGHTS[: len(fits)]) @ np.exp(-excess / (2 * sigma**2))
+    (mean,), (covariance,) = posterior(area, best, likelihood[None])
     x, y = best.places[0] if picks > tdoa.POWER_LAW_UNKNOWNS else mean
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 

@@ -69,8 +69,8 @@ def locate_hyperbolic(
         return no_location(picks)
     area = for_sensors(lattice(positions, outline), heard)
     best = search(area, positions[heard], times_s[None, heard], Model(1.0, 1.0 / velocity_mps))
-    noise = float(noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)[0])
-    _, covariance = moments(area, best, picks, noise)
+    noise = noise_s(best, picks, HYPERBOLIC_UNKNOWNS, sigma_s)
+    covariance = moments(area, best, picks, noise)[1][0]
     x, y = best.places[0]
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
@@ -161,8 +161,8 @@ def locate_power_law(
     area = for_sensors(lattice(positions, outline, exponent), heard)
     model = Model(exponent, None, huber * sigma_s)
     best = search(area, positions[heard], times_s[None, heard], model)
-    noise = float(noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)[0])
-    mean, covariance = moments(area, best, picks, noise)
+    noise = noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)
+    (mean,), (covariance,) = moments(area, best, picks, noise)
     x, y = best.places[0] if picks > POWER_LAW_UNKNOWNS else mean
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)
 
@@ -193,7 +193,7 @@ def power_law_places(
             found.append(best.places)
         else:
             noise = noise_s(best, picks, POWER_LAW_UNKNOWNS, sigma_s)
-            found.append(node_posterior(best.losses * picks, noise) @ area.nodes)
+            found.append(moments(area, best, picks, noise)[0])
     return np.concatenate(found)
 
 
@@ -451,42 +451,45 @@ def noise_s(best: GridOptimum, picks: int, unknowns: int, least_s: float) -> Arr
     return found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cells:
-    """Nodes of a lattice and of its refinement together: parts of the room that do not overlap.
+def excesses(best: GridOptimum, picks: int) -> Array:
+    """Return the sum of all arrivals' losses over the least, shape (m, q + f) [s^2].
 
-    Attributes
-    ----------
-    nodes
-        Shape (q + f, 2) [m].
-    areas
-        What each stands for, shape (q + f,) [m^2]: 0 where the refinement does.
+    At the nodes of the lattice, then of the refinement.
     """
-
-    nodes: Array
-    areas: Array
-
-    @classmethod
-    def of(cls, area: Lattice, best: GridOptimum) -> Cells:
-        """Return the cells about the first of the impacts."""
-        finer, square = best.finer[0], area.spacing**2
-        off = np.abs(area.nodes - finer[len(finer) // 2])
-        apart = off.max(axis=1) > 1.5 * area.spacing
-        parts = np.full(len(finer), square / PARTS**2)
-        return cls(np.concatenate([area.nodes, finer]), np.concatenate([square * apart, parts]))
-
-    def moments(self, likelihood: Array) -> tuple[Array, Array]:
-        """Return mean, shape (2,), and covariance, shape (2, 2), of a place by its likelihood."""
-        share = self.areas * likelihood
-        share /= share.sum()
-        mean = share @ self.nodes
-        offset = self.nodes - mean
-        within = float(share @ self.areas) / 12  # a cell is a square
-        return mean, (offset.T * share) @ offset + within * np.eye(2)
+    every = np.concatenate([best.losses, best.finer_losses], axis=1)
+    found: Array = picks * (every - best.loss[:, None])
+    return found
 
 
-def moments(area: Lattice, best: GridOptimum, picks: int, sigma_s: float) -> tuple[Array, Array]:
-    """Return mean, shape (2,), and covariance, shape (2, 2), of the place of a first impact.
+def posterior(area: Lattice, best: GridOptimum, likelihood: Array) -> tuple[Array, Array]:
+    """Return mean, shape (m, 2) [m], and covariance, (m, 2, 2) [m^2], of places by likelihood.
+
+    Nodes stand for squares; those about the best node are the refinement's.
+
+    Parameters
+    ----------
+    area
+        The lattice.
+    best
+        The fit.
+    likelihood
+        Shape (m, q + f), in the order of :func:`excesses`.
+    """
+    middle, square, q = best.finer[:, best.finer.shape[1] // 2], area.spacing**2, len(area.nodes)
+    apart = np.abs(area.nodes - middle[:, None]).max(axis=2) > 1.5 * area.spacing
+    share = np.concatenate([likelihood[:, :q] * apart, likelihood[:, q:] / PARTS**2], axis=1)
+    share /= share.sum(axis=1, keepdims=True)
+    far, near = share[:, :q], share[:, q:]
+    mean = far @ area.nodes + np.einsum("mf,mfx->mx", near, best.finer)
+    off, off_near = area.nodes - mean[:, None], best.finer - mean[:, None]
+    covariance = np.matmul((off * far[..., None]).transpose(0, 2, 1), off)
+    covariance += np.matmul((off_near * near[..., None]).transpose(0, 2, 1), off_near)
+    within = square / 12 * (far.sum(axis=1) + near.sum(axis=1) / PARTS**2)
+    return mean, covariance + within[:, None, None] * np.eye(2)
+
+
+def moments(area: Lattice, best: GridOptimum, picks: int, sigma_s: Array) -> tuple[Array, Array]:
+    """Return mean, shape (m, 2), and covariance, shape (m, 2, 2), of places.
 
     Parameters
     ----------
@@ -497,23 +500,7 @@ def moments(area: Lattice, best: GridOptimum, picks: int, sigma_s: float) -> tup
     picks
         How many arrivals its losses are the mean of.
     sigma_s
-        Standard deviation of an arrival [s].
+        Shape (m,): standard deviation of an arrival [s].
     """
-    excess = picks * (np.concatenate([best.losses[0], best.finer_losses[0]]) - best.loss[0])
-    return Cells.of(area, best).moments(np.exp(-excess / (2 * sigma_s**2)))
-
-
-def node_posterior(excess: Array, sigma_s: Array) -> Array:
-    """Return how likely each node is, shape (..., q).
-
-    Parameters
-    ----------
-    excess
-        Shape (..., q): sum of the losses of all arrivals [s^2].
-    sigma_s
-        Shape (...): standard deviation of an arrival [s].
-    """
-    least = excess.min(axis=-1, keepdims=True)
-    weight = np.exp(-(excess - least) / (2 * sigma_s[..., None] ** 2))
-    share: Array = weight / weight.sum(axis=-1, keepdims=True)
-    return share
+    likelihood = np.exp(-excesses(best, picks) / (2 * sigma_s[:, None] ** 2))
+    return posterior(area, best, likelihood)
