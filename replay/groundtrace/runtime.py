@@ -1,4 +1,4 @@
-"""Settings of the process: threads of matrix libraries and freed memory; the installed version.
+"""The process: threads of matrix libraries, freed memory, its end; the installed version.
 
 Matrices here are small. Shared between threads a product of them gains nothing, and threads that
 wait for the next one keep their cores busy: a replay with locations took up to a third more CPU
@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import sys
+import threading
 
 #: What says how many threads such a library starts for each process.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -44,6 +46,14 @@ def raise_malloc_trim() -> bool:
     return mallopt is not None and all(
         mallopt(name, _KEPT_BYTES) for name in (_MMAP_THRESHOLD, _TRIM_THRESHOLD)
     )
+
+
+def end_as_interrupted() -> None:
+    """Let a request to end, or a terminal that closes, end the process as Ctrl-C does."""
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
+            if number := getattr(signal, name, None):
+                signal.signal(number, signal.default_int_handler)
 
 
 def installed_version() -> str:

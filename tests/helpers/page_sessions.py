@@ -42,7 +42,7 @@ def serving(recording: Path, *options: str) -> Iterator[Served]:
     """Run ``groundtrace annotate --serve`` until the block ends."""
     asked = ("annotate", str(recording), "--serve", "--no-browser", *options)
     with running(recording.parent, *asked) as (process, url):
-        yield Served(url, url.partition("token=")[2], port_of(url), process)
+        yield Served(url, token_of(url), port_of(url), process)
 
 
 @contextmanager
@@ -50,7 +50,12 @@ def showing(recording: Path, *options: str) -> Iterator[Served]:
     """Run ``groundtrace replay --web`` until the block ends."""
     asked = ("replay", str(recording), "--web", *options)
     with running(recording.parent, *asked, ends_with=130) as (process, url):
-        yield Served(url, "", port_of(url), process)
+        yield Served(url, token_of(url), port_of(url), process)
+
+
+def token_of(url: str) -> str:
+    """Return what the path of a page begins with."""
+    return url.split("/")[3]
 
 
 def port_of(url: str) -> int:

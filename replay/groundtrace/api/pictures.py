@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +12,7 @@ from ..explain.sweep import recording_in
 from ..pipeline.engine import ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink
+from ..scratch import scratch_folder
 from .plots import FAILED, PASSED, draw_signal, recording_at
 from .tables import needed
 
@@ -52,7 +52,7 @@ def show(results: Results, *, at: float | None = None, height: int = 720) -> Any
     """
     if find_spec("rerun_notebook") is None:
         return draw(results, at)
-    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+    with scratch_folder() as folder:
         path = results.path or save(results, Path(folder, "shown.results.mcap"))
         view = load("views", "notebook")
         recording = recording_in(results.places, results.decided.provenance.sha256)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import signal
-import threading
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,7 +36,7 @@ from .known_truth import annotations_to_show
 from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from groundtrace_codecs.events import Gap, Note
     from groundtrace_codecs.signals import SignalBlock
@@ -280,16 +278,3 @@ def _span(
             f"--from: expected at most the {length_s:g} s of {session.name}, found {from_s:g}"
         )
     return at(from_s), at(to_s)
-
-
-@contextmanager
-def terminable() -> Iterator[None]:
-    """End as with Ctrl-C where the system asks for it, so that what was begun is cleared away."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -14,7 +14,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import existing, writable
-from ..api.replay import PlannedReplay, configured_for, terminable
+from ..api.replay import PlannedReplay, configured_for
 from ..errors import RecordingError
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
@@ -181,7 +181,7 @@ def _run(
     """Replay, showing how far it is; ``quiet`` shows nothing."""
     first_ns, last_ns = plan.session.shown_ns or (plan.session.start_ns, plan.session.end_ns)
     length_s = (last_ns - first_ns) / NS_PER_S
-    with terminable(), progress(length_s, "replaying", quiet=quiet) as show:
+    with progress(length_s, "replaying", quiet=quiet) as show:
         return plan.run(sinks, rate=rate, progress=lambda part: show(part * length_s))
 
 

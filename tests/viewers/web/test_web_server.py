@@ -4,7 +4,11 @@ import http.client
 import json
 import signal
 import socket
+import threading
+import time
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
 
 import psutil
 import pytest
@@ -13,6 +17,7 @@ from page_sessions import Served, serving, showing, write_walk
 
 from groundtrace.annotate.store import Annotations, stored
 from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.web import server
 from groundtrace_viewers.web.annotate import LARGEST_BODY
 from groundtrace_viewers.web.server import listen
 
@@ -41,10 +46,10 @@ def ask(
     headers: dict[str, str] | None = None,
 ) -> Answer:
     connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=20)
-    given = {"X-Groundtrace-Token": served.token if token is None else token} | (headers or {})
     content = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
     try:
-        connection.request(method, path, content, given)
+        prefix = quote(f"/{served.token}" if token is None else token)
+        connection.request(method, prefix + path, content, headers or {})
         answer = connection.getresponse()
         return Answer(answer.status, answer.headers, answer.read())
     finally:
@@ -83,10 +88,15 @@ def test_it_listens_on_this_machine_only(served: Served) -> None:
     }
 
 
-@pytest.mark.parametrize("token", ["", "wrong", "naïve"])
+@pytest.mark.parametrize("token", ["", "/wrong", "/naïve", "//"])
 @pytest.mark.parametrize(
     ("method", "path"),
     [
+        ("GET", "/"),
+        ("GET", "/index.html"),
+        ("GET", "/replay.rrd"),
+        ("GET", "/moments.json"),
+        ("GET", "/page/main.js"),
         ("GET", "/api/annotations"),
         ("POST", "/api/annotations"),
         ("PUT", "/api/annotations/x"),
@@ -95,13 +105,13 @@ def test_it_listens_on_this_machine_only(served: Served) -> None:
         ("GET", "/api/layer.rrd"),
     ],
 )
-def test_marks_are_for_those_who_have_the_token(
+def test_everything_is_for_those_who_have_the_token(
     served: Served, method: str, path: str, token: str
 ) -> None:
     answer = ask(served, path, method, mark("note", 1.0), token=token)
     assert (answer.status, answer.document) == (
         403,
-        {"error": "token: expected that of the address, found another"},
+        {"error": "address: expected the whole one that was printed, found another"},
     )
 
 
@@ -253,3 +263,79 @@ def test_a_port_that_is_taken_is_one_line() -> None:
         port = taken.getsockname()[1]
         with pytest.raises(ViewerError, match=f"port {port}: expected a free one, found"):
             listen(port)
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("serve", [serving, showing])
+def test_its_folder_goes_with_it(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, serve: Any, ending: int
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    copy = tmp_path / "walk.mcap"
+    copy.write_bytes(recording.read_bytes())
+    with serve(copy) as page:
+        assert len(list(tmp_path.glob("groundtrace-*"))) == 1
+        page.process.send_signal(ending)
+        page.process.wait(10)
+        assert not list(tmp_path.glob("groundtrace-*"))
+
+
+def test_the_folder_of_one_that_was_killed_goes_with_the_next_start(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    copy = tmp_path / "walk.mcap"
+    copy.write_bytes(recording.read_bytes())
+    with serving(copy) as killed:
+        killed.process.send_signal(signal.SIGKILL)
+        killed.process.wait(10)
+    (left,) = tmp_path.glob("groundtrace-*")
+    with serving(copy):
+        (fresh,) = tmp_path.glob("groundtrace-*")
+        assert fresh != left
+
+
+async def app(scope: Any, receive: Any, send: Any) -> None:
+    message = await receive()
+    while message.get("more_body"):
+        message = await receive()
+    start = {"type": "http.response.start", "status": 200, "headers": []}
+    await send(start)
+    for _ in range(400):
+        await send({"type": "http.response.body", "body": bytes(100_000), "more_body": True})
+    await send({"type": "http.response.body"})
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"",
+        b"GET /t/ HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n",
+        b"POST /t/ HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\nContent-Length: 9\r\n\r\nabc",
+        b"GET /t/ HTTP/1.1\r\nHost: 127.0.0.1:PORT\r\n\r\n",
+    ],
+    ids=["nothing", "half a head", "half a body", "takes no answer"],
+)
+def test_a_connection_that_stalls_is_closed(
+    monkeypatch: pytest.MonkeyPatch, request_: bytes
+) -> None:
+    monkeypatch.setattr(server, "STALL_S", 0.3)
+    monkeypatch.setattr("uvicorn.Server.capture_signals", lambda _: nullcontext())
+    listening = listen(0)
+    port = listening.getsockname()[1]
+    up = threading.Event()
+    guarded = server.Gate(app, port, "t")
+    thread = threading.Thread(target=server.run, args=(guarded, listening, up.set), daemon=True)
+    thread.start()
+    assert up.wait(10)
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as client:
+        client.sendall(request_.replace(b"PORT", str(port).encode()))
+        time.sleep(1.0)
+        total, received = 0, b"more"
+        while received:  # what was on its way, then the end
+            try:
+                received = client.recv(1 << 20)
+            except ConnectionResetError:
+                received = b""
+            total += len(received)
+    assert total < 40_000_000

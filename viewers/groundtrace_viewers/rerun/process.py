@@ -25,6 +25,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from groundtrace.scratch import scratch_folder_until_exit
+
 from ..errors import ViewerError
 
 if TYPE_CHECKING:
@@ -195,7 +197,7 @@ def viewer_folder() -> Path:
     except (
         OSError
     ):  # a home that cannot be written to: these files last as long as the system likes
-        return _kept(files, Path(tempfile.mkdtemp(prefix="groundtrace-")))
+        return _kept(files, scratch_folder_until_exit())
 
 
 def _kept(files: dict[str, bytes], folder: Path) -> Path:

@@ -19,6 +19,7 @@ import numpy as np
 
 from groundtrace.errors import OutputError
 from groundtrace.pipeline.results import room_for
+from groundtrace.scratch import scratch_folder_until_exit
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import ViewerError
@@ -99,7 +100,7 @@ class RerunSink:
         if path is None and not spawn and not web:
             raise ViewerError("viewer: expected a file, spawn or web, found none of them")
         if path is None and web:
-            path = Path(tempfile.mkdtemp(prefix="groundtrace-")) / "replay.rrd"
+            path = scratch_folder_until_exit() / "replay.rrd"
         self.viewer: subprocess.Popen[bytes] | None = None
         self.path = path
         self._spawn = spawn

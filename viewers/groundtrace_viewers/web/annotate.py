@@ -5,9 +5,6 @@ Annotations are kept beside the recording.
 
 from __future__ import annotations
 
-import hmac
-import secrets
-import tempfile
 import threading
 import webbrowser
 from contextlib import suppress
@@ -25,11 +22,12 @@ from groundtrace.annotate.store import Annotations, named
 from groundtrace.api.files import unheard
 from groundtrace.api.pipelines import fitting_pipeline
 from groundtrace.api.progress import unseen
-from groundtrace.api.replay import replay_to_files, terminable
+from groundtrace.api.replay import replay_to_files
 from groundtrace.errors import AnnotationError
 from groundtrace.explain.suitability import SIGNALS
 from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.results import Results, file_sha256, read_results
+from groundtrace.scratch import scratch_folder
 from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import Recording
@@ -37,9 +35,8 @@ from groundtrace_codecs.recording import Recording
 from ..errors import ViewerError
 from ..rerun.annotations import layer_rrd, states
 from ..rerun.moments import moments_of_results
-from ..rerun.process import LOOPBACK
 from ..rerun.timeline import Recipe, written_recipe
-from .server import listen, page_app, refusal, run
+from .server import address, listen, new_token, page_app, refusal, run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,30 +90,28 @@ def serve(
         not installed.
     """
     with (
-        tempfile.TemporaryDirectory(prefix="groundtrace-") as folder,
+        scratch_folder() as folder,
         Annotations.open(recording, author) as store,
     ):
         drawn = store.items
         try:
-            with terminable():
-                made = replayed(recording, results, pipeline, Path(folder), report, progress)
-            rrd, shown = made
+            rrd, shown = replayed(recording, results, pipeline, folder, report, progress)
             with Recording.open(recording) as opened:
                 moments = moments_of_results(shown, opened.streams)
         except KeyboardInterrupt:
             report(f"stopped before the page was ready; {_kept(store, recording)}")
             return
-        token, listening = secrets.token_urlsafe(24), listen(port)
+        token, listening = new_token(), listen(port)
         desk = AnnotationSession(store, _application(shown), drawn)
         port = listening.getsockname()[1]
-        app = page_app(rrd, moments.json(), port, "server", api(desk, token))
+        app = page_app(rrd, moments.json(), port, token, "server", api(desk))
         for remark in store.remarks:
             report(remark)
-        with terminable(), suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt):
             run(
                 app,
                 listening,
-                lambda: _announce(f"http://{LOOPBACK}:{port}/#token={token}", open_browser, report),
+                lambda: _announce(address(port, token), open_browser, report),
             )
         report(f"stopped; {_kept(store, recording)}")
 
@@ -194,7 +189,6 @@ def _announce(url: str, open_browser: bool, report: Report) -> None:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 
 
-TOKEN = "x-groundtrace-token"  # the name of a header
 #: A mark is a few lines of text [bytes].
 LARGEST_BODY = 64 * 1024
 #: What is wrong with a request rather than with the server.
@@ -345,23 +339,17 @@ def _item(asked: MarkRequest) -> Item:
     return Item(id="", **msgspec.structs.asdict(asked.mark))
 
 
-def api(desk: AnnotationSession, token: str) -> list[Route]:
-    """Return the routes of the marks; each asks for the token.
+def api(desk: AnnotationSession) -> list[Route]:
+    """Return the routes of the marks.
 
     Parameters
     ----------
     desk
         What answers.
-    token
-        What the page got with its address.
     """
 
     def route(path: str, method: str, act: Callable[[Request, MarkRequest], Any]) -> Route:
         async def answer(request: Request) -> Response:
-            # As bytes, since only ASCII text can be compared in constant time.
-            given = request.headers.get(TOKEN, "").encode()
-            if not hmac.compare_digest(given, token.encode()):
-                return refusal(403, "token: expected that of the address, found another")
             try:
                 asked = await _asked(request)
                 found = await run_in_threadpool(act, request, asked)

@@ -8,7 +8,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from ..errors import ViewerError
-from ..rerun.process import LOOPBACK, fetch, free_port, quiet_environment
+from ..rerun.process import fetch, free_port, quiet_environment
+from .server import address, new_token
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,12 +32,12 @@ def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
     """
     if shown.path is None:
         raise ViewerError("page: expected a replay with a file, found none")
-    port = free_port()
-    return f"http://{LOOPBACK}:{port}", serve_web(shown.path, port, shown.moments)
+    port, token = free_port(), new_token()
+    return address(port, token), serve_web(shown.path, port, token, shown.moments)
 
 
-def serve_web(path: Path, port: int, moments: PageMoments) -> subprocess.Popen[bytes]:
-    """Serve a recording to browsers on this machine at ``http://127.0.0.1:PORT``.
+def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subprocess.Popen[bytes]:
+    """Serve a recording to browsers on this machine, at the :func:`address` of port and token.
 
     The page talks to this server and to nothing else.
 
@@ -46,6 +47,8 @@ def serve_web(path: Path, port: int, moments: PageMoments) -> subprocess.Popen[b
         The ``.rrd``.
     port
         Of the page.
+    token
+        What its addresses begin with.
     moments
         What the page can jump to.
 
@@ -68,9 +71,9 @@ def serve_web(path: Path, port: int, moments: PageMoments) -> subprocess.Popen[b
     )
     try:
         if process.stdin is not None:
-            process.stdin.write(moments.json())
+            process.stdin.write(f"{token}\n".encode() + moments.json())
             process.stdin.close()
-        fetch(port, "/index.html")
+        fetch(port, f"/{token}/index.html")
     except (ViewerError, OSError) as error:
         process.kill()
         process.wait()

@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import os
 import sys
-import tempfile
 from contextlib import redirect_stdout
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from groundtrace.scratch import scratch_folder
 
 from ..errors import ViewerError
 
@@ -62,7 +63,7 @@ def show(
 
     path = Path(results)
     found = recording_of(path, None if recording is None else Path(recording))
-    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+    with scratch_folder() as folder:
         target = Path(folder, "replay.rrd")
         given = None if rrd is None else Path(rrd)
         timeline_file(sources_of(path, found), given, False, target)

@@ -1,15 +1,21 @@
-"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT < MOMENTS.json``.
+"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT``.
 
 It listens on this machine only and answers only its own pages: it checks host and origin, so that
-no other site can reach it through a browser. Its page connects to no other server.
+no other site can reach it through a browser, and a token in the path of each address, so that no
+other user of this machine can. Its page connects to no other server. Token and moments come from
+standard input, a line each: others see the arguments of a process.
 """
 
 from __future__ import annotations
 
+import asyncio
+import hmac
 import json
 import re
+import secrets
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -20,6 +26,7 @@ from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from groundtrace.evaluation.page import rendered
 
@@ -135,8 +142,13 @@ def refusal(status: int, text: str) -> JSONResponse:
     return JSONResponse({"error": " ".join(text.split())}, status)
 
 
+#: What a client keeps waiting for longer is broken off [s]: the head of a request, its body, or
+#: taking the next part of an answer. Chosen by judgement: a page here takes milliseconds.
+STALL_S = 10.0
+
+
 class Gate:
-    """Lets in requests that name this server, from pages of this server or from none.
+    """Lets in requests that name this server and know its token, from its pages or from none.
 
     A browser tells which page asks and which name it looked up; a foreign page that points its own
     name at this machine thus stays out.
@@ -147,10 +159,13 @@ class Gate:
         What answers.
     port
         Where it listens.
+    token
+        What each path begins with.
     """
 
-    def __init__(self, app: ASGIApp, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
         self._app = app
+        self._token = token
         self._hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -161,9 +176,15 @@ class Gate:
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 MutableHeaders(scope=message).update(HEADERS)
-            await send(message)
+            async with asyncio.timeout(STALL_S):
+                await send(message)
+
+        async def prompt() -> Message:
+            async with asyncio.timeout(STALL_S):
+                return await receive()
 
         headers = Headers(scope=scope)
+        first = scope["path"].split("/")[1]
         origin = headers.get("origin")
         if headers.get("host") not in self._hosts:
             answer: ASGIApp = refusal(403, "host: expected this machine's, found another")
@@ -171,9 +192,13 @@ class Gate:
             answer = refusal(403, "origin: expected this page, found another")
         elif headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             answer = refusal(403, "request: expected one of this page, found another site's")
+        elif not hmac.compare_digest(first.encode(), self._token.encode()):
+            answer = refusal(403, "address: expected the whole one that was printed, found another")
         else:
             answer = self._app
-        await answer(scope, receive, guarded)
+            scope = {**scope, "root_path": f"/{self._token}"}
+        with suppress(TimeoutError):  # without an answer's end the connection is closed
+            await answer(scope, prompt, guarded)
 
 
 def _fixed(path: str, content: bytes) -> Route:
@@ -193,7 +218,7 @@ def _on_disk(path: str, file: Path, kind: str) -> Route:
 
 
 def page_app(
-    rrd: Path, moments: bytes, port: int, annotations: str, more: Sequence[Route] = ()
+    rrd: Path, moments: bytes, port: int, token: str, annotations: str, more: Sequence[Route] = ()
 ) -> ASGIApp:
     """Return the page's server: an ASGI application.
 
@@ -205,6 +230,8 @@ def page_app(
         As JSON, see :class:`~.rerun.moments.PageMoments`.
     port
         Where it will listen.
+    token
+        What each of its addresses begins with; see :func:`address`.
     annotations
         Where marks are kept: ``server``, ``browser`` or ``off``.
     more
@@ -231,7 +258,8 @@ def page_app(
         _fixed("/page.json", json.dumps({"annotations": annotations}).encode()),
         *more,
     ]
-    return Gate(Starlette(routes=routes, exception_handlers={404: _absent, 405: _absent}), port)
+    app = Starlette(routes=routes, exception_handlers={404: _absent, 405: _absent})
+    return Gate(app, port, token)
 
 
 async def _absent(request: Request, _: Exception) -> Response:
@@ -250,6 +278,46 @@ def listen(port: int) -> socket.socket:
         return socket.create_server((LOOPBACK, port))
     except OSError as error:
         raise ViewerError(f"port {port}: expected a free one, found: {error.strerror}") from error
+
+
+def address(port: int, token: str) -> str:
+    """Return where the page is."""
+    return f"http://{LOOPBACK}:{port}/{token}/"
+
+
+def new_token() -> str:
+    """Return a token that nobody can guess."""
+    return secrets.token_urlsafe(24)
+
+
+class _Prompt(H11Protocol):
+    """Closes a connection whose request does not come whole in time."""
+
+    _stalled: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._stop()
+
+    def _watch(self) -> None:
+        """Begin to wait for the head of a request, or stop where it is there."""
+        if self.cycle is not None and not self.cycle.response_complete:
+            self._stop()
+        elif self._stalled is None:
+            self._stalled = self.loop.call_later(STALL_S, self.transport.close)
+
+    def _stop(self) -> None:
+        if self._stalled is not None:
+            self._stalled.cancel()
+            self._stalled = None
 
 
 class _Server(uvicorn.Server):
@@ -278,6 +346,7 @@ def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lamb
     """
     config = uvicorn.Config(
         app,
+        http=_Prompt,
         log_level="error",
         access_log=False,
         lifespan="off",
@@ -288,11 +357,12 @@ def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lamb
     _Server(config, ready).run([listening])
 
 
-def main(rrd: Path, port: int, moments: bytes) -> None:
+def main(rrd: Path, port: int, token: str, moments: bytes) -> None:
     """Serve a recording until the process ends; marks are kept in the browser."""
     listening = listen(port)
-    run(page_app(rrd, moments, port, "browser"), listening)
+    run(page_app(rrd, moments, port, token, "browser"), listening)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), sys.stdin.buffer.read())
+    given = sys.stdin.buffer
+    main(Path(sys.argv[1]), int(sys.argv[2]), given.readline().decode().strip(), given.read())

@@ -8,7 +8,6 @@ import hashlib
 import re
 import shutil
 import subprocess
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -20,6 +19,7 @@ from groundtrace.api.files import unheard
 from groundtrace.api.replay import replay_to_files
 from groundtrace.evaluation.score_page import score_page
 from groundtrace.pipeline.results import atomic_write, read_results
+from groundtrace.scratch import scratch_folder
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
 from ..errors import ViewerError
@@ -372,7 +372,7 @@ def timeline_file(
 
 def _replayed(sources: Sources, recording: Path, light: bool, target: Path, report: Report) -> None:
     """Replay a recording as the results say that it was."""
-    with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
+    with scratch_folder() as folder:
         fresh = Path(folder, "fresh.mcap")
         recipe = written_recipe(sources.results, Path(folder))
         lines: list[str] = []

@@ -1,21 +1,8 @@
 /* Where marks are kept: by the server of `groundtrace annotate`, or in this browser. */
 
-const TOKEN = "groundtrace-token";
-
-/** Return the token of the address, which goes out of sight and stays for reloads. */
-export function token() {
-  const given = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (given) {
-    sessionStorage.setItem(TOKEN, given);
-    history.replaceState(null, "", location.pathname + location.search);
-  }
-  return given ?? sessionStorage.getItem(TOKEN) ?? "";
-}
-
 /** Marks kept by the server: safe on its disk before it answers. */
 export class ServerStore {
   constructor() {
-    this.token = token();
     this.keeps = "server";
     this.drawn = 0;
   }
@@ -23,7 +10,7 @@ export class ServerStore {
   async ask(method, path, body) {
     const answer = await fetch(`api/${path}`, {
       method,
-      headers: { "X-Groundtrace-Token": this.token, "Content-Type": "application/json" },
+      headers: { "Content-Type": "application/json" },
       body: body === undefined ? undefined : JSON.stringify(body),
     });
     if (answer.ok) return answer;
