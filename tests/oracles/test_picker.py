@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from groundtrace.dsp.filters import bandpass
+from groundtrace.dsp.noise import SignalFrames
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace.kernels import frames, grid, locate, picker
+from groundtrace.kernels import grid, locate, picker
 
 RNG = np.random.default_rng(22)
+COLUMNS = 3
 CHANNELS = (1, 3, 8, 9, 16, 17, 33)
 TINY = 5e-324
 
@@ -61,19 +64,36 @@ def cells_of(x: np.ndarray, sos: np.ndarray, alpha: float, length: int) -> tuple
 
 
 def picked(x: np.ndarray, sos: np.ndarray, alpha: float, length: int, block: int) -> tuple:
-    """Run the kernel over blocks."""
+    """Run the kernel over blocks: rows filtered, levels of cells, frames of COLUMNS cells."""
     n, channels = x.shape
-    rows, cells, filled = np.empty(x.shape), [], 0
+    rows, found, filled = np.empty(x.shape), [], 0
     state = picker.channels_of(np.ones(channels), np.zeros((4, channels)))
-    sections = picker.sections_of(sos)
+    sections, frame = picker.sections_of(sos), SignalFrames(channels, COLUMNS)
     for start in range(0, n, block):
-        part = x[start : start + block]
-        found = np.empty((picker.CELL, channels, (filled + len(part)) // length))
-        filtered = rows[start : start + block]
-        picker.variance_cells(part, sections, alpha, state, filled, length, filtered, found)
+        part, filtered = x[start : start + block], rows[start : start + block]
+        complete, columns = (filled + len(part)) // length, frame.filled
+        levels, values = np.empty((channels, complete)), frame.completed_by(complete)
+        of_frame = (frame.open_frame, columns, COLUMNS)
+        picker.variance_cells(
+            part, sections, alpha, state, filled, length, *of_frame, filtered, levels, values
+        )
         filled = (filled + len(part)) % length
-        cells.append(found)
-    return rows, np.concatenate(cells, axis=2)
+        found.append((levels, values))
+    levels, values = (np.concatenate(each, axis=1) for each in zip(*found, strict=True))
+    return rows, levels, np.concatenate([values, frame.flush()], axis=1)
+
+
+def frame_of(columns: list[tuple[float, ...]]) -> tuple[float, ...]:
+    """Return what a frame of columns (peak, power, high, low) tells, step by step."""
+    largest, total, highest, lowest = -math.inf, 0.0, -math.inf, math.inf
+    for peak, power, high, low in columns:
+        largest, total = max(largest, peak), total + power
+        highest, lowest = max(highest, high), min(lowest, low)
+    flat = 0
+    for (_, _, *before), (_, _, high, low) in pairwise(columns):
+        flat += high == low and before == [high, low] and high in (highest, lowest)
+    level = math.sqrt(total / len(columns)) if total >= 0.0 else math.nan
+    return largest, level, (highest - lowest) / 2.0, flat
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
@@ -83,11 +103,15 @@ def picked(x: np.ndarray, sos: np.ndarray, alpha: float, length: int, block: int
 def test_cells_are_those_of_a_plain_loop_to_the_last_bit(channels, block, order):
     sos = bandpass(20.0, 0.0 if order == 1 else 400.0, 2000.0) if order else bandpass(0, 0, 2000.0)
     for name, x in signals(120, channels).items():
-        rows, cells = picked(x, sos, 0.2, 7, block)
+        rows, levels, frame = picked(x, sos, 0.2, 7, block)
         for c in range(channels):
-            filtered, expected = cells_of(x[:, c], sos, 0.2, 7)
+            filtered, cells = cells_of(x[:, c], sos, 0.2, 7)
             assert np.array_equal(rows[:, c], filtered, equal_nan=True), name
-            assert np.array_equal(cells[:, c].T, expected, equal_nan=True), name
+            assert np.array_equal(levels[c], [level for level, *_ in cells], equal_nan=True), name
+            columns = [tuple(map(float, cell[1:])) for cell in cells]
+            groups = [columns[k : k + COLUMNS] for k in range(0, len(columns), COLUMNS)]
+            expected = [frame_of(group) for group in groups]
+            assert np.array_equal(frame[c], expected, equal_nan=True), name
 
 
 @pytest.mark.parametrize("kind", picker.STORED)
@@ -103,37 +127,20 @@ def test_cells_are_the_same_however_samples_are_stored(kind, planar):
         assert np.array_equal(found, expected)
 
 
-def frame_of(columns: np.ndarray) -> tuple[float, ...]:
-    """Return what a frame of columns, shape (5, n), tells."""
-    decision, peak, power, high, low = columns
-    flat = 0
-    for before, own in zip(columns[3:].T[:-1], columns[3:].T[1:], strict=True):
-        same = own[0] == own[1] == before[0] == before[1]
-        flat += bool(same and own[0] in (high.max(), low.min()))
-    level, swing = math.sqrt(math.fsum(power) / len(power)), (high.max() - low.min()) / 2
-    return decision.max(), peak.max(), level, swing, flat
-
-
 @pytest.mark.parametrize("channels", [1, 3, 16])
 @pytest.mark.parametrize("length", [1, 2, 7])
 @pytest.mark.parametrize("block", [1, 3, 50])
 def test_frames_are_those_of_plain_columns(channels, length, block):
-    rows = RNG.integers(-2, 3, (5, channels, 50)).astype(float)
-    rows[2], rows[4] = rows[2] ** 2, np.minimum(rows[3], rows[4])
-    rows[3:, :, 20:] = np.repeat(rows[3:, :, 20:25], 6, axis=2)  # stands still again and again
-    rows[4] = np.where(RNG.random((channels, 50)) < 0.7, rows[3], rows[4])
-    state, filled, found = frames.open_frames(channels), 0, []
-    for start in range(0, 50, block):
-        part = [np.ascontiguousarray(row[:, start : start + block]) for row in rows]
-        many = filled + part[0].shape[1]
-        values = np.empty((channels, many // length, frames.VALUES))
-        frames.frames(*part, state, filled, length, values)
-        filled = many % length
-        found.append(values)
-    whole = np.concatenate(found, axis=1)
+    rows = RNG.integers(-2, 3, (4, channels, 50)).astype(float)
+    rows[1], rows[3] = rows[1] ** 2, np.minimum(rows[2], rows[3])
+    rows[2:, :, 20:] = np.repeat(rows[2:, :, 20:25], 6, axis=2)  # stands still again and again
+    rows[3] = np.where(RNG.random((channels, 50)) < 0.7, rows[2], rows[3])
+    frame = SignalFrames(channels, length)
+    found = [frame.add(*rows[:, :, start : start + block]) for start in range(0, 50, block)]
+    whole = np.concatenate([*found, frame.flush()], axis=1)
     for c, index in np.ndindex(whole.shape[:2]):
-        expected = frame_of(rows[:, c, index * length : (index + 1) * length])
-        assert whole[c, index] == pytest.approx(expected, rel=1e-14)
+        columns = rows[:, c, index * length : (index + 1) * length].T.tolist()
+        assert whole[c, index].tolist() == list(frame_of([tuple(x) for x in columns]))
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])

@@ -136,8 +136,8 @@ class ArrivalTracker:
 
     Attributes
     ----------
-    clock, history
-        Times and signals of the run; the picker adds to them before it tells the cells.
+    clock, history, frames
+        Times, signals and frames of the run; the picker adds to them before it tells the cells.
     """
 
     def __init__(
@@ -161,6 +161,7 @@ class ArrivalTracker:
         back = round(settings.back_s / cell_s)
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
+        self.frames = self._trace.signal
         self._reached: tuple[CompleteCells, NDArray[np.float64]] | None = None
         self._waiting = LocalMaximaWithOnset.none()  # maxima whose AIC windows are open
         self._held = NOTHING
@@ -178,8 +179,7 @@ class ArrivalTracker:
         self._reached = (cells, ratio)
         start, stop, step = self._trace.begins(len(cells)).indices(len(cells))
         begins = np.arange(cells.first + start, cells.first + stop, step)
-        rows = (ratio, cells.peak, cells.power, cells.high, cells.low)
-        frames = self._trace.take(self.clock.at(begins * self._length), *rows)
+        frames = self._trace.take(self.clock.at(begins * self._length), ratio, cells.frames)
         return Measured(self._candidates(ratio, final=False), frames)
 
     def curve(self, level: Callable[[int, int], NDArray[np.float64]]) -> Curve | None:

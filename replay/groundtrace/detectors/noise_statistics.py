@@ -149,14 +149,15 @@ class NoiseStatistics(Stage):
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         settings = ArrivalSettings.of(p, "rise", p.gap_s, RISE_WINDOWS_S, correlation_s=0.0)
         gap = max(1, round(p.gap_s * rate))
+        tracker = ArrivalTracker(rate, n, settings, _noise)
         self.state = _State(
             StreamingFilter(bandpass(p.low_hz, p.high_hz, rate)),
             _Stretches(rate, n),
             UnbiasedMean(p.noise_s * rate),
             np.zeros((n, gap)),
             gap + round(p.warm_up_s * rate),
-            CellReducer(rate, n),
-            ArrivalTracker(rate, n, settings, _noise),
+            CellReducer(rate, tracker.frames),
+            tracker,
         )
         return tuple(c.name for c in stream.channels)
 

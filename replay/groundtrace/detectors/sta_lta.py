@@ -85,11 +85,12 @@ class StaLtaPicker(Stage):
         stream = context.stream
         p, rate, n = self.parameters, stream.rate_hz, len(stream.channels)
         settings = ArrivalSettings.of(p, "peak", 2 * p.sta_s, WINDOWS_S, CORRELATION_S)
+        tracker = ArrivalTracker(rate, n, settings, partial(_noise, p.lta_s), signals=2)
         self.state = _State(
             SmoothedSlope(rate, p.smooth_s, p.slope_s),
             UnbiasedMean(p.sta_s * rate),
-            CellReducer(rate, n),
-            ArrivalTracker(rate, n, settings, partial(_noise, p.lta_s), signals=2),
+            CellReducer(rate, tracker.frames),
+            tracker,
         )
         return tuple(c.name for c in stream.channels)
 

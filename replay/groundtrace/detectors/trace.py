@@ -13,6 +13,7 @@ import numpy as np
 from groundtrace_codecs.events import Quantity
 
 from .. import kernels
+from ..dsp.noise import SignalFrames
 from ..pipeline.stage import Frames
 
 if TYPE_CHECKING:
@@ -50,14 +51,23 @@ class FrameTrace:
         Columns per second [Hz].
     channels
         Number of channels.
+
+    Attributes
+    ----------
+    length
+        Columns of a frame.
+    signal
+        Reduces the signal; a picker may give it the columns itself, and then the decisions alone
+        to :meth:`take`.
     """
 
     def __init__(self, rate_hz: float, channels: int) -> None:
         self.rate_hz = rate_hz
         self.length = max(1, round(FRAME_S * rate_hz))
         self.history = max(1, round(NOISE_S * rate_hz / self.length))
-        self._frame = kernels.frames.open_frames(channels)  # under way
-        self._filled = 0  # columns of it
+        self.signal = SignalFrames(channels, self.length)
+        self._filled = 0  # columns of the frame under way
+        self._most = np.full(channels, -np.inf)  # the largest decision in it
         self._begin_ns = 0
         self._past = np.full((2, channels, self.history - 1), -np.inf)
 
@@ -78,56 +88,75 @@ class FrameTrace:
         """
         if not len(times):
             return self.nothing()
-        return self.take(times[self.begins(len(times))], *rows)
+        decision, *signal = rows
+        return self.take(times[self.begins(len(times))], decision, self.signal.add(*signal))
 
     def begins(self, columns: int) -> slice:
         """Return which of the next columns begin a frame."""
         return slice(-self._filled % self.length, columns, self.length)
 
-    def take(self, begins: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
-        """Take columns as :meth:`add` does, but the times of those alone that begin a frame."""
+    def take(
+        self,
+        begins: NDArray[np.int64],
+        decision: NDArray[np.float64],
+        signal: NDArray[np.float64],
+    ) -> Frames:
+        """Take columns of the decision function.
+
+        Parameters
+        ----------
+        begins
+            The times of those that begin a frame.
+        decision
+            Shape (n_channels, n).
+        signal
+            What :attr:`signal` has made of the same columns.
+        """
+        starts = np.arange(decision.shape[1])[self.begins(decision.shape[1])]
         if self._filled:
-            begins = np.concatenate([[self._begin_ns], begins])
-        if len(begins):
-            self._begin_ns = int(begins[-1])
-        return self._frames(begins, self.length, *rows)
+            begins, starts = np.append(self._begin_ns, begins), np.append(0, starts)
+        most = np.fmax.reduceat(decision, starts, axis=1)
+        if self._filled:
+            most[:, 0] = np.fmax(most[:, 0], self._most)
+        self._filled = (self._filled + decision.shape[1]) % self.length
+        self._begin_ns, self._most = int(begins[-1]), most[:, -1]
+        count = signal.shape[1]
+        return self._frames(begins[:count], most[:, :count], signal)
 
     def flush(self) -> Frames:
         """Return the last, shorter frame."""
         if not self._filled:
             return self.nothing()
-        rows = [np.empty((len(self._frame), 0))] * 5
-        return self._frames(np.array([self._begin_ns]), self._filled, *rows)
+        self._filled = 0
+        return self._frames(
+            np.array([self._begin_ns]), self._most[:, np.newaxis], self.signal.flush()
+        )
 
     def nothing(self) -> Frames:
         """Return no frames."""
         return Frames(np.empty(0, np.int64), np.empty((0, self._past.shape[1], 6), np.float32))
 
-    def _frames(self, begins: NDArray[np.int64], length: int, *rows: NDArray[np.float64]) -> Frames:
-        """Return the frames that columns complete, with the quietest of the last 5 s."""
-        filled = self._filled + rows[0].shape[1]
-        count, filled_before, self._filled = filled // length, self._filled, filled % length
-        values = np.empty((len(self._frame), count, kernels.frames.VALUES))
-        decision, peak, power, high, low = (np.ascontiguousarray(x, np.float64) for x in rows)
-        kernels.frames.frames(
-            decision, peak, power, high, low, self._frame, filled_before, length, values
-        )
-        if not count:
+    def _frames(
+        self,
+        begins: NDArray[np.int64],
+        decision: NDArray[np.float64],
+        signal: NDArray[np.float64],
+    ) -> Frames:
+        """Return frames, with the quietest of the last 5 s."""
+        if not len(begins):
             return self.nothing()
-        most, largest, level, swing, still = np.moveaxis(values, -1, 0)
+        peak, level, swing, still = np.moveaxis(signal, -1, 0)
         # dead stretches say nothing about the noise
         quiet = np.stack([level, swing])
         line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
-        self._past = line[:, :, count:]
+        self._past = line[:, :, len(begins) :]
         noise, least = (kernels.frames.window_maxima(kind, self.history) for kind in line)
         shown = (
-            most,
-            largest,
+            decision,
+            peak,
             np.where(noise > -np.inf, -noise, 0.0),
             swing,
             np.where(least > -np.inf, -least, 0.0),
             still / self.rate_hz,
         )
-        return Frames(
-            begins[:count], np.stack(shown, axis=-1).transpose(1, 0, 2).astype(np.float32)
-        )
+        return Frames(begins, np.stack(shown, axis=-1).transpose(1, 0, 2).astype(np.float32))

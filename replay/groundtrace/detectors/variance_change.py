@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.signals import Stream
 
     from ..dsp.filters import SampleHistory
+    from ..dsp.noise import SignalFrames
     from ..pipeline.stage import Curve, Measured
 
 
@@ -81,19 +82,20 @@ class _Variance:
         self._channels: NDArray[np.void] | None = None
         self._before: NDArray[np.float64] = np.zeros(0)  # the average before the last block's cells
 
-    def __call__(self, block: SignalBlock, history: SampleHistory) -> CompleteCells:
+    def __call__(
+        self, block: SignalBlock, history: SampleHistory, frames: SignalFrames
+    ) -> CompleteCells:
         """Take a block; add it, filtered, to the history and return the cells it completes."""
         n = len(block)
         history.extend(n)
-        rows = history.recent(n)
         if self._channels is None:
             scales = block.stream.scales
             memory = self._steady(block.samples[0] * scales)
             self._channels = kernels.picker.channels_of(scales, memory)
         self._before = self._channels["at_cell"].ravel()[: self._count].copy()
-        filled, first = self._filled, self._first
+        filled, first, columns = self._filled, self._first, frames.filled
         complete = (filled + n) // self._length
-        cells = np.empty((kernels.picker.CELL, self._count, complete))
+        levels, values = np.empty((self._count, complete)), frames.completed_by(complete)
         known = block.samples.dtype in kernels.picker.STORED
         kernels.picker.variance_cells(
             block.samples if known else block.samples.astype(np.float64),
@@ -102,11 +104,15 @@ class _Variance:
             self._channels,
             filled,
             self._length,
-            rows,
-            cells,
+            frames.open_frame,
+            columns,
+            frames.length,
+            history.recent(n),
+            levels,
+            values,
         )
         self._filled, self._first = (filled + n) % self._length, first + complete
-        return CompleteCells(first, *cells)
+        return CompleteCells(first, levels, values)
 
     def level(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the moving average over the filtered samples of the last block's cells."""
@@ -163,7 +169,7 @@ class VarianceChange(Stage):
         tracker = self.state.tracker
         if len(block):
             tracker.clock.add(block)
-        return tracker.take(self.state.variance(block, tracker.history))
+        return tracker.take(self.state.variance(block, tracker.history, tracker.frames))
 
     def curve(self) -> Curve | None:
         """Return the ratio over the samples that the last ``process`` completed."""

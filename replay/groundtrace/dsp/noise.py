@@ -49,6 +49,55 @@ class RunningMaximum:
         return kernels.frames.window_maxima(line, self.cells)
 
 
+class SignalFrames:
+    """What signals reached in each frame of so many columns: cells, or samples.
+
+    Parameters
+    ----------
+    channels
+        Number of channels.
+    length
+        Columns of a frame.
+
+    Attributes
+    ----------
+    open_frame, filled
+        What is kept of the frame under way, and how many columns it has.
+    """
+
+    def __init__(self, channels: int, length: int) -> None:
+        self.length = length
+        self.open_frame = kernels.frames.open_frames(channels)
+        self.filled = 0
+
+    def add(self, *rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take columns: peak and mean power as filtered, maximum and minimum as recorded.
+
+        Each of shape (n_channels, n). Returned are the frames they complete, of shape
+        (n_channels, m, 4): peak, level, swing, and how many columns stood still at an extreme.
+        """
+        filled = self.filled
+        values = self.completed_by(rows[0].shape[1])
+        peak, power, high, low = (np.ascontiguousarray(row, np.float64) for row in rows)
+        of_frame = (self.open_frame, filled, self.length, values)
+        kernels.frames.frames(peak, power, high, low, *of_frame)
+        return values
+
+    def completed_by(self, columns: int) -> NDArray[np.float64]:
+        """Count columns in; return room for the frames that they complete."""
+        filled = self.filled + columns
+        self.filled = filled % self.length
+        return np.empty((len(self.open_frame), filled // self.length, kernels.frames.VALUES))
+
+    def flush(self) -> NDArray[np.float64]:
+        """Return the last, shorter frame, or none."""
+        values = np.empty((len(self.open_frame), min(self.filled, 1), kernels.frames.VALUES))
+        if self.filled:
+            kernels.frames.close_frames(self.open_frame, self.filled, values)
+        self.filled = 0
+        return values
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CompleteCells:
     """Complete cells.
@@ -57,17 +106,16 @@ class CompleteCells:
     ----------
     first
         Index in the run of the first of them.
-    level, peak, power, high, low
-        Shape (n_channels, n): largest level of the decision function, largest absolute value and
-        mean square of the filtered signal, maximum and minimum of the recorded signal.
+    level
+        Shape (n_channels, n): largest level of the decision function.
+    frames
+        Shape (n_channels, m, 4): the frames of the signal that they complete, as
+        :class:`SignalFrames` has them.
     """
 
     first: int
     level: NDArray[np.float64]
-    peak: NDArray[np.float64]
-    power: NDArray[np.float64]
-    high: NDArray[np.float64]
-    low: NDArray[np.float64]
+    frames: NDArray[np.float64]
 
     def __len__(self) -> int:
         return int(self.level.shape[1])
@@ -76,15 +124,23 @@ class CompleteCells:
 class CellReducer:
     """Reduces signals to cells, where all of them are there sample by sample.
 
+    Parameters
+    ----------
+    rate_hz
+        Of the signals.
+    frames
+        Reduces the cells to frames.
+
     Attributes
     ----------
     length
         Samples of a cell.
     """
 
-    def __init__(self, rate_hz: float, channels: int) -> None:
+    def __init__(self, rate_hz: float, frames: SignalFrames) -> None:
         self.length = cell_length(rate_hz)
-        self._rows = np.empty((3, channels, 0))  # from the last block's first cell on
+        self._frames = frames
+        self._rows = np.empty((3, len(frames.open_frame), 0))  # from the last block's first cell on
         self._first = 0  # cell of the run that they begin with
         self._count = 0  # cells that they complete
 
@@ -98,14 +154,13 @@ class CellReducer:
         recorded, filtered, level = whole.reshape(*whole.shape[:2], self._count, self.length)
         # along the first axis numpy adds in order, as the pickers' kernel does
         power = np.moveaxis(filtered * filtered, -1, 0).copy().sum(axis=0) / self.length
-        return CompleteCells(
-            self._first,
-            level.max(axis=-1, initial=-np.inf),
+        frames = self._frames.add(
             np.abs(filtered).max(axis=-1, initial=0.0),
             power,
             recorded.max(axis=-1, initial=-np.inf),
             recorded.min(axis=-1, initial=np.inf),
         )
+        return CompleteCells(self._first, level.max(axis=-1, initial=-np.inf), frames)
 
     def samples(self, start: int, stop: int) -> NDArray[np.float64]:
         """Return the level of samples whose cells the last block completed, (n, n_channels)."""

@@ -15,78 +15,58 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-#: What is kept of the frame under way: the largest decision and peak, the sum of powers, the
-#: extremes; the last column where it stood still, else none; how many columns stood still at the
-#: highest and at the lowest.
+#: What is kept of the frame under way: the largest peak, the sum of powers, the extremes; the last
+#: column where it stood still, else none; how many columns stood still at the highest and at the
+#: lowest.
 FRAME = np.dtype(
     [
-        *((name, "f8") for name in ("decision", "peak", "power", "high", "low", "last")),
+        *((name, "f8") for name in ("peak", "power", "high", "low", "last")),
         *((name, "i8") for name in ("at_high", "at_low")),
     ]
 )
-#: What a frame tells of each channel: decision, peak, level, swing, columns at an extreme. Source:
+#: What a frame tells of each channel: peak, level, swing, columns at an extreme. Source:
 #: definition.
-VALUES = 5
+VALUES = 4
 
-_FRAMES = numba.void(
-    *(5 * [numba.f8[:, ::1]]), numba.from_dtype(FRAME)[::1], numba.i8, numba.i8, numba.f8[:, :, ::1]
-)
+FRAMES = numba.from_dtype(FRAME)[::1]
 
 
 def open_frames(channels: int) -> NDArray[np.void]:
     """Return what is kept of frames before their first column."""
     found = np.zeros(channels, FRAME)
-    found["decision"] = found["peak"] = found["high"] = -np.inf
+    found["peak"] = found["high"] = -np.inf
     found["low"], found["last"] = np.inf, np.nan
     return found
 
 
 @inlined
-def _extend(
-    f: Any,
-    decision: Array,
-    peak: Array,
-    power: Array,
-    high: Array,
-    low: Array,
-    row: int,
-    start: int,
-    stop: int,
-) -> None:
-    """Add the columns ``[start, stop)`` of a channel to its frame."""
-    most, largest, total, last = f.decision, f.peak, f.power, f.last
-    highest, lowest = f.high, f.low
-    for i in range(start, stop):
-        most = decision[row, i] if decision[row, i] > most else most
-        largest = peak[row, i] if peak[row, i] > largest else largest
-        total += power[row, i]
-        above, below = high[row, i], low[row, i]
-        if above > highest:
-            highest, f.at_high = above, 0
-        if below < lowest:
-            lowest, f.at_low = below, 0
-        if above == below == last:
-            f.at_high += above == highest
-            f.at_low += below == lowest
-        last = above if above == below else math.nan
-    f.decision, f.peak, f.power, f.last = most, largest, total, last
-    f.high, f.low = highest, lowest
+def add_column(f: Any, peak: float, power: float, high: float, low: float) -> None:
+    """Add a column to a frame."""
+    f.peak = peak if peak > f.peak else f.peak
+    f.power += power
+    if high > f.high:
+        f.high, f.at_high = high, 0
+    if low < f.low:
+        f.low, f.at_low = low, 0
+    if high == low == f.last:
+        f.at_high += high == f.high
+        f.at_low += low == f.low
+    f.last = high if high == low else math.nan
 
 
 @inlined
-def _close(f: Any, length: int, values: Array) -> None:
-    """Write a frame, and begin the next."""
-    values[0], values[1], values[2] = f.decision, f.peak, math.sqrt(f.power / length)
-    values[3] = (f.high - f.low) / 2.0
-    values[4] = f.at_high if f.high == f.low else f.at_high + f.at_low
-    f.decision = f.peak = f.high = -math.inf
+def close_frame(f: Any, length: int, values: Array, channel: int, index: int) -> None:
+    """Write a frame of a channel, and begin the next."""
+    values[channel, index, 0], values[channel, index, 1] = f.peak, math.sqrt(f.power / length)
+    values[channel, index, 2] = (f.high - f.low) / 2.0
+    values[channel, index, 3] = f.at_high if f.high == f.low else f.at_high + f.at_low
+    f.peak = f.high = -math.inf
     f.low, f.last = math.inf, math.nan
     f.power, f.at_high, f.at_low = 0.0, 0, 0
 
 
-@compiled(_FRAMES)
+@compiled(numba.void(*(4 * [numba.f8[:, ::1]]), FRAMES, numba.i8, numba.i8, numba.f8[:, :, ::1]))
 def frames(
-    decision: Array,
     peak: Array,
     power: Array,
     high: Array,
@@ -100,8 +80,8 @@ def frames(
 
     Parameters
     ----------
-    decision, peak, power, high, low
-        Shape (n_channels, n): columns, as :class:`~.detectors.trace.FrameTrace` takes them.
+    peak, power, high, low
+        Shape (n_channels, n): columns, as :class:`~.dsp.noise.SignalFrames` takes them.
     open_frame
         As :func:`open_frames` has it.
     filled, length
@@ -109,17 +89,21 @@ def frames(
     values
         Shape (n_channels, n_frames, VALUES): gets the frames that are completed.
     """
-    for row in range(len(decision)):
-        f, own, start, index = open_frame[row], filled, 0, 0
-        while True:
-            stop = min(decision.shape[1], start + length - own)
-            _extend(f, decision, peak, power, high, low, row, start, stop)
-            own += stop - start
-            start = stop
-            if own < length:
-                break
-            _close(f, length, values[row, index])
-            own, index = 0, index + 1
+    for c in range(len(peak)):
+        f, own, index = open_frame[c], filled, 0
+        for i in range(peak.shape[1]):
+            add_column(f, peak[c, i], power[c, i], high[c, i], low[c, i])
+            own += 1
+            if own == length:
+                close_frame(f, length, values, c, index)
+                own, index = 0, index + 1
+
+
+@compiled(numba.void(FRAMES, numba.i8, numba.f8[:, :, ::1]))
+def close_frames(open_frame: NDArray[np.void], filled: int, values: Array) -> None:
+    """Write the frames under way, of so many columns, shape (n_channels, 1, VALUES)."""
+    for c in range(len(open_frame)):
+        close_frame(open_frame[c], filled, values, c, 0)
 
 
 @inlined

@@ -15,6 +15,7 @@ import numba
 import numpy as np
 
 from .compiling import compiled, inlined
+from .frames import FRAMES, add_column, close_frame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,9 +47,6 @@ CHANNELS = np.dtype(
         ("tile", "f8", (TILE, LANES)),
     ]
 )
-#: What a cell holds of each channel: level, peak, power, highest, lowest sample. Source:
-#: definition.
-CELL = 5
 #: A filter's memory below this, at the end of a cell, is nothing: it would go on through numbers
 #: that are slow to count. Chosen by judgement: far below any sample.
 NOTHING = 1e-140
@@ -56,8 +54,10 @@ NOTHING = 1e-140
 
 def _cells(kind: np.dtype[Any]) -> Any:
     samples = numba.types.Array(numba.from_dtype(kind), 2, "A", readonly=True, aligned=False)
-    state = (numba.from_dtype(SECTION)[::1], numba.f8, numba.from_dtype(CHANNELS)[::1])
-    return numba.void(samples, *state, numba.i8, numba.i8, numba.f8[:, ::1], numba.f8[:, :, ::1])
+    sections, channels = (numba.from_dtype(of)[::1] for of in (SECTION, CHANNELS))
+    count, rows = numba.i8, numba.f8[:, ::1]
+    state = (sections, numba.f8, channels, count, count, FRAMES, count, count)
+    return numba.void(samples, *state, rows, rows, numba.f8[:, :, ::1])
 
 
 def sections_of(sos: Array) -> NDArray[np.void]:
@@ -129,13 +129,13 @@ def _without_tail(x: float) -> float:
 
 
 @inlined
-def _close(c: Any, first: int, count: int, length: int, cells: Array, index: int) -> None:
-    """Write the open cell to those of its channels, and begin the next."""
+def _close(
+    c: Any, first: int, count: int, length: int, levels: Array, index: int, open_frame: Any
+) -> None:
+    """Add the open cell of channels to their frames, and begin the next."""
     for j in range(count):
-        own = first + j
-        cells[0, own, index], cells[1, own, index] = c.most[j], c.peak[j]
-        cells[2, own, index] = c.power[j] / length
-        cells[3, own, index], cells[4, own, index] = c.high[j], c.low[j]
+        levels[first + j, index], power = c.most[j], c.power[j] / length
+        add_column(open_frame[first + j], c.peak[j], power, c.high[j], c.low[j])
     for j in range(LANES):
         c.most[j] = c.high[j] = -np.inf
         c.peak[j] = c.power[j] = 0.0
@@ -153,10 +153,14 @@ def variance_cells(
     channels: NDArray[np.void],
     filled: int,
     length: int,
+    open_frame: NDArray[np.void],
+    columns: int,
+    frame_length: int,
     rows: Array,
-    cells: Array,
+    levels: Array,
+    frames: Array,
 ) -> None:
-    """Scale and filter samples, average their square, reduce them to cells.
+    """Scale and filter samples, average their square, reduce them to cells, and those to frames.
 
     Parameters
     ----------
@@ -170,13 +174,18 @@ def variance_cells(
         As :func:`channels_of` has them.
     filled, length
         How many samples the open cell has, and a complete one.
+    open_frame, columns, frame_length
+        As :func:`.frames.frames` takes them; its columns are cells.
     rows
         Shape (n, n_channels): gets the filtered samples.
-    cells
-        Shape (CELL, n_channels, n_cells): gets the cells that are completed.
+    levels
+        Shape (n_channels, n_cells): gets the largest average of the cells that are completed.
+    frames
+        Shape (n_channels, n_frames, VALUES): gets the frames that are completed.
     """
     for group in range(len(channels)):
         c, first, own, index = channels[group], group * LANES, filled, 0
+        column, frame = columns, 0
         count = min(LANES, samples.shape[1] - first)
         for begin in range(0, len(samples), TILE):
             given = samples[begin : begin + TILE, first:]
@@ -189,9 +198,14 @@ def variance_cells(
                 _filter(c, start, stop, sections, alpha)
                 own += stop - start
                 start = stop
-                if own == length:
-                    _close(c, first, count, length, cells, index)
-                    own, index = 0, index + 1
+                if own < length:
+                    break
+                _close(c, first, count, length, levels, index, open_frame)
+                own, index, column = 0, index + 1, column + 1
+                if column == frame_length:
+                    for j in range(first, first + count):
+                        close_frame(open_frame[j], frame_length, frames, j, frame)
+                    column, frame = 0, frame + 1
             filtered = rows[begin : begin + size, first : first + count]
             if count == LANES:  # a length that is stated is copied at once
                 for i in range(size):

@@ -14,6 +14,7 @@ from groundtrace.dsp.noise import (
     LocalMaxima,
     NoiseRatio,
     RunningMaximum,
+    SignalFrames,
 )
 from groundtrace.kernels.frames import window_maxima
 
@@ -23,13 +24,16 @@ RECORDED, FILTERED, LEVEL = RNG.normal(size=(3, 2, N))
 
 
 def reduced(cuts=(), rate_hz=5000.0):
-    reducer = CellReducer(rate_hz, 2)
+    reducer = CellReducer(rate_hz, SignalFrames(2, 1))
     rows = (RECORDED, FILTERED, LEVEL)
     pieces = zip(*(parts_of(r, cuts) for r in rows), strict=True)
     cells = [reducer.add(*piece) for piece in pieces]
     assert [c.first for c in cells] == np.cumsum([0, *map(len, cells)]).tolist()[:-1]
-    names = ("level", "peak", "power", "high", "low")
-    return {n: np.concatenate([getattr(c, n) for c in cells], axis=-1) for n in names}
+    frames = np.concatenate([c.frames for c in cells], axis=1)
+    level = np.concatenate([c.level for c in cells], axis=1)
+    return dict(
+        zip(("level", "peak", "rms", "swing"), (level, *np.moveaxis(frames, -1, 0)), strict=False)
+    )
 
 
 @given(cuts=cuts_of(N))
@@ -44,9 +48,8 @@ def test_cells_of_a_millisecond_hold_what_was_reached_in_them():
     folded = [x[:, whole].reshape(2, 40, 5) for x in (RECORDED, FILTERED, LEVEL)]
     assert np.array_equal(cells["level"], folded[2].max(axis=2))
     assert np.array_equal(cells["peak"], np.abs(folded[1]).max(axis=2))
-    assert np.allclose(cells["power"], (folded[1] ** 2).mean(axis=2), rtol=1e-12)
-    assert np.array_equal(cells["high"], folded[0].max(axis=2))
-    assert np.array_equal(cells["low"], folded[0].min(axis=2))
+    assert np.allclose(cells["rms"] ** 2, (folded[1] ** 2).mean(axis=2), rtol=1e-12)
+    assert np.array_equal(cells["swing"], np.ptp(folded[0], axis=2) / 2)
 
 
 @pytest.mark.parametrize("rate_hz", [6.0, 500.0, 1000.0])
