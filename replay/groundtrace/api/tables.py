@@ -15,7 +15,6 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import MissingPackageError
-from ..evaluation.page import rendered
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -72,6 +71,8 @@ def html_table(
     count
         How many rows there are, where ``rows`` may be only the first of them.
     """
+    from ..evaluation.page import rendered  # it is for notebooks
+
     shown = list(rows if count is None else islice(rows, ROWS))
     there = len(shown) if count is None else count
     if there > ROWS:

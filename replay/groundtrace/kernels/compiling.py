@@ -4,6 +4,10 @@ What is compiled is kept in a folder named by the content of all files here and 
 Python, numba and numpy: a change of one of them compiles anew, and nothing else does. The folder
 lies in ``NUMBA_CACHE_DIR``, beside the source, or, where neither can be written, in
 ``~/.cache/groundtrace``.
+
+Before its first function, numba imports what it can use of scipy's linear algebra, C declarations,
+settings in YAML and the coverage of tests, where they are installed: a quarter of what it takes to
+load. Nothing here needs any, so that it is told they are absent, as they may be.
 """
 
 from __future__ import annotations
@@ -12,18 +16,48 @@ import hashlib
 import os
 import shutil
 import sys
+import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-import numba
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     F = TypeVar("F", bound=Callable[..., Any])
+
+#: What numba imports where it is, and does without where it is not.
+OPTIONAL = frozenset({"cffi", "coverage", "scipy.linalg", "yaml"})
+
+
+class _Absent(MetaPathFinder):
+    """Tells the thread that made it, and no other, that packages are not installed."""
+
+    def __init__(self) -> None:
+        self._thread = threading.get_ident()
+
+    def find_spec(self, name: str, *_: object) -> None:
+        """Find nothing; refuse the packages."""
+        if name in OPTIONAL and threading.get_ident() == self._thread:
+            raise ModuleNotFoundError(name=name)
+
+
+@contextmanager
+def _without_optional() -> Iterator[None]:
+    absent = _Absent()
+    sys.meta_path.insert(0, absent)
+    try:
+        yield
+    finally:
+        sys.meta_path.remove(absent)
+
+
+with _without_optional():
+    import numba
 
 #: How long a function takes to compile, more or less [s]. Bench: cold and warm replays of
 #: a room, 9 s for 13 functions.
@@ -68,7 +102,8 @@ def _njit(function: Any, *signature: Any) -> Any:
     options = {"nogil": True, "error_model": "numpy"}
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
     try:
-        return numba.njit(*signature, cache=True, **options)(function)
+        with _without_optional():
+            return numba.njit(*signature, cache=True, **options)(function)
     except RuntimeError:  # no place at all can be written: compiled anew in every process
         return numba.njit(*signature, **options)(function)
     finally:

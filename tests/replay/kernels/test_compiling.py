@@ -74,3 +74,21 @@ def test_a_file_of_kernels_is_imported_when_it_is_first_asked_for():
         "kernels.locate; print('numba' in sys.modules); print(hasattr(kernels, 'missing'))"
     )
     assert _run(code).split() == ["False", "True", "False"]
+
+
+def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> None:
+    _run(
+        "import threading\n"
+        "from groundtrace.kernels import compiling\n"
+        "found = []\n"
+        "with compiling._without_optional():\n"
+        "    try:\n"
+        "        import scipy.linalg\n"
+        "    except ImportError:\n"
+        "        found.append('absent')\n"
+        "    other = threading.Thread(target=lambda: found.append(__import__('scipy.linalg')))\n"
+        "    other.start()\n"
+        "    other.join()\n"
+        "import scipy.linalg\n"
+        "assert found == ['absent', scipy], found\n"
+    )

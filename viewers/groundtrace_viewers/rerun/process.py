@@ -11,7 +11,6 @@ lets it connect to its own server only.
 
 from __future__ import annotations
 
-import http.client
 import importlib.util
 import os
 import socket
@@ -20,7 +19,6 @@ import sys
 import tempfile
 import time
 from contextlib import suppress
-from http import HTTPStatus
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -146,9 +144,12 @@ def fetch(port: int, path: str, timeout_s: float = START_S) -> bytes:
     ViewerError
         Where it does not come up in time or has no such file.
     """
+    from http import HTTPStatus
+    from http.client import HTTPConnection
+
     deadline = time.monotonic() + timeout_s
     while True:
-        connection = http.client.HTTPConnection(LOOPBACK, port, timeout=timeout_s)
+        connection = HTTPConnection(LOOPBACK, port, timeout=timeout_s)
         try:
             connection.request("GET", path)
             answer = connection.getresponse()

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from groundtrace.evaluation.positions import ignored
-from groundtrace.evaluation.vehicles import match_passes
 from groundtrace_codecs.events import (
     CandidateBlock,
     LikelihoodSurface,
@@ -405,6 +403,9 @@ def pass_verdicts(
     span_ns
         First and last sample that was replayed [ns].
     """
+    from groundtrace.evaluation.positions import ignored
+    from groundtrace.evaluation.vehicles import match_passes
+
     first, last = span_ns
     kept = [x for x in labels if x.kind == "pass" and first <= x.time_ns <= last]
     known = ignored(labels, np.array([x.time_ns for x in kept], np.int64))

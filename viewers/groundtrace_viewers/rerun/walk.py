@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from groundtrace.evaluation.positions import turn_onto
-from groundtrace.inertial.steps import TangentPlane, satellite_columns, satellite_fixes
 from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, TrackPoint
 from groundtrace_codecs.signals import SignalBlock
 
@@ -41,8 +39,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from groundtrace.inertial.steps import PositionReference, TangentPlane
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Label
+    from groundtrace_codecs.geometry import Geometry
 
     from .context import ViewContext
     from .timeline import Bounds
@@ -62,6 +62,21 @@ SAME = 0.01
 ROUND, LONGEST = (5.0, 2.0, 1.0), 0.2
 
 
+def _plane(site: Geometry | None) -> TangentPlane:
+    """Return the plane of a walk, which touches the earth where the site says that it starts."""
+    from groundtrace.inertial.steps import TangentPlane
+
+    return TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+
+
+def _satellite_fixes(block: SignalBlock, plane: TangentPlane) -> list[PositionReference]:
+    """Return the satellite fixes of a block; none where it is of something else."""
+    from groundtrace.inertial.steps import satellite_columns, satellite_fixes
+
+    known = satellite_columns(block.stream) is not None
+    return list(satellite_fixes(block, plane, 0.0)) if known else []
+
+
 class WalkMap(View):
     """Logs what is known about where the walker was; shows nothing where nothing is."""
 
@@ -69,7 +84,7 @@ class WalkMap(View):
         timeline, session = context.timeline, context.session
         self._timeline = timeline
         site = session.geometry
-        self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        self._plane = _plane(site)
         self._points: list[tuple[float, float]] = []
         self._true: list[Label] = []
         self._passed: dict[str, list[TrackPoint]] = {}
@@ -97,9 +112,7 @@ class WalkMap(View):
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block: satellite fixes are shown."""
-        if satellite_columns(block.stream) is None:
-            return
-        for fix in satellite_fixes(block, self._plane, 0.0):
+        for fix in _satellite_fixes(block, self._plane):
             self._log_fix(fix.time_ns, (fix.x_m, fix.y_m))
 
     def track(self, point: TrackPoint) -> None:
@@ -130,6 +143,8 @@ class WalkMap(View):
     def _turn_truth(self) -> None:
         """Turn and shift the truth onto the last track, whose direction is free."""
         import rerun as rr
+
+        from groundtrace.evaluation.positions import turn_onto
 
         points = next(reversed(self._passed.values()), [])
         times = np.array([p.time_ns for p in points])
@@ -276,7 +291,7 @@ class StreetMap(View):
         session = context.session
         site = session.geometry
         self._timeline = context.timeline
-        self._plane = TangentPlane(site.start if site is not None and site.start else (0.0, 0.0))
+        self._plane = _plane(site)
         self._tracks: dict[str, list[TrackPoint]] = {}
         placed = sorted(x for x in session.labels if x.x_m is not None and x.y_m is not None)
         known: dict[str, Places] = {}
@@ -292,9 +307,7 @@ class StreetMap(View):
 
     def signal(self, block: SignalBlock) -> None:
         """Take a block: satellite fixes are shown as they come."""
-        if satellite_columns(block.stream) is None:
-            return
-        fixes = satellite_fixes(block, self._plane, 0.0)
+        fixes = _satellite_fixes(block, self._plane)
         if fixes:
             places = [(fix.x_m, fix.y_m) for fix in fixes]
             entity = Entity(FIXES, "geo", visible_s=np.inf)
