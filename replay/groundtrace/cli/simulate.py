@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -32,6 +32,7 @@ from ..simulate.room_plan import (
 )
 from ..simulate.vehicle import simulate_vehicle
 from ..simulate.walk import ClockError, Walked, simulate_same_walk, simulate_walk
+from ..simulate.wave_laws import LawName
 from .console import print_line
 from .options import FLAG, OUT, Force, Texts
 
@@ -64,6 +65,12 @@ def room(
     dead: Texts = None,
     clipped: Texts = None,
     triaxial: Annotated[bool, FLAG] = False,
+    wave_law: LawName | Literal["any"] | None = None,
+    speed_mps: float | None = None,
+    gain_spread: float | None = None,
+    clip_at: float | None = None,
+    precursor_ms: float | None = None,
+    bursts: float | None = None,
     random: Annotated[bool, FLAG] = False,
     force: Force = False,
 ) -> None:
@@ -117,6 +124,20 @@ def room(
         A sensor with so much gain that most steps clip; may be given several times.
     triaxial
         Make every sensor G1 a station of three channels, G1x, G1y and G1z.
+    wave_law
+        How waves run: plate (a concrete slab), velocity that grows with the power 0.5, 0.3, 0 or
+        -0.3 of frequency (f0.5, f0.3, f0, f-0.3), layered ground, or any of them, drawn with
+        speed, gains, clipping, precursors and bursts; plate.
+    speed_mps
+        Phase velocity at 100 Hz, where waves are not those of a plate; drawn, 250 to 700 m/s.
+    gain_spread
+        Standard deviation of the logarithm of the sensors' gains, 0 to 1; 0.
+    clip_at
+        Full scale of all channels over the peak of a mean step at 1 m; none clips.
+    precursor_ms
+        Weak waves of the same source come up to so long before each strike, to 100 ms; 0.
+    bursts
+        Slamming doors and rumbles a minute that are no steps; 0.
     random
         Draw what is not given of room, sensors, floor, shoe, walls and path from the seed.
     """
@@ -143,6 +164,12 @@ def room(
         dead=tuple(dead or ()),
         clipped=tuple(clipped or ()),
         triaxial=triaxial,
+        wave_law=wave_law,
+        speed_mps=speed_mps,
+        gain_spread=gain_spread,
+        clip_at=clip_at,
+        precursor_s=None if precursor_ms is None else precursor_ms / 1e3,
+        bursts=bursts,
         random=random,
     )
     store(simulate_room(options), out, force=force)

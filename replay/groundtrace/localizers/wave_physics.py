@@ -45,7 +45,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, Protocol, Self
 
 import numpy as np
 
@@ -488,6 +488,11 @@ class Plate:
         return float(np.sqrt(self.rigidity_nm / (self.density_kgm3 * self.thickness_m)))
 
     @property
+    def slowest_mps(self) -> float:
+        """Group velocity at 20 Hz, the lowest of a step's frequencies [m/s]."""
+        return float(2 * np.sqrt(self.dispersion_m2s * 2 * np.pi * 20.0))
+
+    @property
     def mobility_mns(self) -> float:
         """Velocity at the force over the force, 1 / (8 sqrt(D rho h)) [m/(N s)]."""
         return float(1 / (8 * np.sqrt(self.rigidity_nm * self.density_kgm3 * self.thickness_m)))
@@ -615,9 +620,31 @@ def geophone(
     return response
 
 
+class WaveMedium(Protocol):
+    """What waves run through: a plate, or ground by its law."""
+
+    @property
+    def dispersion_m2s(self) -> float:
+        """Dispersion constant, or that of the plate as fast at 100 Hz [m2/s]."""
+
+    @property
+    def slowest_mps(self) -> float:
+        """Group velocity of the slowest wave of a step [m/s]."""
+
+    def response(
+        self, distance_m: NDArray[np.float64], frequency_hz: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """Return velocity over force, as :meth:`Plate.response`."""
+
+    def radial(
+        self, distance_m: NDArray[np.float64], frequency_hz: NDArray[np.float64], lever_m: float
+    ) -> NDArray[np.complex128]:
+        """Return horizontal velocity over force, as :meth:`Plate.radial`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Synthesis:
-    """Waveforms of a force on a plate at places around it, by inverse Fourier transform.
+    """Waveforms of a force on a floor at places around it, by inverse Fourier transform.
 
     Attributes
     ----------
@@ -629,12 +656,12 @@ class Synthesis:
         Length of the waveforms; what has not died out by then wraps around.
     """
 
-    plate: Plate
+    plate: WaveMedium
     rate_hz: float
     samples: int
 
     @classmethod
-    def lasting(cls, plate: Plate, rate_hz: float, duration_s: float) -> Synthesis:
+    def lasting(cls, plate: WaveMedium, rate_hz: float, duration_s: float) -> Synthesis:
         """Return the synthesis of waveforms of at least ``duration_s``: a power of two samples."""
         return cls(plate, rate_hz, 1 << int(np.ceil(np.log2(duration_s * rate_hz))))
 

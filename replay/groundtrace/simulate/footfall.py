@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..localizers.wave_physics import Impact, Plate, Synthesis
+from ..localizers.wave_physics import Impact, Synthesis, WaveMedium
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -128,7 +128,7 @@ class ArrivalLaw:
     theta_s: float
 
     @classmethod
-    def of(cls, plate: Plate, shoe: Shoe = HEEL, reach_m: float = 8.0) -> ArrivalLaw:
+    def of(cls, plate: WaveMedium, shoe: Shoe = HEEL, reach_m: float = 8.0) -> ArrivalLaw:
         """Simulate the mean step at many distances up to ``reach_m`` and fit the law."""
         distance = np.arange(0.3, max(reach_m, 8.0), 0.05)
         synthesis = Synthesis.lasting(plate, 20_000.0, 0.08 * distance[-1] / 7.95)

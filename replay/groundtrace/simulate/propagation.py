@@ -22,6 +22,7 @@ from groundtrace_codecs.geometry import Medium
 
 from ..localizers.wave_physics import Plate
 from .footfall import SHOES, ArrivalLaw, Shoe
+from .wave_laws import Ground, ground_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -157,29 +158,34 @@ class Floor:
     Attributes
     ----------
     plate
-        The slab.
+        The slab, or ground of another law.
     shoes
         Worn on it.
     laws
         Of the arrivals of each shoe.
     """
 
-    plate: Plate
+    plate: Plate | Ground
     shoes: tuple[Shoe, ...]
     laws: tuple[ArrivalLaw, ...]
 
     @classmethod
     def of(cls, options: RoomOptions, site: Geometry) -> Floor:
         """Return the floor; the laws reach from one end of the site to the other."""
-        plate, shoes = plate_of(options), SHOES[options.shoe or "heel"]
+        shoes = SHOES[options.shoe or "heel"]
+        floor: Plate | Ground = plate_of(options)
+        law = options.wave_law
+        if law is not None and law != "plate" and law != "any":
+            floor = ground_of(law, options.seed, options.speed_mps)
         reach_m = extent_m(site)
-        return cls(plate, shoes, tuple(ArrivalLaw.of(plate, x, reach_m) for x in shoes))
+        return cls(floor, shoes, tuple(ArrivalLaw.of(floor, x, reach_m) for x in shoes))
 
     @property
     def medium(self) -> Medium:
         """What a calibration with the first of the shoes would find."""
         law = self.laws[0]
-        return Medium(self.plate.thickness_m, law.velocity_mps, law.theta_s)
+        thickness_m = self.plate.thickness_m if isinstance(self.plate, Plate) else None
+        return Medium(thickness_m, law.velocity_mps, law.theta_s)
 
     def law_of(self, shoe: Shoe) -> ArrivalLaw:
         """Return the law of one of the shoes."""

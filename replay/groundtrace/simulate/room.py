@@ -16,13 +16,14 @@ import numpy as np
 from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
-from ..localizers.wave_physics import Plate, Synthesis
+from ..localizers.wave_physics import Synthesis
 from .propagation import Floor, Walls, extent_m
 from .recording import AUTHOR, START_NS, Simulation, described
 from .room_plan import (
     LATEST_S,
     Mounting,
     RoomOptions,
+    any_law,
     course_of,
     drawn,
     refused,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.geometry import Geometry
 
+    from ..localizers.wave_physics import WaveMedium
     from .room_plan import Strike
 
     Array = NDArray[np.float64]
@@ -68,6 +70,8 @@ def simulate_room(options: RoomOptions | None = None) -> Simulation:
     """
     options = options or RoomOptions()
     options.check()
+    if options.wave_law == "any":
+        options = any_law(options)
     if options.random:
         options = drawn(options)
     site = site_of(options)
@@ -81,13 +85,23 @@ def simulate_room(options: RoomOptions | None = None) -> Simulation:
     scales = np.full(len(site.sensors), scale)
     if faults.clipped.any():
         scales[faults.clipped] = _clipping(field, course.strikes)[faults.clipped]
+    rails = np.full(len(scales), 32767.0)
+    if options.clip_at is not None:
+        rails = np.minimum(rails, np.rint(options.clip_at * peak_mps / scales))
     channels = tuple(
         Channel(s.channel, "ground_velocity", "m/s", s.axis, float(per_count), (s.x, s.y, s.z))
         for s, per_count in zip(site.sensors, scales, strict=True)
     )
     stream = Stream("/seismic", channels, options.rate_hz)
     signal = RoomSignal(
-        stream, options.seed, course.duration_s, course.strikes, field, sigma_mps, faults.dead
+        stream,
+        options.seed,
+        course.duration_s,
+        course.strikes,
+        field,
+        sigma_mps,
+        faults.dead,
+        rails,
     )
     said = replace(options, geometry=None, channels=len(field.channels.stations))
     return Simulation(
@@ -101,7 +115,7 @@ def simulate_room(options: RoomOptions | None = None) -> Simulation:
 def _field(options: RoomOptions, site: Geometry, floor: Floor, faults: Faults) -> Wavefield:
     stations, station = stations_of(site)
     axes = tuple(s.axis for s in site.sensors)
-    channels = Channels(stations, station, axes, faults.offset_s)
+    channels = Channels(stations, station, axes, faults.offset_s, _gains(options, station))
     corners = np.array(list(dict.fromkeys(site.outline)), np.float64)
     walls = Walls(corners, options.walls or 0.0)
     farthest = 1 if not walls.reflection else 3 if walls.rectangular else 2
@@ -114,6 +128,13 @@ def _field(options: RoomOptions, site: Geometry, floor: Floor, faults: Faults) -
     return Wavefield(synthesis, channels, walls, mounting)
 
 
+def _gains(options: RoomOptions, station: NDArray[np.intp]) -> Array:
+    """Return the gain of each channel, that of its station, shape (n_channels,)."""
+    rng = np.random.default_rng([options.seed, 12])
+    gain: Array = np.exp(rng.normal(0.0, options.gain_spread or 0.0, station.max() + 1))[station]
+    return gain
+
+
 def _headroom(options: RoomOptions) -> float:
     """Return full scale over the peak of a mean step at 1 m: no channel clips by itself."""
     corner = (1 + (options.walls or 0.0)) ** 2  # of two walls
@@ -122,6 +143,7 @@ def _headroom(options: RoomOptions) -> float:
 
 def _clipping(field: Wavefield, strikes: Sequence[Strike]) -> NDArray[np.float64]:
     """Return for each channel the scale with which most strikes clip, shape (n_channels,)."""
+    strikes = [strike for strike in strikes if not strike.disturbs]
     some = strikes[:: max(len(strikes) // 20, 1)]
     peaks = [np.abs(field.waves(strike)).max(axis=0) for strike in some]
     scale: NDArray[np.float64] = _CLIPPED_AT * np.median(peaks, axis=0) / 32767
@@ -152,12 +174,15 @@ class Channels:
         ``x``, ``y`` or ``z`` of each channel.
     offset_s
         How late each is stamped, shape (n_channels,) [s].
+    gain
+        What each shows over what it feels, shape (n_channels,).
     """
 
     stations: Array
     station: NDArray[np.intp]
     axes: tuple[str, ...]
     offset_s: Array
+    gain: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,6 +220,7 @@ class Wavefield:
         force = strike.footfall.spectrum(frequency) * synthesis.sensor()
         force *= np.exp(-2j * np.pi * delay_s * frequency)
         transfer = self._transfer(np.array([strike.x_m, strike.y_m]))
+        transfer *= self.channels.gain[:, None]
         if self.channels.offset_s.any():
             transfer *= np.exp(-2j * np.pi * np.multiply.outer(self.channels.offset_s, frequency))
         return synthesis.inverse(transfer, force).T
@@ -232,7 +258,7 @@ class Wavefield:
         )
 
 
-def synthesis_of(plate: Plate, rate_hz: float, reach_m: float, spread_s: float) -> Synthesis:
+def synthesis_of(plate: WaveMedium, rate_hz: float, reach_m: float, spread_s: float) -> Synthesis:
     """Return the synthesis of waveforms long enough for waves that run ``reach_m``.
 
     Parameters
@@ -246,8 +272,8 @@ def synthesis_of(plate: Plate, rate_hz: float, reach_m: float, spread_s: float) 
     spread_s
         Between the earliest and the latest clock [s].
     """
-    slowest_mps = 2 * np.sqrt(plate.dispersion_m2s * 2 * np.pi * 20.0)  # group velocity at 20 Hz
-    return Synthesis.lasting(plate, rate_hz, max(0.4, 0.3 + reach_m / slowest_mps) + spread_s)
+    longest_s = max(0.4, 0.3 + reach_m / plate.slowest_mps)
+    return Synthesis.lasting(plate, rate_hz, longest_s + spread_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -270,6 +296,8 @@ class RoomSignal:
         Mean standard deviation of the noise [m/s]; each channel has 0.8 to 1.2 of it.
     dead
         Channels that give 0, shape (n_channels,).
+    rails
+        Most counts of each channel, shape (n_channels,).
     """
 
     stream: Stream
@@ -279,6 +307,7 @@ class RoomSignal:
     field: Wavefield
     sigma_mps: float
     dead: NDArray[np.bool_]
+    rails: Array
 
     def __iter__(self) -> Iterator[SignalBlock]:
         rate = self.stream.rate_hz
@@ -293,7 +322,7 @@ class RoomSignal:
                 pending[pending_from : pending_from + length] += self.field.waves(coming.pop(0))
             count = min(size, total - first)
             counts = (pending[:count] + next(noise)[:count]) / self.stream.scales
-            samples = np.clip(np.rint(counts), -32768, 32767).astype(np.int16)
+            samples = np.clip(np.rint(counts), -self.rails - 1, self.rails).astype(np.int16)
             samples[:, self.dead] = 0
             yield SignalBlock(self.stream, START_NS, first, samples)
             pending[:length] = pending[size:].copy()
@@ -330,6 +359,8 @@ def labels_of(
     places = np.array([(s.x, s.y) for s in site.sensors])
     names = [s.channel for s in site.sensors]
     for strike in strikes:
+        if strike.disturbs:
+            continue
         labels.append(_struck(strike))
         distance = np.hypot(*(places - (strike.x_m, strike.y_m)).T)
         late_s = floor.law_of(strike.footfall.shoe)(distance) + faults.offset_s
@@ -356,7 +387,7 @@ def _struck(strike: Strike) -> Label:
 def _spans(strikes: Sequence[Strike]) -> Iterator[Label]:
     """Give the walking span of each walker."""
     for target in dict.fromkeys(x.target for x in strikes):
-        times = [x.time_ns for x in strikes if x.target == target and x.foot]
+        times = [x.time_ns for x in strikes if x.target == target and x.foot and not x.disturbs]
         if times:
             start_ns, end_ns = START_NS + times[0] - _BEYOND_NS, START_NS + times[-1] + _BEYOND_NS
             yield Label(start_ns, "walking", end_ns, author=AUTHOR, target=target)

@@ -11,7 +11,8 @@ from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import SimulationError
-from .footfall import Footfall
+from ..localizers.wave_physics import Impact
+from .footfall import Footfall, Shoe
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from shapely import Polygon
 
-    from .footfall import Shoe
+    from .wave_laws import LawName
 
     Array = NDArray[np.float64]
     Outline = tuple[tuple[float, float], ...]
@@ -94,6 +95,19 @@ class RoomOptions:
         Sensors with so much gain that most steps clip.
     triaxial
         True makes a station of x, y and z of every sensor.
+    wave_law
+        How waves run, see :mod:`.wave_laws`; ``any`` draws it, and with it speed, gains, clipping,
+        precursors and bursts where these are open; None: ``plate``.
+    speed_mps
+        Phase velocity at 100 Hz of a law other than the plate's [m/s], 80 to 3000; None: drawn.
+    gain_spread
+        Standard deviation of the logarithm of the sensors' gains, 0 to 1; None: 0.
+    clip_at
+        Full scale of all channels over the peak of a mean step at 1 m, from 0.02; None: none clips.
+    precursor_s
+        Weak waves of the same source come up to so long before each strike [s], to 0.1; None: 0.
+    bursts
+        Slamming doors and rumbles a minute that are no steps, 0 to 60; None: 0.
     random
         True draws what is open of room, floor, shoe, walls and path from ``seed``.
     """
@@ -120,6 +134,12 @@ class RoomOptions:
     dead: tuple[str, ...] = ()
     clipped: tuple[str, ...] = ()
     triaxial: bool = False
+    wave_law: LawName | Literal["any"] | None = None
+    speed_mps: float | None = None
+    gain_spread: float | None = None
+    clip_at: float | None = None
+    precursor_s: float | None = None
+    bursts: float | None = None
     random: bool = False
 
     def check(self) -> None:
@@ -150,6 +170,11 @@ class RoomOptions:
             yield f"clock offset of {name}", abs(offset_s) <= LATEST_S, "-0.1 to 0.1 s", offset_s
         spread_s = self.clock_spread_s
         yield "clock_spread_s", _within(spread_s, 0, 0.03), "0 to 0.03", spread_s
+        yield "speed_mps", _within(self.speed_mps, 80, 3000), "80 to 3000", self.speed_mps
+        yield "gain_spread", _within(self.gain_spread, 0, 1), "0 to 1", self.gain_spread
+        yield "clip_at", _within(self.clip_at, 0.02, 1e3), "0.02 or more", self.clip_at
+        yield "precursor_s", _within(self.precursor_s, 0, 0.1), "0 to 0.1", self.precursor_s
+        yield "bursts", _within(self.bursts, 0, 60), "0 to 60", self.bursts
 
     def _excluded(self) -> Iterator[tuple[str, str]]:
         if self.geometry is not None and self.side_m is not None:
@@ -162,6 +187,8 @@ class RoomOptions:
             yield "impacts", "a path or walkers"
         if self.walkers == 2 and self.path not in (None, "crossing"):
             yield "path", "two walkers, who cross"
+        if self.speed_mps is not None and self.wave_law in (None, "plate"):
+            yield "speed_mps", "the law of a plate"
         if self.walkers == 1 and self.path == "crossing":
             yield "path crossing", "a single walker"
 
@@ -533,6 +560,35 @@ def _sensors(rng: np.random.Generator, site: Geometry, count: int) -> tuple[Sens
     )
 
 
+#: What is drawn with ``any``: laws, the spread of gains, full scale over the peak of a mean step at
+#: 1 m, precursors [s], bursts a minute. Chosen by judgement: sensors of one kind differ by a tenth
+#: to four; two recordings in three clip, the hardest beside the step, half have precursors, a third
+#: bursts.
+_LAWS: tuple[LawName, ...] = ("plate", "f0.5", "f0.3", "f0", "f-0.3", "layered")
+_GAIN_SPREAD, _CLIP_AT, _PRECURSOR_S, _BURSTS = (0.1, 0.4), (0.15, 3.0), (0.02, 0.1), (4.0, 12.0)
+
+
+def any_law(options: RoomOptions) -> RoomOptions:
+    """Return the options with a wave law, and what goes with it, drawn where it was open."""
+    rng = np.random.default_rng([options.seed, 13])
+    law = _LAWS[rng.integers(len(_LAWS))]
+    gains, precursor_s, bursts = (
+        round(float(rng.uniform(*x)), 3) for x in (_GAIN_SPREAD, _PRECURSOR_S, _BURSTS)
+    )
+    clip_at = round(float(np.exp(rng.uniform(*np.log(_CLIP_AT)))), 3)
+    clips, precedes, bursts_come = rng.random(3) < (2 / 3, 1 / 2, 1 / 3)
+    given = options
+    return replace(
+        options,
+        wave_law=law,
+        speed_mps=None if law == "plate" else options.speed_mps,
+        gain_spread=gains if options.gain_spread is None else options.gain_spread,
+        clip_at=clip_at if options.clip_at is None and clips else options.clip_at,
+        precursor_s=precursor_s if given.precursor_s is None and precedes else given.precursor_s,
+        bursts=bursts if options.bursts is None and bursts_come else options.bursts,
+    )
+
+
 #: First step and end after the last [s], steps of a walk, and impacts. Chosen by judgement: noise
 #: enough before and after, and no impact in the ringing of another.
 _FIRST_S = 0.8
@@ -558,6 +614,8 @@ class Strike:
         ``left`` or ``right``; empty for an impact.
     target
         Which walker; empty where there is one.
+    disturbs
+        True: no step and no impact, and not in the truth.
     """
 
     time_ns: int
@@ -566,6 +624,7 @@ class Strike:
     footfall: Footfall
     foot: str = ""
     target: str = ""
+    disturbs: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -625,8 +684,52 @@ def course_of(options: RoomOptions, outline: Outline, shoes: Sequence[Shoe]) -> 
     SimulationError
         Where the outline is too narrow or the steps do not fit in the duration.
     """
-    if options.impacts:
-        return _impacts(options, outline, shoes)
+    kind = _impacts if options.impacts else _walks
+    course = kind(options, outline, shoes)
+    others = [*_precursors(options, course), *_bursts(options, course, outline)]
+    return replace(course, strikes=tuple(sorted((*course.strikes, *others), key=_time_of)))
+
+
+def _time_of(strike: Strike) -> int:
+    return strike.time_ns
+
+
+#: Of a precursor: its force over the strike's, and how early it may be at least [s]. Chosen by
+#: judgement: a falling weight's rope, a lifted foot.
+_PRECURSOR, _PRECURSOR_LEAST_S = (0.03, 0.15), 0.01
+#: A slamming door, and a rumble's single blows [N], [Hz], [s]; how many blows, how far apart [s].
+#: Chosen by judgement: both lower than a heel, a door as strong.
+_DOOR = Shoe((Impact(150.0, 45.0, 0.02), Impact(60.0, 130.0, 0.008)), ())
+_RUMBLE = Shoe((Impact(40.0, 18.0, 0.06),), ())
+_BLOWS, _BLOW_S = 12, (0.04, 0.12)
+
+
+def _precursors(options: RoomOptions, course: Course) -> Iterator[Strike]:
+    """Give the weak waves that come before strikes, from the same place."""
+    rng = np.random.default_rng([options.seed, 14])
+    for strike in course.strikes if options.precursor_s else ():
+        early_s = rng.uniform(_PRECURSOR_LEAST_S, max(options.precursor_s or 0, _PRECURSOR_LEAST_S))
+        strength = strike.footfall.strength * rng.uniform(*_PRECURSOR)
+        footfall = replace(strike.footfall, strength=strength, toe=0.0)
+        time_ns = strike.time_ns - round(early_s * NS_PER_S)
+        yield replace(strike, time_ns=time_ns, footfall=footfall, disturbs=True)
+
+
+def _bursts(options: RoomOptions, course: Course, outline: Outline) -> Iterator[Strike]:
+    """Give doors and rumbles at places along the walls."""
+    rng = np.random.default_rng([options.seed, 15])
+    wall = polygon(outline).buffer(-0.1).exterior
+    for _ in range(rng.poisson((options.bursts or 0.0) * course.duration_s / 60)):
+        x, y = np.round(wall.interpolate(rng.random(), normalized=True).coords[0], 4).tolist()
+        time_s = rng.uniform(0.1, course.duration_s - 0.5)
+        door = rng.random() < 0.5
+        for _ in range(1 if door else _BLOWS):
+            footfall = replace(Footfall.drawn(rng), shoe=_DOOR if door else _RUMBLE, toe=0.0)
+            yield Strike(round(time_s * NS_PER_S), x, y, footfall, disturbs=True)
+            time_s += rng.uniform(*_BLOW_S)
+
+
+def _walks(options: RoomOptions, outline: Outline, shoes: Sequence[Shoe]) -> Course:
     paths = paths_in(outline, options.path or ("crossing" if options.walkers == 2 else "u"))
     delays_s = _meeting(paths)
     strikes: list[Strike] = []
