@@ -204,7 +204,8 @@ class RecordingWriter:
     def add_event(self, event: Event) -> None:
         """Write an event, with its line in ``/groundtrace/log`` where it is a single one."""
         for output, packet in encode_event(event):
-            self.container.channel(output)
+            if packet is None or not self._began:
+                self.container.channel(output)
             if packet is not None:
                 self.begin(packet.publish_ns)
                 self.container.send(output, packet)
@@ -598,28 +599,27 @@ def _stage_output(spec: StageSpec, name: str) -> Output:
     return protobuf_output(topic, name, ((SPEC_KEY, spec_json(spec)),))
 
 
-def encode_event(event: Event) -> Iterator[Encoded]:
-    """Yield the messages of an event and the channels they go to.
+def encode_event(event: Event) -> Sequence[Encoded]:
+    """Return the messages of an event and the channels they go to.
 
-    A stage's description is a channel without a message yet. Blocks without rows yield nothing.
+    A stage's description is a channel without a message yet. Blocks without rows give nothing. A
+    single event has its line in the log, where its kind has one.
     """
     if isinstance(event, StageSpec):
-        yield _stage_output(event, "CandidateBlock"), None
-        yield _stage_output(event, "TraceBlock"), None
-    elif isinstance(event, CandidateBlock):
-        if len(event):
-            yield _stage_output(event.spec, "CandidateBlock"), _candidates(event)
-    elif isinstance(event, TraceBlock):
-        if len(event):
-            yield _stage_output(event.spec, "TraceBlock"), _trace(event)
-    else:
-        yield _encoder_of(type(event))(event)
-        yield from mirror(event)
+        kinds = ("CandidateBlock", "TraceBlock")
+        return [(_stage_output(event, kind), None) for kind in kinds]
+    if isinstance(event, CandidateBlock):
+        whole = _candidates(event) if len(event) else None
+        return [(_stage_output(event.spec, "CandidateBlock"), whole)] if whole else []
+    if isinstance(event, TraceBlock):
+        whole = _trace(event) if len(event) else None
+        return [(_stage_output(event.spec, "TraceBlock"), whole)] if whole else []
+    return _encoder_of(type(event))(event)
 
 
 def _packet(message: Any, first_ns: int, last_ns: int) -> Packet:
     set_time(message.timestamp, first_ns)
-    return Packet(int(last_ns), int(first_ns), 0, message.SerializeToString())
+    return Packet(last_ns, first_ns, 0, message.SerializeToString())
 
 
 #: What columns of numbers are stored as.
@@ -641,7 +641,7 @@ def _candidates(block: CandidateBlock) -> Packet:
         margin=_stored(block.margin, _F4),
         accepted=_stored(block.accepted, _U1),
     )
-    return _packet(message, block.time_ns[0], block.time_ns.max())
+    return _packet(message, int(block.time_ns[0]), int(block.time_ns.max()))
 
 
 def _trace(block: TraceBlock) -> Packet:
@@ -650,35 +650,37 @@ def _trace(block: TraceBlock) -> Packet:
         time_ns=_stored(block.time_ns, _I8),
         value=_stored(block.value, _F4),
     )
-    return _packet(message, block.time_ns[0], block.time_ns.max())
+    return _packet(message, int(block.time_ns[0]), int(block.time_ns.max()))
 
 
-_ENCODERS: dict[type[Any], Callable[[Any], Encoded]] = {}
+_ENCODERS: dict[type[Any], Callable[[Any], list[Encoded]]] = {}
 
 
-def _encoder_of(cls: type[Any]) -> Callable[[Any], Encoded]:
+def _encoder_of(cls: type[Any]) -> Callable[[Any], list[Encoded]]:
     """Return what encodes the events of a kind; made once."""
     if cls not in _ENCODERS:
         _ENCODERS[cls] = _made_encoder(cls)
     return _ENCODERS[cls]
 
 
-def _made_encoder(cls: type[Any]) -> Callable[[Any], Encoded]:
+def _made_encoder(cls: type[Any]) -> Callable[[Any], list[Encoded]]:
     """Return what encodes the events of a kind: the message's fields are the event's own."""
     layout = layout_of(cls)
-    output = protobuf_output(EVENTS[cls].topic, cls.__name__)
+    output, text_of = protobuf_output(EVENTS[cls].topic, cls.__name__), EVENTS[cls].text
     own = tuple(n for n in layout.names if n not in TIMES)
     message_of, values_of = layout.message, attrgetter(*own, "time_ns")
     span = "end_ns" in layout.names
 
-    def encode(event: Any) -> Encoded:
+    def encode(event: Any) -> list[Encoded]:
         values = values_of(event)
         message = message_of(**dict(zip(own, values, strict=False)))  # the time comes after them
-        start_ns = last_ns = values[-1]
+        start_ns = last_ns = int(values[-1])
         if span:
             set_time(message.end, event.end_ns)
-            last_ns = max(start_ns, event.end_ns)
-        return output, _packet(message, start_ns, last_ns)
+            last_ns = max(start_ns, int(event.end_ns))
+        own_message = output, _packet(message, start_ns, last_ns)
+        text = text_of(event)
+        return [own_message, _log_line(event, text, last_ns)] if text else [own_message]
 
     return encode
 
@@ -687,19 +689,14 @@ LOG_TOPIC = "/groundtrace/log"
 LEVELS = {"DEBUG": "DEBUG", "INFO": "INFO", "WARN": "WARNING", "ERROR": "ERROR"}
 
 
-def mirror(event: SingleEvent) -> Iterator[tuple[Output, Packet]]:
-    """Yield an event's line in the log, where its kind has one; spans are told when they end."""
-    text = EVENTS[type(event)].text(event)
-    if not text:
-        return
+def _log_line(event: SingleEvent, text: str, time_ns: int) -> Encoded:
+    """Return an event's line in the log; spans are told when they end."""
     level = LEVELS.get(getattr(event, "level", ""), "INFO")
     source = getattr(event, "stage", "") or getattr(event, "source", "")
-    start_ns = event.time_ns
-    time_ns = max(start_ns, getattr(event, "end_ns", start_ns))
     log, levels = _log_message()
     message = log(level=levels[level], message=text, name=source)
     set_time(message.timestamp, time_ns)
-    yield _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())
+    return _log_output(), Packet(time_ns, time_ns, 0, message.SerializeToString())
 
 
 @cache

@@ -381,6 +381,15 @@ class Output:
     schema_data: bytes = field(repr=False)
     encoding: str
     metadata: tuple[tuple[str, str], ...] = ()
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        content = (self.topic, self.schema, self.schema_data, self.metadata)
+        object.__setattr__(self, "_hash", hash(content))
+
+    def __hash__(self) -> int:
+        """Return what was computed once: each message asks for the id of its channel."""
+        return self._hash
 
 
 class Packet(NamedTuple):
@@ -512,14 +521,13 @@ class Container:
         CodecError
             Where one of its times is negative, which MCAP cannot hold.
         """
-        earliest = min(packet.publish_ns, packet.log_ns)
-        if earliest < 0:
+        log_ns, publish_ns, sequence, data = packet
+        if log_ns < 0 or publish_ns < 0:
+            earliest = min(publish_ns, log_ns)
             raise CodecError(
                 f"{self.path}: {output.topic}: expected times >= 0, found {earliest} ns"
             )
-        self._mcap.add_message(
-            self.channel(output), packet.log_ns, packet.data, packet.publish_ns, packet.sequence
-        )
+        self._mcap.add_message(self.channel(output), log_ns, data, publish_ns, sequence)
 
     def copy_channel(self, channel: ChannelRecord, schema: chunks_Schema | None) -> int:
         """Register a channel of another file, and return its id in this one."""
