@@ -7,6 +7,9 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from command_runs import check_schema, run
+
+from groundtrace.fleet.engines import OVERDUE
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.walk import simulate_walk
@@ -45,6 +48,18 @@ class Here:
             yield number, None if number in self.lost else function(tasks[number])
 
 
+def ran_fleet(capsys: pytest.CaptureFixture[str], *arguments: object) -> Any:
+    """Run ``groundtrace fleet --json``; its document, whose errors its exit code must tell."""
+    ran = run(capsys, "fleet", *arguments, "--json")
+    said = ran.document
+    rows, errors = said["rows"], said["errors"]
+    if said["table"] is None:
+        rows, errors = said["done"] + said["known"] + said["failed"], said["failed"]
+    assert ran.code == (0 if not errors else 3 if errors < rows else 1), ran.err
+    check_schema("fleet", said)
+    return said
+
+
 def use(monkeypatch: pytest.MonkeyPatch, engine: Any) -> Any:
     """Let the command line use an engine, whatever is asked for."""
     monkeypatch.setattr("groundtrace.cli.fleet.engine_of", lambda *_: engine)
@@ -59,3 +74,10 @@ def twice(number: int) -> int:
             stream.write("killed\n")
         os.kill(os.getpid(), signal.SIGKILL)
     return 2 * number
+
+
+def overdue(_: int) -> None:
+    """End this process as a worker does that hears nothing, and note that it ran."""
+    with Path(os.environ["FLEET_TEST_MARKER"]).open("a", encoding="utf-8") as stream:
+        stream.write("once\n")
+    os._exit(OVERDUE)

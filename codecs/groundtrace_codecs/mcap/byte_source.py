@@ -6,16 +6,24 @@ counts as 2 GB of resident memory.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import time
 from collections import OrderedDict
+from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from zlib_ng import zlib_ng
 
 from ..errors import CodecError, MissingReaderError
 from ..location import Location, is_url, without_secrets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+T = TypeVar("T")
 
 _BLOCK_BYTES = 1 << 18
 
@@ -114,6 +122,10 @@ BLOCK_BYTES = 1 << 18
 #: Reads that run forward fetch up to so many blocks at once.
 MOST_AHEAD = 16
 KEPT_BLOCKS = 64
+#: A server that says nothing for so long is given up [s]; a request that fails for a reason that
+#: may pass is made again after each of these pauses [s]. Chosen by judgement.
+TIMEOUT_S = 30.0
+PAUSES_S = (0.5, 2.0)
 
 
 def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
@@ -159,6 +171,9 @@ class RemoteBytes:
         self.fetched_bytes = self.requests = 0
         self._system, self._path = file_system(location)
         self.size = self._size()
+        self._file = self._asked(
+            "start", lambda: self._system.open(self._path, "rb", cache_type="none")
+        )
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._ahead, self._next = 1, -1
         self._digest = hashlib.sha256() if hashed else None
@@ -177,6 +192,7 @@ class RemoteBytes:
     def close(self) -> None:
         """Forget what was kept."""
         self._kept.clear()
+        self._file.close()
 
     def sha256(self) -> str:
         """Return the SHA-256 of the whole file; what was not read yet is fetched now."""
@@ -219,28 +235,43 @@ class RemoteBytes:
             self._hashed += 1
 
     def _size(self) -> int:
-        try:
-            size = self._system.size(self._path)
-        except Exception as error:  # a file system raises whatever its packages raise
-            raise _unreachable(self.name, "size", error) from error
+        size = self._asked("size", lambda: self._system.size(self._path))
         if size is None:
             raise CodecError(f"{self.name}: expected a server that says the size, found none")
         return int(size)
 
     def _range(self, start: int, stop: int) -> bytes:
+        def read() -> bytes:
+            self._file.seek(start)
+            return bytes(self._file.read(stop - start))
+
         place = f"bytes {start} to {stop}"
-        try:
-            data = bytes(self._system.cat_file(self._path, start=start, end=stop))
-        except Exception as error:  # as above
-            raise _unreachable(self.name, place, error) from error
+        data = self._asked(place, read)
         self.requests += 1
         self.fetched_bytes += len(data)
         if len(data) != stop - start:
             raise CodecError(
-                f"{self.name}: {place}: expected a server that gives ranges, "
-                f"found {len(data)} bytes"
+                f"{self.name}: {place}: expected {stop - start} bytes, found {len(data)}"
             )
         return data
+
+    def _asked(self, place: str, ask: Callable[[], T]) -> T:
+        """Ask the file system, again after a pause where that may help."""
+        for pause_s in (*PAUSES_S, None):
+            try:
+                return ask()
+            except Exception as error:  # a file system raises whatever its packages raise
+                if pause_s is None or not _passing(error):
+                    raise _unreachable(self.name, place, error) from error
+                time.sleep(pause_s)
+        raise AssertionError("unreachable")
+
+
+def _timeouts() -> dict[str, Any]:
+    """Return what makes a client of HTTP give up on a server that says nothing."""
+    from aiohttp import ClientTimeout
+
+    return {"timeout": ClientTimeout(total=None, sock_connect=TIMEOUT_S, sock_read=TIMEOUT_S)}
 
 
 def file_system(location: Location) -> tuple[Any, str]:
@@ -258,17 +289,59 @@ def file_system(location: Location) -> tuple[Any, str]:
     except ImportError:
         raise MissingReaderError(location, "fsspec", "fleet") from None
     try:
-        system, path = url_to_fs(location.opened_by())
+        options = {"client_kwargs": _timeouts()} if location.startswith("http") else {}
+        system, path = url_to_fs(location.opened_by(), **options)
     except (ImportError, ValueError) as error:
         said = without_secrets(str(error))
         raise CodecError(f"{location}: expected a URL to read, found: {said}") from error
     return system, str(path)
 
 
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error and those it comes from: file systems wrap what really happened."""
+    cause: BaseException | None = error
+    while cause is not None:
+        yield cause
+        cause = cause.__cause__
+
+
+def _status(error: BaseException) -> int:
+    """Return the status that an HTTP server answered with; 404 of what is not there, 403, 0."""
+    for cause in _causes(error):
+        if isinstance(found := getattr(cause, "status", None), int):
+            return found
+    kinds = {FileNotFoundError: 404, PermissionError: 403}
+    return next((status for kind, status in kinds.items() if isinstance(error, kind)), 0)
+
+
+def _unanswered(error: BaseException) -> str:
+    """Return why nobody answered; empty where somebody did."""
+    for cause in _causes(error):
+        if isinstance(cause, TimeoutError):
+            return f"no answer within {TIMEOUT_S:g} s"
+        if isinstance(cause, OSError) and not isinstance(cause, FileNotFoundError):
+            refused = cause.errno == errno.ECONNREFUSED
+            return "connection refused" if refused else str(cause.strerror or cause)
+        if type(cause).__name__ in ("ServerDisconnectedError", "ClientPayloadError"):
+            return "connection broken off"  # of aiohttp, which may not be installed
+    return ""
+
+
+def _passing(error: BaseException) -> bool:
+    """Tell whether the same request may succeed a little later."""
+    status = _status(error)
+    return status == HTTPStatus.TOO_MANY_REQUESTS or status >= 500 or bool(_unanswered(error))
+
+
 def _unreachable(name: str, place: str, error: Exception) -> CodecError:
-    said = without_secrets(str(error).splitlines()[0]) if str(error) else ""
-    if isinstance(error, FileNotFoundError):
-        said = "no such file"
-    return CodecError(
-        f"{name}: {place}: expected bytes to read, found: {said or type(error).__name__}"
-    )
+    status, text = _status(error), str(error).partition("\n")[0]
+    said = {401: "no access (401)", 403: "no access (403)", 404: "no such file"}.get(status, "")
+    if status == 404 and ("bucket" in text or "key" in text):  # an object store tells which
+        said = text
+    if not said and status >= 500:
+        said = f"a server that fails ({status})"
+    if not said and "range requests" in text:
+        said = "a server that gives no ranges"
+    if not said or (status == 404 and _unanswered(error)):
+        said = _unanswered(error) or without_secrets(text) or type(error).__name__
+    return CodecError(f"{name}: {place}: expected bytes to read, found: {without_secrets(said)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import sys
 import time
 from contextlib import contextmanager
@@ -32,7 +33,7 @@ from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_p
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
-from .options import AT_LEAST_ONE, FLAG, OUT, Json, Texts, Tolerance
+from .options import AT_LEAST_ONE, FLAG, OUT, POSITIVE, Json, Texts, Tolerance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -73,6 +74,9 @@ def fleet(
     shard: str = "",
     join_: Annotated[bool, Parameter(name="--join", negative="")] = False,
     resume: Annotated[bool, FLAG] = False,
+    partial: Annotated[bool, FLAG] = False,
+    limit_s: Annotated[float | None, POSITIVE] = None,
+    allow_failures: Annotated[bool, FLAG] = False,
     force: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
@@ -80,7 +84,8 @@ def fleet(
 
     OUT holds a row for each recording and pipeline, and beside it NAME.steps.parquet one for each
     step. A recording that cannot be replayed is a row with its error. What is done is kept in
-    NAME.parts at once, so that a run can be ended at any time and gone on with.
+    NAME.parts at once, so that a run can be ended at any time and gone on with. The exit code is 0
+    if no recording failed, 3 if some did, 1 if all did.
 
     Parameters
     ----------
@@ -104,7 +109,14 @@ def fleet(
     join_
         Compute nothing: write the table of the parts that shards made.
     resume
-        Leave out what is done already: same recording, truth, pipeline and versions.
+        Leave out what is done already: same recording, truth, pipeline, versions and code.
+    partial
+        With --join: leave out parts that are missing, and say how many they are.
+    limit_s
+        The most that a recording may take, in seconds; then it is a row with that error. By default
+        50 times its length, and at least 600 s.
+    allow_failures
+        Exit with 0 whatever failed.
     force
         Overwrite an existing table.
     """
@@ -113,13 +125,17 @@ def fleet(
     if part is not None and join_:
         raise RecordingError("--shard: expected it without --join, found both")
     recipes = recipes_of(pipeline or [], set_ or [], tolerance)
+    if partial and not join_:
+        raise RecordingError("--partial: expected it with --join, found it alone")
     locations = recordings_of(recordings)
     _check_target(out, force=force or resume or join_ or part is not None)
-    tasks = tasks_of(locations, recipes, tolerance, truth_beside(truth, locations))
+    tasks = tasks_of(locations, recipes, tolerance, truth_beside(truth, locations), limit_s)
+    _check_room(out, len(tasks))
     parts, count = Parts(out.with_suffix(".parts")), Count()
     joined: Joined | None = None
+    missing = 0
     if join_:
-        joined = join_parts(tasks, parts, out)
+        joined, missing = join_parts(tasks, parts, out, partial=partial)
     else:
         mine = tasks if part is None else shard_tasks(tasks, *part)
         runs = engine_of(engine, workers or os.cpu_count() or 1)
@@ -131,6 +147,29 @@ def fleet(
         print_json(said)
     else:
         _print(said)
+        if missing:
+            print_line(f"missing: {missing} parts of {len(tasks)}, left out")
+    rows, errors = (
+        (joined.rows, joined.errors) if joined is not None else (count.total, count.failed)
+    )
+    if errors and not allow_failures:
+        raise SystemExit(FAILED_SOME if errors < rows else FAILED_ALL)
+
+
+#: Exit codes of a run in which recordings failed.
+FAILED_SOME, FAILED_ALL = 3, 1
+#: What a part takes on a disk, more or less [bytes]. Bench: fleets of real walks, 9 kB a part.
+_PART_BYTES = 20_000
+
+
+def _check_room(out: Path, parts: int) -> None:
+    """Refuse to begin what the disk of the table has no room for."""
+    needed, free = parts * _PART_BYTES, shutil.disk_usage(out.resolve().parent).free
+    if needed > free:
+        raise RecordingError(
+            f"{out}: expected room for {parts} parts, about {needed / 1e6:.0f} MB, "
+            f"found {free / 1e6:.0f} MB"
+        )
 
 
 def _check_target(out: Path, *, force: bool) -> None:

@@ -32,8 +32,13 @@ class Engine(Protocol):
     def run(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | None]]:
         """Yield the number of each task and what the function gave, in the order they end.
 
-        None stands for a task whose worker was killed, and that of a second try too. Closing the
-        iterator ends what still runs.
+        None stands for a task whose worker was killed, and that of a second try too, or did not
+        end in time. Closing the iterator ends what still runs.
+
+        Raises
+        ------
+        RecordingError
+            Where a cluster is not reached, or its workers are not of this run.
         """
 
 
@@ -77,6 +82,11 @@ def _made(package: str, extra: str, target: str, address: str, workers: int) -> 
     return cast("Engine", getattr(import_module(f"{__package__}.{module}"), kind)(address, workers))
 
 
+#: What a worker exits with that ended itself because its task did not end in time. Chosen by
+#: judgement: no code that Python or a shell uses.
+OVERDUE = 99
+#: A cluster that does not answer within this time is not there [s]. Chosen by judgement.
+REACHED_S = 10.0
 #: How often a task may lose its worker. Chosen by judgement: a worker that is lost twice at one
 #: task is lost by it.
 _TRIES = 2
@@ -123,9 +133,9 @@ class LocalEngine:
                     try:
                         result = worker.pipe.recv()
                     except (EOFError, OSError):  # killed: its end of the pipe is closed
-                        _end(worker)
+                        overdue = _end(worker) == OVERDUE
                         losses[worker.task] += 1
-                        if losses[worker.task] < _TRIES:
+                        if losses[worker.task] < _TRIES and not overdue:
                             waiting.append(worker.task)
                         else:
                             yield worker.task, None
@@ -166,11 +176,31 @@ def _serve(pipe: Connection[Any, Any], function: Callable[[Any], Any]) -> None:
         pipe.send(function(task))
 
 
-def _end(worker: _Worker) -> None:
+def _end(worker: _Worker) -> int | None:
+    """End a worker; return what it exited with, if it had by itself."""
     worker.pipe.close()
+    worker.process.join(0.1)
+    code = worker.process.exitcode
     worker.process.kill()
     worker.process.join()
     worker.process.close()
+    return code
+
+
+@contextmanager
+def reached(address: str) -> Iterator[None]:
+    """Make what goes wrong while a cluster is looked for one line.
+
+    Raises
+    ------
+    RecordingError
+        Where it is not reached.
+    """
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError, TypeError) as error:
+        said = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordingError(f"--engine {address}: expected a cluster, found: {said}") from error
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import dask
 import distributed
 from distributed.scheduler import KilledWorker
 
-from .engines import quiet
+from .engines import REACHED_S, quiet, reached
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -55,7 +55,8 @@ class DaskEngine:
 
     def _client(self, stack: ExitStack) -> Any:
         if self.address:
-            return stack.enter_context(_dask.Client(self.address))
+            with quiet(), reached(f"dask:{self.address}"):
+                return stack.enter_context(_dask.Client(self.address, timeout=REACHED_S))
         stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 1}))
         with quiet():
             cluster = _dask.LocalCluster(

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import socket
 from typing import TYPE_CHECKING, TypeVar
 
 import ray
+
+from .engines import REACHED_S, reached
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+def _listens(address: str) -> None:
+    """Raise where nobody listens at an address: the package tries for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if port.isdecimal():
+        socket.create_connection((host, int(port)), REACHED_S).close()
 
 
 class RayEngine:
@@ -32,7 +42,9 @@ class RayEngine:
     def run(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | None]]:
         """Yield the number of each task and its result; None where two workers were killed."""
         if self.address:
-            ray.init(address=self.address, log_to_driver=False)
+            with reached(f"ray:{self.address}"):
+                _listens(self.address)
+                ray.init(address=self.address, log_to_driver=False)
         else:
             ray.init(
                 address="local",

@@ -7,18 +7,23 @@ so.
 
 from __future__ import annotations
 
+import ctypes
 import glob
 import hashlib
+import importlib
 import itertools
+import os
 import platform
 import re
+import threading
 import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import msgspec
 
@@ -60,6 +65,8 @@ from ..pipeline.results import (
     package_versions,
 )
 from ..pipeline.source import Source
+from ..runtime import installed_version
+from .engines import OVERDUE
 from .table import FIGURES, FORMAT, Joined, Listed, Part, Row, StepRow, failed, join
 
 if TYPE_CHECKING:
@@ -104,6 +111,7 @@ def tasks_of(
     recipes: Sequence[Recipe],
     tolerance_s: float,
     truths: Mapping[Location, Path],
+    limit_s: float | None = None,
 ) -> list[Task]:
     """Return a task for each recording and pipeline, recording by recording."""
     return [
@@ -111,7 +119,11 @@ def tasks_of(
             location,
             recipe,
             tolerance_s,
-            str(truths[location]) if location in truths else None,
+            str(truths[location].resolve()) if location in truths else None,
+            folder=str(Path.cwd()),
+            limit_s=limit_s,
+            code=code_sha256(),
+            made_by=(platform.node(), os.getpid()),
         )
         for location in locations
         for recipe in recipes
@@ -149,9 +161,16 @@ def run(
         Is told the number of tasks behind us.
     resume
         Leave out tasks whose parts are there.
+
+    Raises
+    ------
+    RecordingError
+        Where a worker has other code than this process.
     """
     keys = [""] * len(tasks)
     for index, done in _answers(_knowing(tasks, parts) if resume else tasks, engine):
+        if done.refused:
+            raise RecordingError(done.refused)
         keys[index] = done.key
         if done.data is None:
             count.known += 1
@@ -169,13 +188,26 @@ def _answers(tasks: Sequence[Task], engine: Engine) -> Iterator[tuple[int, Done]
             yield index, lost(tasks[index]) if done is None else done
 
 
-def join_parts(tasks: Sequence[Task], parts: Parts, table: Path) -> Joined:
+def join_parts(
+    tasks: Sequence[Task], parts: Parts, table: Path, *, partial: bool = False
+) -> tuple[Joined, int]:
     """Write the tables of all tasks out of parts that others made.
+
+    Parameters
+    ----------
+    tasks, parts, table
+        What was to be done, what came of it, and where to.
+    partial
+        Leave out what is missing.
+
+    Returns
+    -------
+    What was joined, and how many parts are missing.
 
     Raises
     ------
     RecordingError
-        Where some are missing.
+        Where some are missing and ``partial`` is not given, or there are none at all.
     """
     with ThreadPoolExecutor(_READERS) as readers:
         found = list(readers.map(identity_of, tasks))
@@ -183,12 +215,13 @@ def join_parts(tasks: Sequence[Task], parts: Parts, table: Path) -> Joined:
         Listed(task.location, identity.key) for task, identity in zip(tasks, found, strict=True)
     ]
     missing = [item for item in listed if not parts.has(item.key)]
-    if missing:
+    if missing and (not partial or len(missing) == len(listed)):
         raise RecordingError(
             f"{parts.folder}: expected {len(listed)} parts, found {len(listed) - len(missing)}; "
             f"the first that is missing is of {missing[0].location}"
         )
-    return join(parts, listed, table)
+    there = [item for item in listed if item not in set(missing)] if missing else listed
+    return join(parts, there, table), len(missing)
 
 
 def _knowing(tasks: Sequence[Task], parts: Parts) -> list[Task]:
@@ -241,6 +274,14 @@ class Task:
         File of truth instead of the recording's own.
     known
         Keys of parts that need not be made again.
+    folder
+        What a path is relative to: workers may be started elsewhere.
+    limit_s
+        The most that it may take [s]; None: by the length of the recording, see `TimeLimit`.
+    code
+        Digest of the code that is to decide, see `code_sha256`.
+    made_by
+        Host and process that gives tasks to workers.
     """
 
     location: Location
@@ -248,6 +289,15 @@ class Task:
     tolerance_s: float = STEP_TOLERANCE_S
     truth: str | None = None
     known: frozenset[str] = frozenset()
+    folder: str = ""
+    limit_s: float | None = None
+    code: str = ""
+    made_by: tuple[str, int] = ("", 0)
+
+    @property
+    def path(self) -> Path:
+        """Where the recording lies; of a URL its public part."""
+        return Path("" if is_url(self.location) else self.folder, self.location)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,11 +312,14 @@ class Done:
         The part; None where it was known.
     failed
         Whether it is an error.
+    refused
+        Why the worker is not one of this run; it did nothing.
     """
 
     key: str
     data: bytes | None = None
     failed: bool = False
+    refused: str = ""
 
 
 def recipes_of(
@@ -338,7 +391,7 @@ class Identity:
 def identity_of(task: Task) -> Identity:
     """Find out what a task is about, by the bytes of its recording and of its truth."""
     if not is_url(task.location):
-        path = Path(task.location)
+        path = task.path
         content = _file_content(path)
         size = path.stat().st_size if content else 0
         return Identity(_key(task, content), content, size)
@@ -351,7 +404,7 @@ def identity_of(task: Task) -> Identity:
 
 
 def _key(task: Task, content: str) -> str:
-    told = (name_of(task.location), content, _truth_content(task), task.recipe.sha256)
+    told = (name_of(task.location), content, _truth_content(task), task.recipe.sha256, task.code)
     return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(told))[:32]}"
 
 
@@ -369,7 +422,7 @@ def _truth_content(task: Task) -> tuple[str, ...]:
     """Return hashes of the files that may be truth: the one given, annotations beside."""
     files = [Path(task.truth)] if task.truth is not None else []
     if not is_url(task.location):
-        beside = sidecar_path(Path(task.location))
+        beside = sidecar_path(task.path)
         files += [beside, journal_of(beside)]
     return tuple(_file_content(path) for path in files)
 
@@ -385,20 +438,107 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
+#: The parts of the packages that say what is found in a recording, and how well.
+_DECIDING = (
+    "groundtrace_codecs",
+    *(
+        f"groundtrace.{part}"
+        for part in (
+            "annotate", "api", "detectors", "dsp", "evaluation", "explain", "fleet", "inertial",
+            "kernels", "localizers", "pipeline", "trackers", "vehicles",
+        )
+    ),
+)  # fmt: skip
+
+
+@cache
+def code_sha256() -> str:
+    """Return the hash of the installed code that decides; workers with another one are refused."""
+    found = hashlib.sha256()
+    for package in _DECIDING:
+        (folder,) = importlib.import_module(package).__path__
+        for path in sorted(Path(folder).rglob("*.py")):
+            found.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+    return found.hexdigest()
+
+
 def evaluate(task: Task) -> Done:
     """Replay, score and explain; whatever goes wrong becomes the row's error."""
+    if task.code and task.code != code_sha256():
+        here = f"groundtrace {installed_version()}, code {code_sha256()[:12]}"
+        return Done(
+            "",
+            refused=f"worker {platform.node()}: expected the code of this run, {task.code[:12]}, "
+            f"found {here}",
+        )
     identity = identity_of(task)
     if identity.key in task.known:
         return Done(identity.key)
-
     return evaluated(task, identity, first_row(task, identity))
+
+
+#: The most that a recording may take: so many times its length, and at least so long [s]. Chosen by
+#: judgement: replays run at hundreds of times real time; what takes longer hangs.
+LIMIT_RATIO, LEAST_LIMIT_S = 50.0, 600.0
+#: A worker that does not heed its limit ends itself after this time [s]: it is held up in code that
+#: hears nothing. Chosen by judgement.
+_GRACE_S = 30.0
+
+
+class TimeLimitError(GroundtraceError):
+    """A recording took longer than it may."""
+
+
+class TimeLimit:
+    """Breaks off what this thread does after some time, and ends the worker if that is of no use.
+
+    Parameters
+    ----------
+    task
+        Its limit, or None: then `LEAST_LIMIT_S`, until the length of the recording is known.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._thread = threading.get_ident()
+        self._timer: threading.Timer | None = None
+        self.limit_s = LEAST_LIMIT_S if task.limit_s is None else task.limit_s
+
+    def __enter__(self) -> Self:
+        self._wait(self.limit_s, self._break)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop()
+
+    def of_length(self, length_s: float) -> None:
+        """Take the length of the recording into account."""
+        if self._task.limit_s is None and LIMIT_RATIO * length_s > LEAST_LIMIT_S:
+            self.limit_s = LIMIT_RATIO * length_s
+            self._wait(self.limit_s, self._break)
+
+    def _wait(self, wait_s: float, then: Callable[[], None]) -> None:
+        self._stop()
+        self._timer = threading.Timer(wait_s, then)
+        self._timer.daemon = True
+        self._timer.start()
+
+    def _stop(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _break(self) -> None:
+        raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
+        raise_in(ctypes.c_ulong(self._thread), ctypes.py_object(TimeLimitError))
+        if self._task.made_by != (platform.node(), os.getpid()):  # a worker, not the run itself
+            self._wait(_GRACE_S, lambda: os._exit(OVERDUE))
 
 
 def lost(task: Task) -> Done:
     """Return what came of a task whose workers were killed, twice."""
     identity = identity_of(task)
     row = first_row(task, identity)
-    said = f"{row.recording}: expected a worker that ends, found it killed twice"
+    said = f"{row.recording}: expected a worker that ends, found it killed twice, or overdue"
     return Done(identity.key, failed(row, said).encoded(), failed=True)
 
 
@@ -430,11 +570,18 @@ def evaluated(task: Task, identity: Identity, row: Row) -> Done:
     """
     began = time.perf_counter()
     remote = identity.remote
+    limit = TimeLimit(task)
     try:
-        if identity.error:
-            raise RecordingError(identity.error)
-        part = _part(task, row, remote)
-        sha256 = row.sha256 if remote is None else remote.sha256()
+        with limit:
+            if identity.error:
+                raise RecordingError(identity.error)
+            if remote is None and not task.path.is_file():
+                said = f"{row.recording}: expected a file, found none visible on worker {row.host}"
+                raise RecordingError(said)
+            part = _part(task, row, remote, limit)
+            sha256 = row.sha256 if remote is None else remote.sha256()
+    except TimeLimitError:
+        said = f"{row.recording}: expected a replay within {limit.limit_s:g} s, found none"
     except (CodecError, GroundtraceError) as error:
         said = error_text(task, error)
     except OSError as error:
@@ -458,10 +605,11 @@ def _place_of(error: Exception) -> str:
     return f"{type(error).__name__}: {error}{at}{line}"
 
 
-def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
+def _part(task: Task, row: Row, remote: ByteSource | None, limit: TimeLimit) -> Part:
     """Replay a recording and return all that is said about it."""
     sink = EventList()
-    with Recording.open(remote or task.location) as opened:
+    with Recording.open(remote or task.path) as opened:
+        limit.of_length((opened.end_ns - opened.start_ns) / NS_PER_S)
         if RUN in opened.metadata:
             raise RecordingError(f"{opened.name}: expected a recording, found results of one")
         labels, row = _with_truth(task, row, opened)
@@ -493,13 +641,13 @@ def _part(task: Task, row: Row, remote: ByteSource | None) -> Part:
             row.recording, origin, labels, opened.geometry, tuple(sink.events), given=given
         )
         result = replace(result, labels=scored_truth(labels, result).labels)
-    return _judged(row, result, remote or task.location)
+    return _judged(row, result, remote or task.path)
 
 
 def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:
     truth = None if task.truth is None else Path(task.truth)
     # remarks on one recording say nothing in a fleet
-    labels = truth_of_recording(opened, Path(task.location), truth)
+    labels = truth_of_recording(opened, task.path, truth)
     source = "recording" if opened.labels else "annotations" if labels else ""
     source = truth.name if truth is not None else source
     return labels, replace(row, truth=source, labels=len(labels))
@@ -520,7 +668,7 @@ def _sha256_of(chain: Pipeline, row: Row) -> str:
     return recipe_sha256(chain.recipe(), owners_of(chain.config), row.tolerance_s)
 
 
-def _judged(row: Row, result: Results, source: ByteSource | str) -> Part:
+def _judged(row: Row, result: Results, source: ByteSource | Path) -> Part:
     """Score and explain a result."""
     said = answers_of(result.events)
     gaps = [e for e in result.events if isinstance(e, Gap)]
@@ -549,7 +697,7 @@ def _judged(row: Row, result: Results, source: ByteSource | str) -> Part:
     return Part(row, steps)
 
 
-def _steps(result: Results, tolerance_s: float, source: ByteSource | str) -> tuple[StepRow, ...]:
+def _steps(result: Results, tolerance_s: float, source: ByteSource | Path) -> tuple[StepRow, ...]:
     """Return every scored step and what became of it, by time."""
     evidence = evidence_of(result)
     signal = Unfiltered(evidence.config, lambda: source)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import platform
 import shutil
-from dataclasses import fields, is_dataclass
+import time
+from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from command_runs import check_schema, done, run
-from fleet_runs import Here, use, walks
+from command_runs import done, run
+from fleet_runs import Here, ran_fleet, use, walks
 from pyarrow import parquet
 
 from groundtrace.evaluation import __path__ as score_path
+from groundtrace.fleet import run as fleet_run
 from groundtrace.fleet.table import FIGURES, decoded
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
@@ -47,9 +51,7 @@ def _in_a_folder_of_its_own(small: Path, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def ran(capsys: Capture, *arguments: object) -> Any:
-    document = done(capsys, "fleet", "small", "-o", "t.parquet", "--json", *arguments).document
-    check_schema("fleet", document)
-    return document
+    return ran_fleet(capsys, "small", "-o", "t.parquet", *arguments)
 
 
 def rows(path: str = "t.parquet") -> list[dict[str, Any]]:
@@ -154,7 +156,10 @@ def test_a_worker_killed_twice_is_a_row_with_an_error(
 ) -> None:
     use(monkeypatch, Here(lost=frozenset({1})))
     assert ran(capsys, *WAIST)["errors"] == 2
-    assert rows()[1]["error"] == "walk-2.mcap: expected a worker that ends, found it killed twice"
+    assert (
+        rows()[1]["error"]
+        == "walk-2.mcap: expected a worker that ends, found it killed twice, or overdue"
+    )
     assert len(rows()[1]["sha256"]) == 64
     use(monkeypatch, Here())
     said = ran(capsys, *WAIST, "--resume")
@@ -203,8 +208,12 @@ def test_shards_give_the_table_of_one_run(capsys: Capture, monkeypatch: pytest.M
     first = ran(capsys, *WAIST, "--shard", "1/2")
     assert first["table"] is None
     engine.given.clear()
-    refused = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST, "--join").error
+    join = ("fleet", "small", "-o", "t.parquet", *WAIST, "--join")
+    refused = run(capsys, *join).error
     assert refused.startswith("t.parts: expected 4 parts, found 2; the first that is missing is of")
+    partly = run(capsys, *join, "--partial")
+    assert partly.out.splitlines()[-1] == "missing: 2 parts of 4, left out"
+    assert len(rows()) == 2
     ran(capsys, *WAIST, "--shard", "2/2")
     assert [task.location for task in engine.given] == ["small/zjunk.mcap", "small/walk-2.mcap"]
     engine.given.clear()
@@ -240,6 +249,7 @@ def test_a_part_that_is_not_whole_is_none() -> None:
         (("-o", "t.parquet"), "fleet: expected recordings, found none"),
         (("small", "-o", "t.parquet", "--pipeline", "none"), "none: expected a file or one of"),
         (("small", "-o", "t.parquet", "--set", "a.b=1"), "--set: expected --pipeline NAME"),
+        (("small", "-o", "t.parquet", "--partial"), "--partial: expected it with --join, found"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_line(
@@ -256,3 +266,78 @@ def test_a_table_that_is_there_stays_without_force(
     ran(capsys, *WAIST)
     assert "see --force" in run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
     ran(capsys, *WAIST, "--force")
+
+
+def test_the_exit_code_says_whether_recordings_failed(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    command = ("fleet", "-o", "t.parquet", *WAIST, "--force")
+    assert run(capsys, *command, "small/walk-1.mcap").code == 0
+    assert run(capsys, *command, "small/walk-1.mcap", "small/zjunk.mcap").code == 3
+    assert run(capsys, *command, "small/zjunk.mcap").code == 1
+    assert run(capsys, *command, "small/zjunk.mcap", "--allow-failures").code == 0
+
+
+def test_a_recording_that_hangs_is_a_row_that_says_so(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part = fleet_run._part
+
+    def hanging(task: Any, *rest: Any) -> Any:
+        while task.location.endswith("walk-1.mcap"):
+            time.sleep(0.01)
+        return part(task, *rest)
+
+    monkeypatch.setattr(fleet_run, "_part", hanging)
+    use(monkeypatch, Here())
+    ran(capsys, *WAIST, "--limit-s", "5")
+    errors = {row["location"]: row["error"] for row in rows()}
+    said = "walk-1.mcap: expected a replay within 5 s, found none"
+    assert errors["small/walk-1.mcap"] == said
+    assert errors["small/walk-2.mcap"] == ""
+
+
+def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not_see(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    class Elsewhere(Here):
+        def run(self, function: Any, tasks: Any) -> Any:
+            Path("small/walk-2.mcap").unlink()
+            with monkeypatch.context() as there:
+                there.chdir("/")
+                answers = list(super().run(function, tasks))
+            yield from answers
+
+    use(monkeypatch, Elsewhere())
+    ran(capsys, *WAIST)
+    errors = {row["location"]: row["error"] for row in rows()}
+    assert errors["small/walk-1.mcap"] == ""
+    host = platform.node()
+    said = f"walk-2.mcap: expected a file, found none visible on worker {host}"
+    assert errors["small/walk-2.mcap"] == said
+
+
+def test_a_worker_with_other_code_is_refused_before_anything_is_kept(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Other(Here):
+        def run(self, function: Any, tasks: Any) -> Any:
+            other = [replace(task, code="f" * 64) for task in tasks]
+            return super().run(function, other)
+
+    use(monkeypatch, Other())
+    said = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
+    expected = f"worker {platform.node()}: expected the code of this run, {'f' * 12}, found ground"
+    assert said.startswith(expected)
+    assert not Path("t.parts").exists()
+
+
+def test_a_disk_without_room_is_told_first(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    engine = use(monkeypatch, Here())
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1000))
+    said = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
+    assert said == "t.parquet: expected room for 4 parts, about 0 MB, found 0 MB"
+    assert engine.given == []

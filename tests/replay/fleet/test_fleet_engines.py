@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import pytest
-from command_runs import done, run
-from fleet_runs import Here, twice, use, walks
+from command_runs import run
+from fleet_runs import Here, overdue, ran_fleet, twice, use, walks
 
 from groundtrace.fleet.engines import LocalEngine
 
@@ -50,22 +51,13 @@ def test_processes_and_a_dask_cluster_give_one_table(
     monkeypatch.chdir(tmp_path)
     walks(tmp_path / "small", 2)
     (tmp_path / "small" / "zjunk.mcap").write_bytes(b"this is no recording")
-    command = (
-        "fleet",
-        "small",
-        "--pipeline",
-        "waist-peaks",
-        "--json",
-        "--force",
-        "-o",
-        "t.parquet",
-    )
+    command = ("small", "--pipeline", "waist-peaks", "--force", "-o", "t.parquet")
     digests = [
-        done(capsys, *command, "--engine", engine, "--workers", 1).document["digest"]
+        ran_fleet(capsys, *command, "--engine", engine, "--workers", 1)["digest"]
         for engine in ("local", "dask")
     ]
     use(monkeypatch, Here())
-    digests.append(done(capsys, *command).document["digest"])
+    digests.append(ran_fleet(capsys, *command)["digest"])
     assert len(set(digests)) == 1
 
 
@@ -88,3 +80,32 @@ def test_a_missing_package_is_said_with_what_installs_it(
         f"--engine {package}: expected the package {package}, found none; "
         f"install it with: pip install 'groundtrace[{extra}]'"
     )
+
+
+def test_a_worker_that_ends_itself_is_not_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FLEET_TEST_MARKER", str(tmp_path / "ran"))
+    assert list(LocalEngine(1).run(overdue, [3])) == [(0, None)]
+    assert (tmp_path / "ran").read_text("utf-8") == "once\n"
+
+
+@pytest.mark.parametrize(
+    ("package", "engine"),
+    [("distributed", "dask:tcp://127.0.0.1:9"), ("ray", "ray:ray://127.0.0.1:9")],
+)
+def test_a_cluster_that_does_not_answer_is_one_line_soon(
+    package: str,
+    engine: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Capture,
+) -> None:
+    if find_spec(package) is None:
+        pytest.skip(f"{package} is not installed")
+    monkeypatch.chdir(tmp_path)
+    walks(tmp_path / "small", 1, 4.0)
+    began = time.monotonic()
+    said = run(capsys, "fleet", "small", "-o", "t.parquet", "--engine", engine).error
+    assert said.startswith(f"--engine {engine}: expected a cluster, found: ")
+    assert time.monotonic() - began < 15.0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import re
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -107,7 +109,8 @@ def test_what_cannot_be_reached_is_one_line(
     served: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch, memory: Any
 ) -> None:
     monkeypatch.setattr(Ranges, "deaf", True)
-    assert "expected a server that gives ranges, found" in run(capsys, "info", served).error
+    said = run(capsys, "info", served).error
+    assert said.endswith("expected bytes to read, found: a server that gives no ranges")
     gone = run(capsys, "info", "memory://nowhere/walk.mcap").error
     assert gone == "memory://nowhere/walk.mcap: size: expected bytes to read, found: no such file"
     assert "expected a URL to read, found:" in run(capsys, "info", "nothing://a.mcap").error
@@ -133,3 +136,59 @@ def test_a_folder_behind_a_url_that_holds_none_is_refused(memory: Any) -> None:
     with pytest.raises(Exception, match=r"memory://empty: expected a recording, a folder") as told:
         recordings_of(["memory://empty"])
     assert not isinstance(told.value, CodecError)
+
+
+@pytest.fixture
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("groundtrace_codecs.mcap.byte_source.PAUSES_S", (0.0, 0.0))
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize("failing", [[503], [500, 502], [0], [429, 0]])
+def test_what_fails_now_and_then_is_asked_again(
+    served: str, monkeypatch: pytest.MonkeyPatch, failing: list[int]
+) -> None:
+    source = RemoteBytes(served)
+    monkeypatch.setattr(Ranges, "failing", list(failing))
+    assert source.read_at(0, len(ROOM)) == ROOM
+    assert Ranges.failing == []
+
+
+@pytest.mark.usefixtures("at_once")
+@pytest.mark.parametrize(
+    ("status", "asked", "found"),
+    [
+        (403, 1, "no access (403)"),
+        (401, 1, "no access (401)"),
+        (404, 1, "no such file"),
+        (500, 3, "a server that fails (500)"),
+        (0, 3, "connection broken off"),
+    ],
+)
+def test_each_failure_has_its_name(
+    served: str, monkeypatch: pytest.MonkeyPatch, status: int, asked: int, found: str
+) -> None:
+    source = RemoteBytes(served)
+    monkeypatch.setattr(Ranges, "failing", [status] * 9)
+    with pytest.raises(CodecError, match=re.escape(f"expected bytes to read, found: {found}")):
+        source.read_at(0, 100)
+    # a client may ask once more by itself on a connection that was kept
+    assert asked <= 9 - len(Ranges.failing) <= 2 * asked
+
+
+@pytest.mark.usefixtures("at_once")
+def test_nobody_there_is_refused() -> None:
+    with pytest.raises(CodecError, match="size: expected bytes to read, found: connection refused"):
+        RemoteBytes("http://127.0.0.1:9/a.mcap")
+
+
+def test_a_server_without_ranges_is_told_before_its_file_is_in_memory(
+    served: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Ranges, "deaf", True)
+    source = RemoteBytes(served)
+    tracemalloc.start()
+    with pytest.raises(CodecError, match="found: a server that gives no ranges"):
+        source.read_at(len(ROOM) - 100, 100)
+    assert tracemalloc.get_traced_memory()[1] < len(ROOM) / 2
+    tracemalloc.stop()
