@@ -475,11 +475,15 @@ class StageRunner:
         """
         made: list[list[Event]] = [[] for _ in items]
         waiting: dict[str, list[tuple[list[Event], Candidates]]] = {}
+        wanted = self._from
         for item, out in zip(items, made, strict=True):
-            if isinstance(item, SignalBlock):
+            kind = type(item)
+            if kind in wanted:  # most of what comes are events, and most of these of other stages
+                names = wanted[kind]
+                if names is None or _stage_of(item) in names:
+                    self._take_event(item, out, waiting)
+            elif isinstance(item, SignalBlock):
                 self._take_signal(item, out)
-            elif type(item) in self._from:
-                self._take_event(item, out, waiting)
             elif isinstance(item, Gap):
                 self._decide_waiting(waiting)
                 self._take_gap(item, out)
@@ -657,8 +661,6 @@ class StageRunner:
     def _take_event(
         self, item: Any, out: list[Event], waiting: dict[str, list[tuple[list[Event], Candidates]]]
     ) -> None:
-        if not self._comes_from(item):
-            return
         topic = topic_of(item)
         key = self._key_of(topic, "")
         instance = self._state.instances.get(key)

@@ -127,6 +127,15 @@ def decision_values(block: CandidateBlock) -> NDArray[np.float32]:
     return block.value[:, 0] if names else np.zeros(len(block), np.float32)
 
 
+def joined(blocks: Sequence[CandidateBlock]) -> CandidateBlock:
+    """Return the candidates of several blocks of one stage and topic as one block."""
+    names = [f for f in type(blocks[0]).__dataclass_fields__ if f != "spec"]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(b, name) for b in blocks]) for name in names
+    }
+    return replace(blocks[-1], **columns)
+
+
 def shown_rows(block: CandidateBlock) -> CandidateBlock:
     """Return the candidates that are shown: those accepted, and those rejected but by far."""
     gate = decision_gate(block.spec)
@@ -296,14 +305,7 @@ class DetectorView:
 
     def candidates(self, block: CandidateBlock) -> None:
         """Take decided candidates."""
-        block = shown_rows(block)
-        if self._spec.trace and not frames_decided(self._spec):
-            self._candidates.append(block)
-        first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
-        gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
-        if self._lane is not None:
-            rows = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
-            self._undecided += rows
+        self._candidates.append(block)
 
     def flush(self, before_ns: int | None = None) -> None:
         """Log what is pending; fill the lane up to a time, as channels lag behind each other."""
@@ -311,17 +313,24 @@ class DetectorView:
             times, values = np.concatenate(self._times), np.concatenate(self._decision)
             self._timeline.scalars(f"{self._path}/decision", times, values)
         if self._candidates:
-            times = np.concatenate([b.time_ns for b in self._candidates])
-            values = np.concatenate([decision_values(b) for b in self._candidates])
-            values = np.minimum(values, TOP_EDGE * (ceiling(self._spec) or np.inf))
-            accepted = np.concatenate([b.accepted for b in self._candidates])
-            for verdict, rows in (("accepted", accepted), ("rejected", ~accepted)):
-                if rows.any():
-                    path = f"{self._path}/{verdict}"
-                    self._timeline.scalars(path, times[rows], values[rows][:, np.newaxis])
+            self._log_candidates(shown_rows(joined(self._candidates)))
         self._times, self._decision, self._candidates = [], [], []
         if self._lane is not None:
             self._fill_lane(self._lane, before_ns)
+
+    def _log_candidates(self, block: CandidateBlock) -> None:
+        if self._spec.trace and not frames_decided(self._spec):
+            values = decision_values(block)
+            values = np.minimum(values, TOP_EDGE * (ceiling(self._spec) or np.inf))
+            for verdict, rows in (("accepted", block.accepted), ("rejected", ~block.accepted)):
+                if rows.any():
+                    path = f"{self._path}/{verdict}"
+                    self._timeline.scalars(path, block.time_ns[rows], values[rows][:, np.newaxis])
+        if self._lane is not None:
+            first = np.argmax(~(block.margin >= 0), axis=1) if block.margin.shape[1] else []
+            gates = [self._spec.gates[i].name for i in first] or ["?"] * len(block)
+            told = zip(block.time_ns.tolist(), block.accepted.tolist(), gates, strict=True)
+            self._undecided += told
 
     def _fill_lane(self, lane: Lane, before_ns: int | None) -> None:
         decided = sorted(self._undecided)

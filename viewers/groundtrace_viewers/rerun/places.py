@@ -749,14 +749,11 @@ class StepDetails(View):
         """Return the arrivals of a step, of the stage that has the last word on them."""
         while self._picks and self._picks[0].time_ns < due.time_ns - LATE_NS:
             self._picks.popleft()
-        end_ns = due.time_ns + round(self._window_s * NS_PER_S)
+        first_ns, end_ns = due.time_ns, due.time_ns + round(self._window_s * NS_PER_S)
         picking = self._context.stages.last("pick")
         stage = picking.stage if picking is not None else ""
-        return [
-            p
-            for p in self._picks
-            if due.time_ns <= p.time_ns <= end_ns and (p.topic, p.stage) == (due.topic, stage)
-        ]
+        near = [p for p in self._picks if first_ns <= p.time_ns <= end_ns]
+        return [p for p in near if (p.topic, p.stage) == (due.topic, stage)]
 
     def _put_out(self, time_ns: int) -> None:
         self._names.clear(time_ns)

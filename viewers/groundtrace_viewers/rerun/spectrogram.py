@@ -9,6 +9,7 @@ columns that can be told apart, and a second plot has columns of 50 ms around th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -17,11 +18,12 @@ from groundtrace.dsp.spectral import WindowPower
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
-from .timeline import Entity, heat
+from .timeline import Entity, colour_column, heat, scalar_column
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import rerun as rr
     from numpy.typing import NDArray
 
     from groundtrace_codecs.signals import Stream
@@ -168,6 +170,21 @@ def band_levels(
     return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
 
 
+def squares(
+    shade: NDArray[np.floating], frequencies_hz: NDArray[np.float64]
+) -> list[rr.ComponentColumn]:
+    """Return squares at frequencies, of shades within [0, 1]: shape (n, n_bands)."""
+    return [
+        scalar_column(np.broadcast_to(frequencies_hz, shade.shape)),
+        colour_column(_palette()[np.rint(shade * SHADES).astype(np.intp)]),
+    ]
+
+
+@cache
+def _palette() -> NDArray[np.uint32]:
+    return heat(np.arange(SHADES + 1) / SHADES)
+
+
 class Spectrogram:
     """Logs the spectrogram of one signal of a stream.
 
@@ -255,17 +272,9 @@ class Spectrogram:
         ends: NDArray[np.floating],
     ) -> None:
         """Log columns; ``ends`` are the levels of the darkest and the lightest colour [dB]."""
-        import rerun as rr
-
         low, high = float(ends[0]), float(ends[1])
         shade = np.clip((levels - low) / max(high - low, 1e-6), 0.0, 1.0)
-        colours = heat(np.round(shade * SHADES) / SHADES)
-        frequencies = np.tile(self._frequencies, len(times))
-        rows = np.full(len(times), len(self._frequencies))
-        columns = [
-            *rr.Scalars.columns(scalars=frequencies).partition(rows),
-            *rr.SeriesPoints.columns(colors=colours.ravel()).partition(rows),
-        ]
+        columns = squares(shade, self._frequencies)
         self._timeline.send(f"/{role}/{self._tail}", times, columns)
 
     def _pooled(
@@ -345,8 +354,6 @@ class FineSpectrogram:
 
     def show(self, times_ns: NDArray[np.int64], samples: NDArray[np.float64]) -> None:
         """Log the spectrogram of an excerpt: times and samples, shape (n,)."""
-        import rerun as rr
-
         cut, bands = self._cut, len(self._frequencies)
         starts = np.arange(0, len(samples) - cut.window + 1, cut.hop)
         if not len(starts):
@@ -356,12 +363,7 @@ class FineSpectrogram:
             self._declare(bands)
             self._declared = True
         shade = np.clip(1.0 + (levels - levels.max()) / RANGE_DB, 0.0, 1.0)
-        colours = heat(np.round(shade * SHADES) / SHADES)
-        rows = np.full(len(starts), bands)
-        columns = [
-            *rr.Scalars.columns(scalars=np.tile(self._frequencies, len(starts))).partition(rows),
-            *rr.SeriesPoints.columns(colors=colours.ravel()).partition(rows),
-        ]
+        columns = squares(shade, self._frequencies)
         self._timeline.send(self._path, times_ns[starts + cut.window // 2], columns)
 
     def _declare(self, bands: int) -> None:

@@ -203,6 +203,16 @@ def scalar_column(values: NDArray[np.floating]) -> rr.ComponentColumn:
     return rr.ComponentColumn(kind, batch, offsets=_row_offsets(values))
 
 
+def colour_column(colours: NDArray[np.uint32]) -> rr.ComponentColumn:
+    """Return the column of the colours of points of curves, shape (n, n_curves)."""
+    import pyarrow as pa
+    import rerun as rr
+
+    batch = rr.components.ColorBatch(pa.array(colours.ravel()))
+    kind = rr.SeriesPoints.descriptor_colors()
+    return rr.ComponentColumn(kind, batch, offsets=_row_offsets(colours))
+
+
 def single_column(values: NDArray[np.float32]) -> rr.ComponentColumn:
     """Return the column of curves in single precision, shape (n, n_curves), without a copy."""
     import pyarrow as pa
@@ -212,7 +222,7 @@ def single_column(values: NDArray[np.float32]) -> rr.ComponentColumn:
     return rr.ComponentColumn(SINGLES, batch, offsets=_row_offsets(values))
 
 
-def _row_offsets(values: NDArray[np.floating]) -> NDArray[np.int32]:
+def _row_offsets(values: NDArray[Any]) -> NDArray[np.int32]:
     rows, curves = values.shape
     return np.arange(rows + 1, dtype=np.int32) * np.int32(curves)
 
