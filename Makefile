@@ -40,6 +40,7 @@ compile: dev ## all kernels, once, before those who would compile them at the sa
 
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
+	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/oracles # as plain Python
 
 golden: dev ## the golden events anew, after a change that is meant to change results
 	OMP_NUM_THREADS=1 $(BIN)/python tests/golden_events.py
@@ -58,6 +59,7 @@ bench: dev
 	$(BIN)/python bench/replay_speed.py
 	$(BIN)/python bench/two_cores.py
 	$(BIN)/python bench/startup.py
+	$(BIN)/python bench/first_replay.py
 	$(BIN)/python bench/whole_job.py --long
 	$(BIN)/python bench/file_speed.py
 	$(BIN)/python bench/sweep_speed.py

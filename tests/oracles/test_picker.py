@@ -1,4 +1,7 @@
-"""Kernels of arrival pickers against plain Python, sample by sample, on any signal."""
+"""Kernels of arrival pickers against plain Python, sample by sample, on any signal.
+
+With ``NUMBA_DISABLE_JIT=1`` they run as the plain Python that they are written in.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,16 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plain_python import inputs
 
 from groundtrace.dsp.filters import bandpass
 from groundtrace.dsp.noise import SignalFrames
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace.kernels import grid, locate, picker
+from groundtrace.kernels import frames, grid, locate, picker
 
 RNG = np.random.default_rng(22)
 COLUMNS = 3
-CHANNELS = (1, 3, 8, 9, 16, 17, 33)
+CHANNELS = inputs((1, 3, 8, 9, 16, 17, 33), (1, 9))
 TINY = 5e-324
 
 
@@ -98,8 +102,8 @@ def frame_of(columns: list[tuple[float, ...]]) -> tuple[float, ...]:
 
 @pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
 @pytest.mark.parametrize("channels", CHANNELS)
-@pytest.mark.parametrize("block", [1, 7, 50, 120])
-@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("block", inputs([1, 7, 50, 120], [50]))
+@pytest.mark.parametrize("order", inputs([0, 1, 2], [2]))
 def test_cells_are_those_of_a_plain_loop_to_the_last_bit(channels, block, order):
     sos = bandpass(20.0, 0.0 if order == 1 else 400.0, 2000.0) if order else bandpass(0, 0, 2000.0)
     for name, x in signals(120, channels).items():
@@ -127,9 +131,9 @@ def test_cells_are_the_same_however_samples_are_stored(kind, planar):
         assert np.array_equal(found, expected)
 
 
-@pytest.mark.parametrize("channels", [1, 3, 16])
-@pytest.mark.parametrize("length", [1, 2, 7])
-@pytest.mark.parametrize("block", [1, 3, 50])
+@pytest.mark.parametrize("channels", inputs([1, 3, 16], [3]))
+@pytest.mark.parametrize("length", inputs([1, 2, 7], [2]))
+@pytest.mark.parametrize("block", inputs([1, 3, 50], [3]))
 def test_frames_are_those_of_plain_columns(channels, length, block):
     rows = RNG.integers(-2, 3, (4, channels, 50)).astype(float)
     rows[1], rows[3] = rows[1] ** 2, np.minimum(rows[2], rows[3])
@@ -144,7 +148,9 @@ def test_frames_are_those_of_plain_columns(channels, length, block):
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-@pytest.mark.parametrize(("window", "transform"), [(60, 60), (90, 200), (7, 9), (1, 2)])
+@pytest.mark.parametrize(
+    ("window", "transform"), inputs([(60, 60), (90, 200), (7, 9), (1, 2)], [(7, 9)])
+)
 @pytest.mark.parametrize("mean_removed", [False, True])
 def test_power_is_that_of_plain_sums_of_waves(kind, window, transform, mean_removed):
     taper, samples = np.hanning(window + 2)[1:-1], RNG.normal(size=(2, 4 * window))
@@ -172,6 +178,53 @@ def test_levels_are_the_moving_average_that_cells_have(channels):
                 level = 0.3 * (y * y) + 0.7 * level
                 expected.append(level)
             assert np.array_equal(levels[:, c], expected, equal_nan=True), name
+
+
+def hostile(rows: int, n: int) -> np.ndarray:
+    """Return lines of few values, so that many are equal, infinities among them."""
+    line = RNG.integers(0, 6, (rows, n)).astype(float)
+    line[RNG.random((rows, n)) < 0.05] = np.inf
+    line[RNG.random((rows, n)) < 0.05] = -np.inf
+    return line
+
+
+@pytest.mark.parametrize("width", inputs([1, 2, 3, 8, 30], [1, 3]))
+def test_a_window_has_the_maximum_of_its_numbers_and_none_where_one_is_none(width):
+    line = hostile(3, 70)
+    line[1, 40] = np.nan
+    found = frames.window_maxima(line, width)
+    windows = [[row[k : k + width] for k in range(70 - width + 1)] for row in line.tolist()]
+    expected = [[math.nan if any(map(math.isnan, w)) else max(w) for w in row] for row in windows]
+    assert np.array_equal(found, expected, equal_nan=True)
+
+
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
+def test_a_ratio_to_noise_is_nothing_where_noise_is_silent():
+    level, noise, trust = RNG.random((3, 40)), RNG.random((3, 44)), RNG.random(40)
+    noise[:, 10:20] = (0.0, 1e-141, TINY, 1e-140, 1.1e-140, 1.0, np.inf, np.nan, 1e300, 1e-300)
+    ratio = np.empty(level.shape)
+    picker.ratio_to_noise(level, noise, trust, 1e-140, ratio)
+    for r, i in np.ndindex(ratio.shape):
+        own = noise[r, i]
+        assert ratio[r, i] == (level[r, i] / own * trust[i] if own > 1e-140 else 0.0)
+
+
+@pytest.mark.parametrize("reach", inputs([1, 2, 5], [2]))
+@pytest.mark.parametrize("back", inputs([0, 1, 9], [9]))
+def test_maxima_are_the_first_largest_within_their_reach_and_rise_over_the_floor(reach, back):
+    line, keep, floor = hostile(4, 120), max(reach, back), 1.0
+    found = picker.local_maxima(line, keep, 120 - reach, reach, floor, back)
+    expected = []
+    for i in range(keep, 120 - reach):
+        for r, row in enumerate(line.tolist()):
+            before, after = row[i - reach : i], row[i + 1 : i + 1 + reach]
+            if not (row[i] > floor and max(before) < row[i] >= max(after)):
+                continue
+            begin = i
+            while begin > i - back and row[begin - 1] > floor:
+                begin -= 1
+            expected.append((begin, i, r))
+    assert found.T.tolist() == [list(each) for each in expected]
 
 
 def onset_of(window: list[float], correlation: float) -> tuple[float, float]:
@@ -216,7 +269,7 @@ def test_onsets_are_those_of_plain_steps(channels, correlation):
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("rate_hz", [6.0, 50.0, 128.0])
+@pytest.mark.parametrize("rate_hz", inputs([6.0, 50.0, 128.0], [50.0]))
 def test_points_of_the_grid_are_weighted_means_of_the_samples_around(channels, rate_hz):
     at_s = np.linspace(0.0, 0.5, 200)
     table, reach, n = np.exp(-((at_s / 0.1) ** 2)), int(np.ceil(0.5 * rate_hz)), int(4 * rate_hz)
@@ -261,8 +314,8 @@ def loss_at(u: np.ndarray, t: np.ndarray, slope: float, threshold: float, passes
     return float((inner * (2 * size - inner)).mean())
 
 
-@pytest.mark.parametrize("nodes", [1, 3, 64, 65, 130])
-@pytest.mark.parametrize("sensors", [3, 8, 17])
+@pytest.mark.parametrize("nodes", inputs([1, 3, 64, 65, 130], [65]))
+@pytest.mark.parametrize("sensors", inputs([3, 8, 17], [3]))
 @pytest.mark.parametrize("slope", [math.nan, 0.002])
 def test_losses_are_those_of_a_line_fitted_at_each_node(nodes, sensors, slope):
     times = 0.01 * RNG.random((2, sensors))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,11 +18,9 @@ if TYPE_CHECKING:
 #: What is kept of the frame under way: the largest peak, the sum of powers, the extremes; the last
 #: column where it stood still, else none; how many columns stood still at the highest and at the
 #: lowest.
-FRAME = np.dtype(
-    [
-        *((name, "f8") for name in ("peak", "power", "high", "low", "last")),
-        *((name, "i8") for name in ("at_high", "at_low")),
-    ]
+FRAME = record(
+    *((name, "f8") for name in ("peak", "power", "high", "low", "last")),
+    *((name, "i8") for name in ("at_high", "at_low")),
 )
 #: What a frame tells of each channel: peak, level, swing, columns at an extreme. Source:
 #: definition.

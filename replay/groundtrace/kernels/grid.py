@@ -45,7 +45,7 @@ def weights_at(
     last = len(at_s) - 1
     for k in range(2 * reach + 1):
         away_s = abs((k - reach) - past) / rate_hz
-        j = int(away_s / at_s[last] * last)
+        j = min(int(away_s / at_s[last] * last), last)
         while j > 0 and at_s[j] > away_s:
             j -= 1
         while j < last and at_s[j + 1] <= away_s:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 from .frames import FRAMES, add_column, close_frame
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ TILE = 64
 #: Types of samples that are filtered as they are stored; others are converted first.
 STORED = tuple(map(np.dtype, ("i2", "i4", "f4", "f8")))
 #: A second-order section: y = b0 x + b1 x' + b2 x'' - a1 y' - a2 y'', of the samples before.
-SECTION = np.dtype([(name, "f8") for name in ("b0", "b1", "b2", "a1", "a2")])
+SECTION = record(*((name, "f8") for name in ("b0", "b1", "b2", "a1", "a2")))
 #: The filter has that many sections; one with fewer is filled up by sections of b0 = 1.
 #: Source: definition; a band-pass of order 2.
 SECTIONS = 2
@@ -39,13 +39,11 @@ SECTIONS = 2
 #: moving average of the square, and what it was at the end of the last complete cell; of the open
 #: cell the largest average, the largest absolute value and the sum of squares filtered, and the
 #: extremes as recorded. And the samples that are filtered, which become the filtered ones.
-CHANNELS = np.dtype(
-    [
-        *((name, "f8", (LANES,)) for name in ("scale", "p1", "p2", "q1", "q2")),
-        *((name, "f8", (LANES,)) for name in ("level", "at_cell", "most", "peak")),
-        *((name, "f8", (LANES,)) for name in ("power", "high", "low")),
-        ("tile", "f8", (TILE, LANES)),
-    ]
+CHANNELS = record(
+    *((name, "f8", (LANES,)) for name in ("scale", "p1", "p2", "q1", "q2")),
+    *((name, "f8", (LANES,)) for name in ("level", "at_cell", "most", "peak")),
+    *((name, "f8", (LANES,)) for name in ("power", "high", "low")),
+    ("tile", "f8", (TILE, LANES)),
 )
 #: A filter's memory below this, at the end of a cell, is nothing: it would go on through numbers
 #: that are slow to count. Chosen by judgement: far below any sample.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numba
 import numpy as np
 
-from .compiling import compiled, inlined
+from .compiling import compiled, inlined, record
 
 if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
@@ -29,7 +29,7 @@ def record_of(kind: DTypeLike, *shape: int) -> np.dtype[np.void]:
 
     Of shape (PAIRS, WAVES) are waves, of (PAIRS,) terms of pairs, of (WAVES,) sums over pairs.
     """
-    return np.dtype([(name, kind, shape) for name in _NAMES])
+    return record(*((name, kind, shape) for name in _NAMES))
 
 
 def zeros(kind: np.dtype[np.void], *shape: int) -> NDArray[np.void]:
