@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from groundtrace_codecs.signals import Channel, SignalBlock, Stream
-from groundtrace_viewers.rerun.spectrogram import BANDS, MAX_POINTS, BandLevels, resolution
+from groundtrace_viewers.rerun.spectrogram import (
+    BANDS,
+    MAX_POINTS,
+    Averaged,
+    BandLevels,
+    resolution,
+)
 
 STREAM = Stream("/s", (Channel("G1", "ground_velocity", "m/s"),), 2000.0)
 CUT = resolution(2000.0, 0.1, 250.0, 6.0)
@@ -55,3 +61,18 @@ def test_the_number_of_squares_is_bounded(duration_s: float) -> None:
     assert len(cut.edges) - 1 <= BANDS
     assert columns * BANDS <= 1.1 * MAX_POINTS
     assert min(columns, columns * 60.0 / duration_s) * BANDS < 60_000
+
+
+@pytest.mark.parametrize("rows", [1, 7, 200, 999])
+@pytest.mark.parametrize("begin", [0, 13, 20])
+def test_means_do_not_depend_on_the_blocks(rows: int, begin: int) -> None:
+    x = np.random.default_rng(0).normal(size=2000)
+    averaged, found = Averaged(10), []
+    for first in range(begin, len(x), rows):
+        piece = x[first : first + rows]
+        slower = averaged.push(SignalBlock(STREAM, 0, first, piece[:, np.newaxis]), piece)
+        found += list(zip(slower.sample_times(), slower.samples[:, 0], strict=True))
+    whole = x.reshape(-1, 10).mean(axis=1)[-(-begin // 10) :]
+    np.testing.assert_allclose([value for _, value in found], whole, rtol=1e-12)
+    assert found[0][0] == -(-begin // 10) * 5_000_000 + 2_250_000
+    assert np.all(np.diff([time_ns for time_ns, _ in found]) == 5_000_000)

@@ -8,7 +8,7 @@ columns that can be told apart, and a second plot has columns of 50 ms around th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
@@ -43,6 +43,8 @@ SHOWN = (8.0, 99.7)
 #: Colours told apart: fewer compress better.
 SHADES = 64
 COLUMNS_IN_VIEW = 240
+#: A signal is averaged down to no less than so many times the highest frequency shown.
+OVERSAMPLED = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +172,39 @@ def band_levels(
     return (10.0 * np.log10(bands + 1e-30)).astype(np.float32)
 
 
+class Averaged:
+    """Means of so many samples each, whatever the blocks' bounds: a slower signal to transform.
+
+    Mean ``k`` of a contiguous run is of samples ``[k * every, (k + 1) * every)`` and lies at the
+    time of their middle. At a rate of :data:`OVERSAMPLED` times the highest frequency shown, means
+    take 0.2 dB from that, and what folds back onto it from above is 17 dB weaker.
+    """
+
+    def __init__(self, every: int) -> None:
+        self._every = every
+        self._anchor_ns: int | None = None
+        self._rest: NDArray[np.float64] = np.empty(0)
+        self._next = 0  # sample of the run that comes after the rest
+
+    def push(self, block: SignalBlock, samples: NDArray[np.float64]) -> SignalBlock:
+        """Take samples, shape (n,), and return the means that they complete."""
+        every, stream = self._every, block.stream
+        if (block.anchor_ns, block.first) != (self._anchor_ns, self._next):
+            self._anchor_ns, self._rest, self._next = block.anchor_ns, np.empty(0), block.first
+        if not len(self._rest):
+            skipped = min(-self._next % every, len(samples))
+            self._next, samples = self._next + skipped, samples[skipped:]
+        run = np.concatenate([self._rest, samples])
+        first = (self._next - len(self._rest)) // every
+        self._next += len(samples)
+        count = len(run) // every
+        self._rest = run[count * every :]
+        means = run[: count * every].reshape(count, every).mean(axis=1)
+        middle_ns = round((every - 1) / 2 * stream.period_ns)
+        slower = replace(stream, rate_hz=stream.rate_hz / every)
+        return SignalBlock(slower, block.anchor_ns + middle_ns, first, means[:, np.newaxis])
+
+
 def squares(
     shade: NDArray[np.floating], frequencies_hz: NDArray[np.float64]
 ) -> list[rr.ComponentColumn]:
@@ -207,11 +242,14 @@ class Spectrogram:
         self._columns = seismic or stream.columns_of({"acceleration"})
         window_s, top_hz = (0.1, 250.0) if seismic else (1.28, 15.0)
         self._timeline = timeline
-        self._cut = resolution(stream.rate_hz, window_s, top_hz, duration_s)
-        self._hop_ns = self._cut.hop * stream.period_ns
+        every = max(1, int(stream.rate_hz / (OVERSAMPLED * top_hz)))
+        rate_hz = stream.rate_hz / every
+        self._averaged = Averaged(every)
+        self._cut = resolution(rate_hz, window_s, top_hz, duration_s)
+        self._hop_ns = self._cut.hop * NS_PER_S / rate_hz
         self._column_ns = self._hop_ns * self._cut.pool
         self._bands = BandLevels(self._cut)
-        self._frequencies = self._cut.frequencies_hz(stream.rate_hz)
+        self._frequencies = self._cut.frequencies_hz(rate_hz)
         self._times: list[NDArray[np.int64]] = []
         self._levels: list[NDArray[np.float32]] = []
         what = stream.channels[seismic[0]].name if seismic else "|acceleration|"
@@ -247,7 +285,8 @@ class Spectrogram:
         """Take a block."""
         values = block.select(self._columns).values
         signal = values[:, 0] if values.shape[1] == 1 else np.linalg.norm(values, axis=1)
-        times, levels = self._bands.push(block, signal)
+        slower = self._averaged.push(block, signal)
+        times, levels = self._bands.push(slower, slower.samples[:, 0])
         if len(times):
             self._times.append(times)
             self._levels.append(levels)
