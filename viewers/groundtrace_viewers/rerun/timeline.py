@@ -569,13 +569,14 @@ def coincident(
     list
         One index per group: its first accepted decision, else its first.
     """
-    chosen = []
-    start = 0
-    while start < len(time_ns):
-        stop = int(np.searchsorted(time_ns, time_ns[start] + window_ns, side="left"))
-        stop = max(stop, start + 1)
-        chosen.append(start + int(np.argmax(accepted[start:stop])))
-        start = stop
+    chosen: list[int] = []
+    open_ns, taken = None, True
+    for row, (time, good) in enumerate(zip(time_ns.tolist(), accepted.tolist(), strict=True)):
+        if open_ns is None or time >= open_ns + max(window_ns, 1):
+            chosen.append(row)
+            open_ns, taken = time, good
+        elif good and not taken:
+            chosen[-1], taken = row, True
     return chosen
 
 
