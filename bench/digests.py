@@ -142,7 +142,7 @@ CASES = (
     Case(
         "shots",
         ("hammer-shots",),
-        "picks.refractory_s=1",
+        "first-breaks.refractory_s=1",
         sources="refrapy-seg2/field_example_01/data",
         imported=("--truth", "{}/refrapy-seg2/field_example_01/picks/field_example_01.sgt"),
     ),

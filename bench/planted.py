@@ -793,7 +793,7 @@ def second_shot(clean: Clean, rng: Rng) -> Planted | None:
     until_ns = min((x.time_ns for x in shots if x.time_ns > shot.time_ns), default=2**62)
     own = [x for x in take.labels if shot.time_ns <= x.time_ns < until_ns]
     take.labels += [replace(x, time_ns=x.time_ns + later_ns) for x in own]
-    opened = ("first-breaks.refractory_s=0",)
+    opened = ("picks.refractory_s=0",)
     return Planted(take, arrival.time_ns + later_ns, arrival.channel, opened=opened, tight=None)
 
 

@@ -67,6 +67,16 @@ use = "hyperbolic"
 [[stage]]
 use = "power-law"
 """
+#: Arrivals of each channel of a line on its own: what gates say of them.
+ARRIVALS = b"""
+name = "line-arrivals"
+application = "shots"
+[[stage]]
+name = "picks"
+use = "sta-lta"
+[stage.parameters]
+ratio = 8.0
+"""
 
 
 @dataclass(frozen=True)
@@ -195,20 +205,24 @@ def _rooms() -> list[Cell]:
 
 
 def _lines() -> list[Cell]:
-    causes: list[tuple[str, Plant]] = [
+    """Causes of single channels by a picker of single channels, others by first breaks."""
+    alone: list[tuple[str, Plant]] = [
         ("late", plants.late_arrival),
         ("early", plants.knock_before),
         ("clock", plants.late_clock),
-        ("latency", plants.by_hand),
         ("threshold", plants.weak_arrival),
         ("refractory", plants.second_shot),
-        ("dead", plants.dead_channel),
         ("clipped", plants.overdriven_channel),
+    ]
+    together: list[tuple[str, Plant]] = [
+        ("latency", plants.by_hand),
+        ("dead", plants.dead_channel),
         ("gap", plants.hole_at_arrival),
-        ("quiet", plants.no_arrival),
     ]
     return [
-        Cell("line", "picks", cause, "hammer-shots", plants.line, plant) for cause, plant in causes
+        Cell("line", "picks", cause, pipeline, plants.line, plant)
+        for pipeline, causes in (("hammer-shots", together), ("line-arrivals", alone))
+        for cause, plant in causes
     ]
 
 
@@ -227,7 +241,8 @@ def cells() -> list[Cell]:
 def replayed(cell: Cell, take: Take, path: Path, settings: Sequence[str] = ()) -> Evidence:
     """Write a recording, replay it, and return what a results file would hold."""
     take.write(path)
-    known = parse_pipeline(ONSETS, "onsets") if not cell.pipeline else load_pipeline(cell.pipeline)
+    own = {"": ONSETS, "line-arrivals": ARRIVALS}.get(cell.pipeline)
+    known = load_pipeline(cell.pipeline) if own is None else parse_pipeline(own, "own")
     config = with_settings(known, [*cell.settings, *settings])
     with Recording.open(path) as recording:
         chain = build_pipeline(config, recording.geometry, recording.labels)

@@ -154,8 +154,11 @@ class Disagreement:
     stage: str
 
 
+#: The moment that a recorder took for a shot's: recorded, so stages that ask for it are told.
+TRIGGER = "trigger"
 #: Kinds a truth table may hold; ``walking``, ``ignore``, ``count`` and ``idle`` (movement that is
-#: no walking) are spans; ``trailing`` is the second contact of a side step, no step of its own.
+#: no walking) are spans; ``trailing`` is the second contact of a side step, no step of its own;
+#: ``trigger`` is no truth: see :data:`TRIGGER`.
 TRUTH_KINDS = frozenset(
     {
         "step",
@@ -170,6 +173,7 @@ TRUTH_KINDS = frozenset(
         "pass",
         "trailing",
         "idle",
+        TRIGGER,
     }
 )
 #: Kinds a person may mark. ``missed`` is a step that a detector missed, ``false`` a detection where

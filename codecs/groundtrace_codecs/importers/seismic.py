@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FormatError, MissingReaderError, SchemaError
-from ..events import Label
+from ..events import TRIGGER, Label
 from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
 from .base import Imported
@@ -734,7 +734,7 @@ class Shot:
 
 
 def assemble_shots(shots: Sequence[Shot]) -> Imported:
-    """Return shots as one recording with geometry and an ``impact`` label at each time zero.
+    """Return shots as one recording with geometry, ``impact`` and ``trigger`` at each time zero.
 
     Raises
     ------
@@ -761,7 +761,7 @@ def assemble_shots(shots: Sequence[Shot]) -> Imported:
         sources=tuple(sources),
         start_ns=start_ns,
         geometry=_geometry(shots, names),
-        labels=tuple(_impact(s, t) for s, t in zip(shots, starts, strict=True)),
+        labels=tuple(x for s, t in zip(shots, starts, strict=True) for x in _time_zero(s, t)),
         warnings=(moved,) if len(spreads) > 1 else (),
         remarks=note,
         files=tuple((s.name, t) for s, t in zip(shots, starts, strict=True)),
@@ -867,8 +867,9 @@ def _geometry(shots: Sequence[Shot], names: Sequence[tuple[str, ...]]) -> Geomet
     return Geometry(sensors=sensors, sources=points)
 
 
-def _impact(shot: Shot, first_sample_ns: int) -> Label:
-    """Return the label of the shot's time zero."""
+def _time_zero(shot: Shot, first_sample_ns: int) -> tuple[Label, Label]:
+    """Return the labels of the shot's time zero: the impact, and the trigger that tells of it."""
     time_ns = first_sample_ns - round(shot.delay_s * NS_PER_S)
     x, y, _ = shot.source or (None, None, None)
-    return Label(time_ns, "impact", x_m=x, y_m=y, label=shot.name)
+    impact = Label(time_ns, "impact", x_m=x, y_m=y, label=shot.name)
+    return impact, replace(impact, kind=TRIGGER)

@@ -151,6 +151,11 @@ SIMULATIONS = {
         "Vehicles that pass geophones beside a road; passes, ways and speeds known.\n\n"
         "Example: groundtrace simulate vehicle -o cars.mcap --layout stations --passes 5 --overlap",
     ),
+    "line": (
+        f"{HERE}.simulate:line",
+        "Shots on a line of geophones over layered ground; shots, triggers, arrivals known.\n\n"
+        "Example: groundtrace simulate line -o line.mcap --random --seed 7",
+    ),
 }
 ANALYSES = {
     "room": (

@@ -1,7 +1,8 @@
-"""``groundtrace simulate room``, ``walk`` and ``vehicle``."""
+"""``groundtrace simulate room``, ``walk``, ``vehicle`` and ``line``."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -19,6 +20,7 @@ from ..simulate.gait import (
     RouteName,
     WalkOptions,
 )
+from ..simulate.line import LineOptions, SourceName, simulate_line
 from ..simulate.recording import Simulation, write
 from ..simulate.road import (
     LayoutName,
@@ -449,3 +451,99 @@ def _pair(option: str, text: str, between: str, example: str) -> tuple[float, fl
     except ValueError:
         raise SimulationError(f"{option}: expected it as {example}, found {text!r}") from None
     return first, second
+
+
+def line(
+    *,
+    out: Annotated[Path, OUT],
+    seed: int = 1,
+    shots: int | None = None,
+    channels: int | None = None,
+    spacing_m: float | None = None,
+    rate_hz: float | None = None,
+    length_s: float | None = None,
+    lead_s: float | None = None,
+    source: SourceName | None = None,
+    stack: int | None = None,
+    layers: str = "",
+    snr: float | None = None,
+    late_ms: float | None = None,
+    precursors: float | None = None,
+    rumble: float | None = None,
+    dead: Texts = None,
+    flipped: Texts = None,
+    random: Annotated[bool, FLAG] = False,
+    force: Force = False,
+) -> None:
+    """Make shots on a line of geophones; shots, triggers and arrivals known.
+
+    Parameters
+    ----------
+    out
+        The recording to write.
+    seed
+        Of everything random.
+    shots
+        How many, 1 to 50; 3.
+    channels
+        How many geophones, 4 to 96; 24.
+    spacing_m
+        Between geophones, 0.5 to 50 m; 5.
+    rate_hz
+        Sampling rate, 500 to 48000 Hz; 4000.
+    length_s
+        Of a record, 0.1 to 10 s; 0.5.
+    lead_s
+        Of a record before the trigger, 0 to 1 s; 0.
+    source
+        hammer, or drop: a falling weight, lower and stronger; hammer.
+    stack
+        How many blows are added up in a record, 1 to 50; 1.
+    layers
+        Thickness and speed of each layer, the last without end, as "3:400 8:1200 4000" [m:m/s];
+        "3:400 1600".
+    snr
+        Swing of an arrival in the middle of those recorded, over the deviation of the noise; 20.
+    late_ms
+        By how much triggers come late, 0 to 50 ms; 0.
+    precursors
+        Size of what comes up to 0.1 s before a shot from its place, as a part of it, 0 to 0.2; 0.
+    rumble
+        Deviation of the surface waves of traffic over that of the noise, 0 to 20; 0.
+    dead
+        A geophone that gives nothing; may be given several times.
+    flipped
+        A geophone of the other polarity; may be given several times.
+    random
+        Draw what is not given of line, ground, source, noise and faults from the seed.
+    """
+    options = LineOptions(
+        seed=seed,
+        shots=shots,
+        channels=channels,
+        spacing_m=spacing_m,
+        rate_hz=rate_hz,
+        length_s=length_s,
+        lead_s=lead_s,
+        source=source,
+        stack=stack,
+        layers=tuple(_layer(text) for text in layers.split()),
+        snr=snr,
+        late_s=None if late_ms is None else late_ms / 1e3,
+        precursors=precursors,
+        rumble=rumble,
+        dead=tuple(dead or ()),
+        flipped=tuple(flipped or ()),
+        random=random,
+    )
+    store(simulate_line(options), out, force=force)
+
+
+def _layer(text: str) -> tuple[float, float]:
+    """Read ``3:400`` or, of the last layer, ``1600``."""
+    deep, colon, speed = text.partition(":")
+    try:
+        return (float(deep), float(speed)) if colon else (math.inf, float(deep))
+    except ValueError:
+        expected = 'layers as "3:400 1600"'
+        raise SimulationError(f"--layers: expected {expected}, found {text!r}") from None

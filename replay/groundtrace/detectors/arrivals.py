@@ -4,6 +4,9 @@ A picker gives the level of its decision function, reduced to cells of about 1 m
 cell to the noise level some time before it is the candidates' first column. Candidates are the
 local maxima of that ratio.
 
+Unrefined, a candidate is the arrival of the picker's own rule: the first sample of the rise at
+which the ratio is over the floor; set the floor to the threshold for a rule that begins there.
+
 Their onset is refined on the signal as recorded by the Akaike information criterion (AIC) of
 variances: AIC(k) = k ln var(x[:k]) + (n - k) ln var(x[k:]) (Maeda 1985). Instead of the minimum
 alone, the onset is the mean of k under Akaike weights exp(-(AIC - min) / 2), with the sum divided
@@ -42,8 +45,12 @@ if TYPE_CHECKING:
     from ..dsp.noise import CompleteCells
 
     Array = NDArray[np.float64]
+    #: Gives the level of samples ``[start, stop)`` of the run, shape (n, n_channels).
+    Levels = Callable[[int, int], Array]
     Indices = NDArray[np.intp]
 
+#: How the onset of a candidate is found.
+Refine = Literal["none", "aic"]
 COLUMNS = (Quantity("ratio", "1"), Quantity("uncertainty", "s"))
 #: The AIC window before and after the rise of a ratio [s]. Chosen by judgement: noise before it,
 #: and the first half period of a footstep's wave after it.
@@ -72,6 +79,8 @@ class ArrivalSettings:
         Pairs (before, after) the anchor: the AIC windows whose onsets are averaged.
     correlation_s
         Correlation time of the signal.
+    refine
+        ``none`` leaves anchor, windows and correlation without effect.
     """
 
     gap_s: float
@@ -82,6 +91,7 @@ class ArrivalSettings:
     back_s: float
     windows_s: tuple[tuple[float, float], ...]
     correlation_s: float
+    refine: Refine
 
     @classmethod
     def of(
@@ -95,7 +105,7 @@ class ArrivalSettings:
         """Return the settings of a picker: its parameters, and how it refines onsets."""
         p = parameters
         shared = (p.gap_s, p.warm_up_s, p.floor, p.separation_s)
-        return cls(*shared, anchor, back_s, windows_s, correlation_s)
+        return cls(*shared, anchor, back_s, windows_s, correlation_s, p.refine)
 
 
 class ArrivalParameters(Protocol):
@@ -116,6 +126,10 @@ class ArrivalParameters(Protocol):
     @property
     def separation_s(self) -> float:
         """Least time between candidates [s]."""
+
+    @property
+    def refine(self) -> Refine:
+        """How the onset of a candidate is found."""
 
 
 class ArrivalTracker:
@@ -152,6 +166,8 @@ class ArrivalTracker:
         self.rate_hz = rate_hz
         self.clock = SampleClock()
         self.history = SampleHistory(signals, channels)
+        #: The ratio sample by sample, where onsets are not refined.
+        self._ratios = SampleHistory(1, channels) if settings.refine == "none" else None
         self._channels = channels
         self._length = cell_length(rate_hz)
         cell_s = self._length / rate_hz
@@ -170,19 +186,24 @@ class ArrivalTracker:
         before, self._after = (int(most) for most in self._windows.max(axis=0))
         self._before = self._back + before
 
-    def take(self, cells: CompleteCells) -> Measured:
-        """Take the cells that are complete by now, after the samples were added to the history."""
+    def take(self, cells: CompleteCells, level: Levels) -> Measured:
+        """Take the cells that are complete by now, after the samples were added to the history.
+
+        ``level`` is as :meth:`curve` takes it.
+        """
         if not len(cells):
             self._reached = (cells, cells.level)
             return Measured(NOTHING, self._trace.nothing())
         ratio = self._ratio(cells.level)
         self._reached = (cells, ratio)
+        if self._ratios is not None and (curve := self.curve(level)) is not None:
+            self._ratios.append(curve.value.T)
         start, stop, step = self._trace.begins(len(cells)).indices(len(cells))
         begins = np.arange(cells.first + start, cells.first + stop, step)
         frames = self._trace.take(self.clock.at(begins * self._length), ratio, cells.frames)
         return Measured(self._candidates(ratio, final=False), frames)
 
-    def curve(self, level: Callable[[int, int], NDArray[np.float64]]) -> Curve | None:
+    def curve(self, level: Levels) -> Curve | None:
         """Return the decision function over the samples of the last complete cells.
 
         Its largest value within a cell is the cell's ratio, which candidates have.
@@ -227,6 +248,8 @@ class ArrivalTracker:
             return NOTHING
         horizon_ns = self.clock.time_of(earliest)
         self.history.drop_before(earliest)
+        if self._ratios is not None:
+            self._ratios.drop_before(earliest)
         self.clock.discard_before(min(earliest, self._reached_from()))
         count = int(np.searchsorted(self._held.time_ns, horizon_ns, side="left"))
         if not count:
@@ -240,10 +263,14 @@ class ArrivalTracker:
 
     def _refined(self, rises: LocalMaximaWithOnset) -> Candidates:
         """Return the candidates that are held, and those at the onsets of rises."""
-        correlation = self.settings.correlation_s * self.rate_hz
-        onset, deviation = mean_onsets(
-            self.history, self._anchors(rises), rises.channel, self._windows, correlation
-        )
+        if self._ratios is not None:
+            onset = self._first_over(rises, self._ratios)
+            deviation = np.full(len(onset), np.nan)
+        else:
+            correlation = self.settings.correlation_s * self.rate_hz
+            onset, deviation = mean_onsets(
+                self.history, self._anchors(rises), rises.channel, self._windows, correlation
+            )
         whole = np.floor(onset)
         after_ns = np.rint((onset - whole) * NS_PER_S / self.rate_hz).astype(np.int64)
         time_ns = np.concatenate(
@@ -254,6 +281,17 @@ class ArrivalTracker:
         order = np.lexsort((channel, time_ns))
         value = np.concatenate([self._held.value, value])[order]
         return Candidates(time_ns[order], channel[order], value)
+
+    def _first_over(self, rises: LocalMaximaWithOnset, ratios: SampleHistory) -> Array:
+        """Return the first sample of each rise at which the ratio is over the floor."""
+        rows, length = ratios.rows(), self._length
+        found = rises.begin * length
+        for i, (begin, peak, channel) in enumerate(
+            zip(found.tolist(), rises.peak.tolist(), rises.channel.tolist(), strict=True)
+        ):
+            own = rows[begin - ratios.first : (peak + 1) * length - ratios.first, channel]
+            found[i] = begin + int(np.argmax(own > self.settings.floor))
+        return found.astype(np.float64)
 
     def _anchors(self, rises: LocalMaximaWithOnset) -> NDArray[np.intp]:
         """Return the sample around which each onset is looked for."""

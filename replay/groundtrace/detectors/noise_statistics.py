@@ -25,7 +25,7 @@ from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
-from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker
+from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker, Refine
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -49,6 +49,10 @@ class NoiseStatisticsParameters:
     noise_s: Annotated[float, measured("s", "Memory of the noise's deviation.", gt=0)] = 0.05
     gap_s: Annotated[float, measured("s", "Time between noise and signal.", ge=0)] = 0.01
     warm_up_s: Annotated[float, measured("s", "Noise needed to trust its level.", ge=0)] = 0.01
+    refine: Annotated[
+        Refine,
+        measured("", "Onset by Akaike's criterion, or none: the first sample over the floor."),
+    ] = "aic"
     floor: Annotated[float, measured("1", "Lowest level kept as a candidate.", ge=0)] = 1.5
     separation_s: Annotated[float, measured("s", "Least time between candidates.", ge=0)] = 0.02
     level: Annotated[
@@ -189,4 +193,4 @@ class NoiseStatistics(Stage):
         # before any noise is known, and over digital silence, nothing is beyond it
         sigmas = np.divide(level, np.sqrt(power), out=np.zeros_like(level), where=power > 0)
         state.tracker.history.append(band)
-        return state.tracker.take(state.cells.add(recorded, band, sigmas))
+        return state.tracker.take(state.cells.add(recorded, band, sigmas), state.cells.samples)

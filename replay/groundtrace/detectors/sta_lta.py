@@ -6,13 +6,16 @@ come before stronger, later phases. The average is of the squared slope of the s
 which rises earlier than the amplitude. The long-term average ends a gap before the short one, so
 that an arrival does not raise its own noise level. Both averages are divided by the sum of their
 weights so far, so that the ratio means something from the first samples of a record on.
+
+The classic form averages the squared signal (``average = "power"``), less its mean of the long-term
+memory. With ``gap_s = 0`` and ``refine = "none"`` it is that of the paper but for the weights.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
@@ -22,7 +25,7 @@ from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
-from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker
+from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker, Refine
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -40,12 +43,20 @@ CORRELATION_S = 0.0025
 class StaLtaParameters:
     """Parameters of :class:`StaLtaPicker`."""
 
+    average: Annotated[
+        Literal["slope", "power"],
+        measured("", "What is squared: the smoothed slope, or the signal."),
+    ] = "slope"
     smooth_s: Annotated[float, measured("s", "Length of the Hann smoothing.", gt=0)] = 0.004
     slope_s: Annotated[float, measured("s", "Base of the centred slope.", gt=0)] = 0.003
     sta_s: Annotated[float, measured("s", "Memory of the short-term average.", gt=0)] = 0.002
     lta_s: Annotated[float, measured("s", "Memory of the long-term average.", gt=0)] = 0.1
     gap_s: Annotated[float, measured("s", "Time between the two averages.", ge=0)] = 0.008
     warm_up_s: Annotated[float, measured("s", "Noise needed to trust its level.", ge=0)] = 0.01
+    refine: Annotated[
+        Refine,
+        measured("", "Onset by Akaike's criterion, or none: the first sample over the floor."),
+    ] = "aic"
     floor: Annotated[float, measured("1", "Lowest ratio kept as a candidate.", ge=0)] = 2.0
     separation_s: Annotated[float, measured("s", "Least time between candidates.", ge=0)] = 0.002
     ratio: Annotated[float, gate("1", "Lowest ratio that is an arrival.", ge=0)] = 6.0
@@ -55,6 +66,7 @@ class StaLtaParameters:
 @dataclass(slots=True)
 class _State:
     slope: SmoothedSlope
+    middle: UnbiasedMean
     short: UnbiasedMean
     cells: CellReducer
     tracker: ArrivalTracker
@@ -74,7 +86,10 @@ class StaLtaPicker(Stage):
     def unfiltered(
         cls, parameters: StaLtaParameters
     ) -> tuple[type[StaLtaPicker], StaLtaParameters]:
-        """Return what measures the same without smoothing, on the slope of two samples."""
+        """Return what measures the same without smoothing, on the slope of two samples.
+
+        The classic form has none.
+        """
         return cls, replace(parameters, smooth_s=1e-9, slope_s=1e-9)
 
     def __init__(self, parameters: StaLtaParameters) -> None:
@@ -88,6 +103,7 @@ class StaLtaPicker(Stage):
         tracker = ArrivalTracker(rate, n, settings, partial(_noise, p.lta_s), signals=2)
         self.state = _State(
             SmoothedSlope(rate, p.smooth_s, p.slope_s),
+            UnbiasedMean(p.lta_s * rate),
             UnbiasedMean(p.sta_s * rate),
             CellReducer(rate, tracker.frames),
             tracker,
@@ -110,8 +126,11 @@ class StaLtaPicker(Stage):
 
     def _measure(self, signal: NDArray[np.float64], slope: NDArray[np.float64]) -> Measured:
         state = self.state
+        if self.parameters.average == "power":
+            slope = signal - state.middle(signal)
         state.tracker.history.append(signal, slope)
-        return state.tracker.take(state.cells.add(signal, slope, state.short(slope * slope)))
+        cells = state.cells.add(signal, slope, state.short(slope * slope))
+        return state.tracker.take(cells, state.cells.samples)
 
 
 def _noise(lta_s: float, cell_s: float) -> UnbiasedMean:

@@ -28,7 +28,7 @@ from ..dsp.noise import CompleteCells, RunningMaximum, cell_length
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
 from ..pipeline.stage import Context, Input, Stage
-from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker
+from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker, Refine
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -53,6 +53,10 @@ class VarianceChangeParameters:
     noise_s: Annotated[float, measured("s", "Time over which noise is maximal.", gt=0)] = 0.05
     gap_s: Annotated[float, measured("s", "Time between noise and signal.", ge=0)] = 0.01
     warm_up_s: Annotated[float, measured("s", "Noise needed to trust its level.", ge=0)] = 0.01
+    refine: Annotated[
+        Refine,
+        measured("", "Onset by Akaike's criterion, or none: the first sample over the floor."),
+    ] = "aic"
     floor: Annotated[float, measured("1", "Lowest ratio kept as a candidate.", ge=0)] = 2.0
     separation_s: Annotated[float, measured("s", "Least time between candidates.", ge=0)] = 0.02
     ratio: Annotated[float, gate("1", "Lowest multiple of the noise maximum.", ge=0)] = 5.0
@@ -169,14 +173,17 @@ class VarianceChange(Stage):
         tracker = self.state.tracker
         if len(block):
             tracker.clock.add(block)
-        return tracker.take(self.state.variance(block, tracker.history, tracker.frames))
+        return tracker.take(
+            self.state.variance(block, tracker.history, tracker.frames), self._levels
+        )
+
+    def _levels(self, start: int, stop: int) -> NDArray[np.float64]:
+        """Return the moving average over samples of the last block's cells."""
+        return self.state.variance.level(self.state.tracker.history.between(start, stop))
 
     def curve(self) -> Curve | None:
         """Return the ratio over the samples that the last ``process`` completed."""
-        variance, tracker = self.state.variance, self.state.tracker
-        return tracker.curve(
-            lambda start, stop: variance.level(tracker.history.between(start, stop))
-        )
+        return self.state.tracker.curve(self._levels)
 
     def flush(self) -> Measured:
         """End the run."""

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         spectra,
         steps,
         strides,
+        tracking,
     )
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "spectra",
     "steps",
     "strides",
+    "tracking",
 ]
 
 

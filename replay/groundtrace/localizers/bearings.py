@@ -14,12 +14,13 @@ Unless the sense of rotation of the ellipse is known, the direction has an ambig
 waves in a homogeneous ground and bending waves of a floor are retrograde.
 
 The location where bearings cross has the least sum of distances to their lines, equations (A.10)
-and (A.11), in the norms L1, which bears outliers, and L2, which averages noise.
+and (A.11), in the norms L1, which bears outliers, and L2, which averages noise: as printed, or
+each distance over its own error, which grows with the way from the station.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -255,6 +256,7 @@ def _direction(covariance: NDArray[np.complex128], method: Method) -> tuple[floa
 
 
 Norm = Literal["l1", "l2"]
+Weights = Literal["errors", "none"]
 #: Reweightings of crossing lines at most. Chosen by judgement: they settle in fewer.
 PASSES = 30
 #: Lines whose directions differ by less cross nowhere in particular: a condition number. Chosen by
@@ -266,7 +268,11 @@ LEAST_M = 1e-3
 
 
 def intersect(
-    positions: Array, azimuths_rad: Array, sigmas_rad: Array, norm: Norm
+    positions: Array,
+    azimuths_rad: Array,
+    sigmas_rad: Array,
+    norm: Norm,
+    weights: Weights = "errors",
 ) -> LocationEstimate:
     """Return the place nearest to all bearings.
 
@@ -280,7 +286,9 @@ def intersect(
     sigmas_rad
         Shape (n,): their standard deviations [rad].
     norm
-        ``l1`` or ``l2`` of the distances to the lines, each over its own error.
+        ``l1`` or ``l2`` of the distances to the lines.
+    weights
+        ``errors``: each distance over its own error; ``none``: as (A.10) is printed.
 
     Returns
     -------
@@ -299,16 +307,23 @@ def intersect(
         return no_location(count)
     place = np.linalg.lstsq(normals, offsets, rcond=None)[0]
     for _ in range(PASSES):
-        errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
-        weights = 1 / errors**2
+        errors = np.ones(count)
+        if weights == "errors":
+            errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
+        weight = 1 / errors**2
         if norm == "l1":
-            weights /= np.maximum(np.abs(normals @ place - offsets) / errors, 1e-6)
-        information = normals.T @ (normals * weights[:, None])
-        moved = np.linalg.solve(information, normals.T @ (weights * offsets))
+            weight /= np.maximum(np.abs(normals @ place - offsets) / errors, 1e-6)
+        information = normals.T @ (normals * weight[:, None])
+        moved = np.linalg.solve(information, normals.T @ (weight * offsets))
         if np.hypot(*(moved - place)) < LEAST_M:
             break
         place = moved
-    return _located(place, stations, normals, sigmas)
+    found = _located(place, stations, normals, sigmas)
+    if weights == "errors":
+        return found
+    gain = np.linalg.solve(information, normals.T * weight)
+    errors = sigmas * np.maximum(np.hypot(*(stations - place).T), LEAST_M)
+    return replace(found, covariance=(gain * errors**2) @ gain.T)
 
 
 def _located(place: Array, stations: Array, normals: Array, sigmas: Array) -> LocationEstimate:
@@ -326,6 +341,9 @@ class CrossingParameters:
     """Parameters of :class:`Crossing`."""
 
     norm: Annotated[Norm, measured("", "l1 bears outlying bearings, l2 averages noise.")] = "l1"
+    weights: Annotated[
+        Weights, measured("", "Each distance over its own error, or none, as (A.10) is printed.")
+    ] = "errors"
     min_bearings: Annotated[int, gate("1", "Least number of bearings.", ge=2)] = 2
     max_residual_rad: Annotated[
         float, gate("rad", "Largest root mean square that bearings are off.", gt=0)
@@ -387,4 +405,5 @@ class Crossing(Stage):
 
     def locate(self, stations: Array, azimuths_rad: Array, sigmas_rad: Array) -> LocationEstimate:
         """Return the place for bearings, shapes (n, 2), (n,) and (n,)."""
-        return intersect(stations, azimuths_rad, sigmas_rad, self.parameters.norm)
+        p = self.parameters
+        return intersect(stations, azimuths_rad, sigmas_rad, p.norm, p.weights)

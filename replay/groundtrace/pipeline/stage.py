@@ -20,6 +20,7 @@ import numpy as np
 
 from groundtrace_codecs.events import (
     EVENTS,
+    TRIGGER,
     CandidateBlock,
     Event,
     Fix,
@@ -130,7 +131,7 @@ class Context:
     geometry
         Where sensors are; empty where unknown.
     labels
-        Waypoints, where ``takes`` has ``Input(Label)``.
+        Waypoints and triggers that it asks for, where ``takes`` has ``Input(Label)``.
     signal
         Of the inputs marked ``buffered``.
     tracks
@@ -243,8 +244,11 @@ class Stage(Protocol):
 
 
 def takes_signal_alone(kind: type[Stage]) -> bool:
-    """Return whether a stage needs nothing of what other stages do."""
-    return all(need.kind is SignalBlock and not need.buffered for need in kind.takes)
+    """Return whether a stage needs nothing of what other stages do; labels are known beforehand."""
+    return all(
+        need.kind is Label or (need.kind is SignalBlock and not need.buffered)
+        for need in kind.takes
+    )
 
 
 def detects(kind: type[Stage]) -> bool:
@@ -383,8 +387,8 @@ class StageRunner:
         Where the sensors are; None where unknown. Where its unit of length is not known, parameters
         in metres of a stage that takes fixes are brought to it.
     labels
-        Of the recording; only waypoints go on to a stage that takes labels, and only those that its
-        parameter ``updates`` asks for.
+        Of the recording; only waypoints and triggers go on to a stage that takes labels, and only
+        those that its parameters ``updates`` and ``trigger`` ask for.
     placements
         By topic, where a sensor is worn that its stream does not say.
     window_s
@@ -420,7 +424,7 @@ class StageRunner:
         self._placements = placements or {} if detects(kind) else {}
         takes = kind.takes
         asked = any(need.kind is Label for need in takes)
-        self._labels = tuple(given_waypoints(labels, parameters.updates)) if asked else ()
+        self._labels = _given(labels, parameters) if asked else ()
         self._signal = tuple(n for n in takes if n.kind is SignalBlock and not n.buffered)
         self._anywhere = tuple(n for n in self._signal if n.anywhere)
         self._buffered = tuple(n for n in takes if n.buffered)
@@ -908,6 +912,14 @@ class StageRunner:
             else:
                 said = f"{text} what {spec.stage} asks for in {wanted} does not hold"
                 yield Note(time_ns, said, "WARN", spec.stage)
+
+
+def _given(labels: Sequence[Label], parameters: object) -> tuple[Label, ...]:
+    """Return the labels that a stage asks for by its parameters ``updates`` and ``trigger``."""
+    waypoints = given_waypoints(labels, getattr(parameters, "updates", "none"))
+    asked = getattr(parameters, "trigger", False)
+    triggers = sorted(x for x in labels if asked and x.kind == TRIGGER)
+    return (*waypoints, *triggers)
 
 
 def _never_passed(instance: _Instance, time_ns: int) -> Iterator[Note]:

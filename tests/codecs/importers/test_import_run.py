@@ -143,9 +143,10 @@ def test_a_folder_stands_for_its_shots_in_natural_order(tmp_path: Path) -> None:
     report = import_recording([folder], tmp_path / "out.mcap")
     assert report.files == ("2.dat", "10.dat")
     assert report.warnings == ("README.md: left out: not known to obspy",)
-    assert report.labels == {"impact": 2}
+    assert report.labels == {"impact": 2, "trigger": 2}
     with Recording.open(tmp_path / "out.mcap") as recording:
-        assert [label.label for label in recording.labels] == ["2", "10"]
+        impacts = [x for x in recording.labels if x.kind == "impact"]
+        assert [label.label for label in impacts] == ["2", "10"]
         assert total(recording) == 200
 
 
@@ -224,7 +225,7 @@ def test_refrapy_shots_import_with_every_hand_pick(
     (sgt,) = (folder / "picks").glob("*.sgt")
     out = tmp_path / "out.mcap"
     report = import_recording([folder / "data"], out, truth=sgt)
-    assert report.labels == {"impact": shots, "pick": picks}
+    assert report.labels == {"impact": shots, "trigger": shots, "pick": picks}
     with Recording.open(out) as recording:
         assert sum(label.kind == "pick" for label in recording.labels) == picks
         channels = {c.name for s in recording.streams for c in s.channels}

@@ -22,8 +22,6 @@ def test_what_is_planted_is_named(scene: str) -> None:
 #: Plants of development that were called something else before the reason was mended.
 MENDED = (
     ("room, picks, quiet, no_arrival", 2),  # shape: a frame of a candidate outside the span
-    ("line, picks, quiet, no_arrival", 6),  # late: a pick by chance that the last stage left out
-    ("line, picks, quiet, no_arrival", 12),  # early: a rejected candidate by chance
     ("line, picks, clipped, overdriven_channel", 4),  # threshold: a candidate of the hum
     ("room, picks, filter, heaved_channel", 6),  # late: what the filter left of it
     ("room, picks, filter, heaved_channel", 14),  # quiet: a candidate by chance beside it

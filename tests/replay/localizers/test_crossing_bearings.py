@@ -46,6 +46,22 @@ def test_the_covariance_is_that_of_the_errors() -> None:
     assert np.mean(squares) == pytest.approx(2.0, rel=0.2)
 
 
+@pytest.mark.parametrize("norm", ["l1", "l2"])
+def test_a_10_as_printed_takes_every_distance_alike_and_claims_what_it_errs(norm: Norm) -> None:
+    sigmas = np.array([0.002, 0.05, 0.05, 0.05, 0.05])
+    azimuths = bearings(PLACE) + np.array([0.004, 0.05, -0.05, 0.05, -0.05])
+    own, printed = (intersect(STATIONS, azimuths, sigmas, norm, w) for w in ("errors", "none"))
+    to_line = [abs(np.sin(np.arctan2(f.y, f.x) - azimuths[0])) for f in (own, printed)]
+    assert to_line[0] < to_line[1]
+    rng, squares = np.random.default_rng(5), []
+    for _ in range(300):
+        noise = SIGMAS * rng.standard_normal(5)
+        found = intersect(STATIONS, bearings(PLACE) + noise, SIGMAS, "l2", "none")
+        off = np.array([found.x, found.y]) - PLACE
+        squares.append(off @ np.linalg.solve(found.covariance, off))
+    assert np.mean(squares) == pytest.approx(2.0, rel=0.2)
+
+
 def test_one_bearing_and_parallel_ones_lead_nowhere() -> None:
     one = np.array([0.5, np.nan, np.nan, np.nan, np.nan])
     assert not intersect(STATIONS, one, SIGMAS, "l1").found
