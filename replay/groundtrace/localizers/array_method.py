@@ -12,13 +12,17 @@ from ..pipeline.parameters import measured
 from ..pipeline.stage import CannotStart, Context, Input, Stage
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy as np
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.events import Note
     from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.signals import Stream
 
     from ..pipeline.gates import Candidates
+    from ..pipeline.stage import Output
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,9 +87,14 @@ class ArrayMethod(Stage):
         """Return what is found around one step, in the order of (time, channel)."""
         raise NotImplementedError
 
+    def remarks(self, time_ns: int) -> Iterable[Note]:  # noqa: ARG002
+        """Return what a person should know after the step just examined, each only once."""
+        return ()
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin with a stream."""
         assert context.signal is not None  # it is asked for
+        self._stage, self._topic = context.stage, context.topic
         self._signal = context.signal
         names = self.prepare(context.stream, context.geometry)
         if not names:
@@ -93,7 +102,7 @@ class ArrayMethod(Stage):
             raise CannotStart(f"no {given}s: expected {self.needs}, found none")
         return names
 
-    def process(self, item: Pick | StepEvent) -> tuple[Candidates, ...]:
+    def process(self, item: Pick | StepEvent) -> Iterable[Output]:
         """Gather picks, and examine steps."""
         signal = self._signal
         if isinstance(item, Pick):
@@ -102,7 +111,8 @@ class ArrayMethod(Stage):
         start_ns, values = signal.window(item.time_ns)
         arrivals = signal.arrivals(item.time_ns, start_ns)
         window = Window(item.time_ns, start_ns, signal.stream.rate_hz, values, arrivals)
-        return (self.examine(window),)
+        found = self.examine(window)
+        return (*self.remarks(item.time_ns), found)
 
 
 def takes_steps(quantities: frozenset[str]) -> tuple[Input, ...]:

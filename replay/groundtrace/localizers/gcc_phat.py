@@ -17,18 +17,25 @@ but
 
 with q = 1/2 for a slab and q = 1 without dispersion: tau is the difference of group delays at the
 reference frequency w_0, and grows in proportion to the difference of distances.
+
+The floor is not presumed to be a slab. With the phase law of the floor the delays of all pairs
+close: they are differences of one set of arrivals. With another law each pair is wrong in its own
+way. So the delays are taken by the law that closes better, and where neither closes the onsets are
+used.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from statistics import median
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from groundtrace_codecs.events import Pick, Quantity
+from groundtrace_codecs.events import Note, Pick, Quantity
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from .. import kernels
@@ -39,7 +46,7 @@ from ..pipeline.parameters import gate, measured
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -65,8 +72,18 @@ COLUMNS = (
     Quantity("shift", "s"),
     Quantity("uncertainty", "s"),
     Quantity("onset", "1"),
+    Quantity("misclosure", "s"),
+    Quantity("dispersion", "1"),
 )
-HEIGHT, CLOSURE, LOUDNESS, SHIFT, UNCERTAINTY, ONSET = range(len(COLUMNS))
+HEIGHT, CLOSURE, LOUDNESS, SHIFT, UNCERTAINTY, ONSET, MISCLOSURE, POWER = range(len(COLUMNS))
+#: Power of frequency that phases grow with where waves do not disperse. Source: definition.
+EVEN = 1.0
+#: Steps over which the laws are compared, and so many steps decide by one law before the other is
+#: tried again. Chosen by judgement: a floor has one law, a step may be spoilt.
+COMPARED, AGAIN = 16, 8
+#: Steps after which it is said that delays do not close, where more than half do not. Chosen by
+#: judgement: a few may be spoilt by noise.
+JUDGED = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +102,14 @@ class GccPhatParameters(ArrayParameters):
         float,
         measured(
             "1",
-            "Power of frequency that phases grow with: 0.5 in a slab, 1 anywhere else.",
+            "Power of frequency that phases grow with: 0.5 in a slab, 1 without dispersion.",
             ge=0.1,
             le=1,
         ),
     ] = 0.5
+    or_even: Annotated[
+        bool, measured("", "Take a dispersion of 1 where the delays of pairs close better with it.")
+    ] = True
     given_hz: Annotated[
         float,
         measured("Hz", "Frequency whose arrivals are given, where waves disperse.", gt=0),
@@ -103,6 +123,10 @@ class GccPhatParameters(ArrayParameters):
     max_closure_s: Annotated[
         float, gate("s", "Most that the delays of the others contradict the arrival.", ge=0)
     ] = 0.002
+    max_misclosure_s: Annotated[
+        float,
+        gate("s", "Most that the delays of all pairs are off the arrivals that fit them.", ge=0),
+    ] = 0.0012
     min_loudness: Annotated[
         float, gate("1", "Least strength of the step over that of the noise before it.", ge=0)
     ] = 1.5
@@ -189,6 +213,7 @@ class GccPhat(ArrayMethod):
     gates = (
         CorrelationOnlyLevel("height", "1", "min_height"),
         CorrelationOnlyLevel("closure", "s", "max_closure_s", at_least=False),
+        CorrelationOnlyLevel("misclosure", "s", "max_misclosure_s", at_least=False),
         CorrelationOnlyLevel("loudness", "1", "min_loudness"),
         OnsetSeparation(),
     )
@@ -209,7 +234,11 @@ class GccPhat(ArrayMethod):
         taken = geometry.placed(names)[0]
         self._compared = np.array([name in taken or name not in known for name in names])
         self._ahead_s = geometry.clock_offsets(names)
-        self._band: Band | None = None
+        self._bands: dict[float, Band] = {}
+        p = self.parameters
+        laws = (p.dispersion, EVEN) if p.or_even and p.dispersion != EVEN else (p.dispersion,)
+        self._closed = {power: deque[float](maxlen=COMPARED) for power in laws}
+        self._examined, self._open, self._said = 0, 0, False
         return names if self._compared.sum() >= 3 else ()
 
     def examine(self, window: Window) -> Candidates:
@@ -240,34 +269,77 @@ class GccPhat(ArrayMethod):
         self, window: Window, noise: Array, heard: NDArray[np.intp], loud: Array
     ) -> Candidates:
         """Return the arrivals by correlation at the channels that heard something."""
-        rate_hz = window.rate_hz
-        if self._band is None:
-            p = self.parameters
-            high_hz = corner(p.high_hz, rate_hz)
-            self._band = Band.of(len(window.values), rate_hz, p.low_hz, high_hz, p.dispersion)
-        white = self._band.whitened(window.values[:, heard], noise[:, heard], rate_hz)
-        # the part of a sample that the window could not move a channel by
+        arrived = self._consistent(window, noise, heard)
+        delays, pace, misfit = arrived.delays, arrived.pace, arrived.misfit_s
         ahead_s = self._ahead_s[heard]
-        rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
-        if rest_s.any():
-            white *= self._band.advance(rest_s, rate_hz)
-        delays = correlated(white, self._band, self._farthest_s[np.ix_(heard, heard)])
-        relative, misfit = consistent(delays, len(heard))
+        relative = pace * arrived.relative_s
         onsets = window.arrivals_s[heard]
-        pace = (REFERENCE_HZ / self.parameters.given_hz) ** (1 - self.parameters.dispersion)
-        late_s = onsets - pace * relative
+        late_s = onsets - relative
         origin = float(np.median(late_s[np.isfinite(late_s)]))
         first_s = (window.step_ns - window.start_ns) / NS_PER_S
         # a localizer takes what comes from the step's time on
-        arrivals = max(origin, first_s - float((pace * relative + ahead_s).min())) + pace * relative
+        arrivals = max(origin, first_s - float((relative + ahead_s).min())) + relative
         value = np.zeros((len(heard), len(COLUMNS)))
         value[:, HEIGHT] = by_channel(delays, delays.height, len(heard)).mean(axis=1)
         off_s = by_channel(delays, np.abs(misfit), len(heard))
         value[:, CLOSURE] = pace * np.median(off_s, axis=1)
         value[:, LOUDNESS], value[:, SHIFT] = loud[heard], arrivals - onsets
-        finest_s = pace * 2 * np.pi / self._band.turn[-1] / 20
+        value[:, MISCLOSURE], value[:, POWER] = arrived.misclosure_s, arrived.power
+        finest_s = pace * 2 * np.pi / self._bands[arrived.power].turn[-1] / 20
         value[:, UNCERTAINTY] = np.hypot(value[:, CLOSURE] / np.sqrt(len(heard) - 1), finest_s)
+        self._examined += 1
+        self._open += arrived.misclosure_s > self.parameters.max_misclosure_s
         return self._candidates(window, heard, arrivals, value)
+
+    def _consistent(self, window: Window, noise: Array, heard: NDArray[np.intp]) -> PairArrivals:
+        """Return the arrivals that pairs agree on, by the law whose delays close best so far."""
+        rate_hz, p = window.rate_hz, self.parameters
+        if not self._bands:
+            high_hz = corner(p.high_hz, rate_hz)
+            for power in self._closed:
+                band = Band.of(len(window.values), rate_hz, p.low_hz, high_hz, power)
+                self._bands[power] = band
+        first = next(iter(self._bands.values()))
+        white = first.whitened(window.values[:, heard], noise[:, heard], rate_hz)
+        # the part of a sample that the window could not move a channel by
+        ahead_s = self._ahead_s[heard]
+        rest_s = ahead_s - whole_samples(ahead_s, rate_hz) / rate_hz
+        if rest_s.any():
+            white *= first.advance(rest_s, rate_hz)
+        tried = list(self._closed)
+        if self._examined >= COMPARED and self._examined % AGAIN:
+            tried = [self._best_law()]
+        found = {}
+        for power in tried:
+            band = self._bands[power]
+            farthest_s = self._farthest_s[np.ix_(heard, heard)]
+            delays = correlated(white * np.sqrt(band.share), band, farthest_s)
+            relative, misfit = consistent(delays, len(heard))
+            weighed = float(np.sum(delays.weight * misfit**2) / max(delays.weight.sum(), 1e-300))
+            pace = (REFERENCE_HZ / p.given_hz) ** (1 - power)
+            off_s = pace * float(np.sqrt(weighed))
+            self._closed[power].append(off_s)
+            found[power] = PairArrivals(power, pace, delays, relative, misfit, off_s)
+        return found[self._best_law()] if len(found) > 1 else found[tried[0]]
+
+    def _best_law(self) -> float:
+        """Return the power whose delays closed best in the last steps."""
+        return min(self._closed, key=lambda power: median(self._closed[power]))
+
+    def remarks(self, time_ns: int) -> Iterator[Note]:
+        """Say once that delays of pairs do not close."""
+        if self._said or self._examined < JUDGED or 2 * self._open <= self._examined:
+            return
+        self._said = True
+        off_ms = 1e3 * median(self._closed[self._best_law()])
+        yield Note(
+            time_ns,
+            f"{self._topic}: the delays of pairs contradict each other by {off_ms:.1f} ms in the "
+            f"middle of the last steps ({1e3 * self.parameters.max_misclosure_s:.1f} ms allowed): "
+            f"{self._stage} gives onsets instead in {self._open} of {self._examined} steps",
+            "WARN",
+            self._stage,
+        )
 
     def _candidates(
         self, window: Window, channel: NDArray[np.intp], since_s: Array, value: Array
@@ -332,6 +404,30 @@ class Delays:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PairArrivals:
+    """Arrivals that the delays of pairs agree on, by one law of phases.
+
+    Attributes
+    ----------
+    power, pace
+        The law's power of frequency, and the factor from the reference's delays to those given.
+    delays
+        Of the pairs.
+    relative_s, misfit_s
+        Shape (n_channels,), of mean 0, and what each pair is off, shape (n_pairs,) [s].
+    misclosure_s
+        The root of the weighted mean square of these [s], times the pace.
+    """
+
+    power: float
+    pace: float
+    delays: Delays
+    relative_s: Array
+    misfit_s: Array
+    misclosure_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Band:
     """The frequencies that are compared, and how fast their phases turn.
 
@@ -382,7 +478,7 @@ class Band:
         return np.asarray(np.exp(1j * np.multiply.outer(late_s, omega)))
 
     def whitened(self, values: Array, noise: Array, rate_hz: float) -> Spectra:
-        """Return spectra whose squared moduli are what each frequency counts.
+        """Return spectra whose squared moduli are how far each frequency is over the noise.
 
         Parameters
         ----------
@@ -399,7 +495,7 @@ class Band:
         known = (power > 0) & np.isfinite(above)
         wiener = np.divide(np.maximum(above, 0), power, out=np.zeros_like(power), where=known)
         unit = np.divide(1, np.sqrt(power), out=np.zeros_like(power), where=known)
-        return np.asarray(signal * (unit * np.sqrt(wiener * self.share)))
+        return np.asarray(signal * (unit * np.sqrt(wiener)))
 
 
 def fast_length(least: int) -> int:
@@ -438,7 +534,8 @@ def correlated(white: Spectra, band: Band, farthest_s: Array) -> Delays:
     Parameters
     ----------
     white
-        As :meth:`Band.whitened` gives them, shape (n_channels, n_frequencies).
+        As :meth:`Band.whitened` gives them, times the root of its share, shape (n_channels,
+        n_frequencies).
     band
         Theirs.
     farthest_s

@@ -13,7 +13,9 @@ from groundtrace.localizers.gcc_phat import (
     CLOSURE,
     COLUMNS,
     HEIGHT,
+    MISCLOSURE,
     ONSET,
+    POWER,
     REFERENCE_HZ,
     SHIFT,
     Delays,
@@ -166,9 +168,9 @@ def test_gates_tell_by_how_much_and_onsets_give_way_to_what_stands() -> None:
     onset = found.value[:, ONSET] == 1
     assert onset.sum() == len(NAMES)
     assert decisions.accepted.tolist() == (~onset).tolist()
-    assert np.isinf(decisions.gate_value[onset, :3]).all()
+    assert np.isinf(decisions.gate_value[onset, :4]).all()
     shift = np.abs(found.value[~onset, SHIFT]).max()
-    assert (decisions.gate_value[onset, 3] <= shift + 1e-6).all()
+    assert (decisions.gate_value[onset, 4] <= shift + 1e-6).all()
     strict = method(min_height=0.99)
     decisions, _ = decide(found, COLUMNS, strict.gates, strict.parameters)
     assert decisions.accepted.tolist() == onset.tolist()
@@ -221,3 +223,33 @@ def test_of_three_axes_at_one_place_the_vertical_is_compared() -> None:
     found = made.examine(three)
     compared = {names[c] for c in found.channel[found.value[:, ONSET] == 0]}
     assert compared == {name for name in names if name.endswith("z")}
+
+
+@pytest.mark.parametrize(("slab", "power"), [(True, 0.5), (False, 1.0)])
+def test_the_law_whose_delays_close_is_taken_without_being_told(slab: bool, power: float) -> None:
+    made, distance = method(), away(1.3, 4.1)
+    for number in range(3):
+        found = made.examine(window(waves(distance, slab=slab, at_s=1e-3 * number), distance))
+        row = found.value[:, ONSET] == 0
+        assert set(found.value[row, POWER].tolist()) == {power}
+        assert fitted(arrivals(made, found), distance) < 0.05
+
+
+def test_delays_that_do_not_close_leave_the_onsets_and_are_told_once() -> None:
+    made, rng, distance = method(), np.random.default_rng(3), away(1.3, 4.1)
+    made._stage, made._topic = "arrivals", "/s"
+    told = []
+    for _ in range(12):
+        # every channel has a wave of its own
+        noise = rng.standard_normal(waves(distance).shape)
+        envelope = np.exp(-np.arange(len(noise)) / 400)[::-1, None]
+        given = window(envelope * noise, distance)
+        found = made.examine(given)
+        onset = found.value[:, ONSET] == 1
+        decisions, _ = decide(found, COLUMNS, made.gates, made.parameters)
+        assert found.value[~onset, MISCLOSURE].min() > made.parameters.max_misclosure_s
+        assert decisions.accepted.tolist() == onset.tolist()
+        told += list(made.remarks(STEP_NS))
+    (note,) = told
+    assert "the delays of pairs contradict each other" in note.text
+    assert "onsets instead in 8 of 8 steps" in note.text
