@@ -17,19 +17,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy import signal
+from scipy import ndimage, signal
 
 from groundtrace.evaluation.matching import f1_of
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.pipeline.config import build_pipeline, load_pipeline
 from groundtrace.pipeline.engine import replay
 from groundtrace.pipeline.source import Source
-from groundtrace_codecs.events import StepEvent
+from groundtrace_codecs.events import Gap, StepEvent
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import NS_PER_S, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock, as_one
 from groundtrace_recordings import map_path
 
+#: A step is in a turn where the sensor turns faster than this, smoothed by this [rad/s, s].
+TURN_RADPS, TURN_S = 0.6, 0.4
 FORCE = {"acceleration", "acceleration_magnitude"}
 PHONE = """format = "csv"
 time = {column = 0, unit = "ns"}
@@ -53,26 +55,63 @@ class Walk:
     start_ns: int
     end_ns: int
 
-    def steps(self, pipeline: str) -> np.ndarray:
-        """Return the times of the steps that a named pipeline finds [ns]."""
+    def steps(self, pipeline: str, placement: str = "", **parameters: object) -> np.ndarray:
+        """Return the times of the steps that a named pipeline finds [ns].
+
+        Where a placement is given, or parameters of its first stage, they are set.
+        """
+        config = load_pipeline(pipeline)
+        topics = {item.topic for item in self.items if isinstance(item, SignalBlock)}
+        placements = dict.fromkeys(topics, placement) if placement else {}
+        first = replace(config.stage[0], parameters={**config.stage[0].parameters, **parameters})
+        config = replace(config, placements=placements, stage=(first, *config.stage[1:]))
         found = Steps()
-        replay(self.items, build_pipeline(load_pipeline(pipeline)), [found])
+        replay(self.items, build_pipeline(config), [found])
         return np.array(sorted(found.times), np.int64)
 
     def at(self, rate_hz: float) -> Walk:
         """Return the walk sampled more slowly, what would alias taken out before."""
-        blocks = [b for b in self.items if isinstance(b, SignalBlock)]
-        stream, values = blocks[0].stream, np.concatenate([b.values for b in blocks])
-        edge = min(0.99, 1.1 * rate_hz / stream.rate_hz)
-        slow = signal.sosfiltfilt(signal.cheby2(8, 40, edge, output="sos"), values, axis=0)
-        count = int(len(values) * rate_hz / stream.rate_hz)
-        at = np.arange(count) * stream.rate_hz / rate_hz
-        picked = np.column_stack([np.interp(at, np.arange(len(slow)), c) for c in slow.T])
-        plain = tuple(replace(c, scale=1.0) for c in stream.channels)
-        block = SignalBlock(
-            replace(stream, rate_hz=rate_hz, channels=plain), blocks[0].anchor_ns, 0, picked
-        )
-        return replace(self, items=(block,))
+        items: list[SignalBlock | Gap] = []
+        for block in self.runs():
+            stream = block.stream
+            plain = tuple(replace(c, scale=1.0) for c in stream.channels)
+            slower = replace(stream, rate_hz=rate_hz, channels=plain)
+            if len(block) < stream.rate_hz:
+                continue
+            if items:
+                items.append(Gap(stream.topic, items[-1].last_ns, block.start_ns, "missing", 1))
+            picked = sampled(block.values, stream.rate_hz, rate_hz)
+            items.append(SignalBlock(slower, block.start_ns, 0, picked))
+        return replace(self, items=tuple(items))
+
+    def runs(self) -> list[SignalBlock]:
+        """Return the stretches without a gap that is not bridged."""
+        found: list[list[SignalBlock]] = [[]]
+        for item in self.items:
+            if isinstance(item, SignalBlock):
+                found[-1].append(item)
+            elif not item.bridged:
+                found.append([])
+        return [as_one(parts) for parts in found if parts]
+
+    def turning(self, times_ns: np.ndarray) -> np.ndarray:
+        """Return at which times the sensor turns about the vertical, by its gyroscope."""
+        turns = np.zeros(len(times_ns), bool)
+        for block in self.runs():
+            rate_hz = block.stream.rate_hz
+            force, rate = (
+                block.values[:, block.stream.columns_of({kind})]
+                for kind in ("acceleration", "angular_velocity")
+            )
+            if rate.shape[1] < 3 or len(block) < rate_hz:
+                continue
+            mean = ndimage.gaussian_filter1d(force, rate_hz, axis=0, mode="nearest")
+            about = (rate * mean).sum(axis=1) / np.sqrt((mean * mean).sum(axis=1))
+            about = ndimage.gaussian_filter1d(about, TURN_S * rate_hz, mode="nearest")
+            own = (times_ns >= block.start_ns) & (times_ns <= block.last_ns)
+            turned = np.interp(times_ns[own], block.sample_times(), np.abs(about))
+            turns[own] = turned > TURN_RADPS
+        return turns
 
 
 class Steps:
@@ -86,11 +125,21 @@ class Steps:
             self.times.append(item.time_ns)
 
 
-def read(source: Path, map_path: Path) -> Walk:
-    """Import a recording and read its accelerometer."""
+def sampled(values: np.ndarray, own_hz: float, rate_hz: float) -> np.ndarray:
+    """Return samples, shape (n, channels), at a lower rate; what would alias is taken out."""
+    edge = min(0.99, 1.1 * rate_hz / own_hz)
+    slow = signal.sosfiltfilt(signal.cheby2(8, 40, edge, output="sos"), values, axis=0)
+    at = np.arange(int(len(values) * rate_hz / own_hz)) * own_hz / rate_hz
+    return np.column_stack([np.interp(at, np.arange(len(slow)), c) for c in slow.T])
+
+
+def read(source: Path, columns: Path | str, truth: Path | None = None) -> Walk:
+    """Import a recording, by a map or its text, and read its accelerometer."""
+    text = columns if isinstance(columns, str) else columns.read_text()
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "walk.mcap"
-        import_recording([source], path, map_path=map_path)
+        path, told = Path(folder) / "walk.mcap", Path(folder) / "map.toml"
+        told.write_text(text.replace('"a.u."', '"count"'))  # a field that no step looks at
+        import_recording([source], path, map_path=told, truth=truth)
         with Recording.open(path) as opened:
             topic = next(s.topic for s in opened.streams if s.columns_of(FORCE))
             items = tuple(Source(opened, topics=[topic]))
@@ -123,20 +172,13 @@ def references(folder: Path, pipeline: str) -> None:
         for test in ("Test11.Trial1", "Test5.Trial1", "Test5.Trial2"):
             plain = told.replace("Test11.Trial1", test)
             insoles, optical = (
-                _by(path, plain.replace("INDIP", name)) for name in ("INDIP", "Stereophoto")
+                read(path, plain.replace("INDIP", name)) for name in ("INDIP", "Stereophoto")
             )
             found = insoles.steps(pipeline)
             print(
                 f"  {path.parent.parent.name} {test:13}: {_both(insoles, found)} / "
                 f"{_both(optical, found)}; optical by insoles {_both(insoles, _contacts(optical))}"
             )
-
-
-def _by(path: Path, text: str) -> Walk:
-    with tempfile.TemporaryDirectory() as place:
-        told = Path(place) / "map.toml"
-        told.write_text(text)
-        return read(path, told)
 
 
 def _contacts(walk: Walk) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.evaluation.matching import step_reach_s
+from groundtrace.pipeline.plugins import stage_named
 from groundtrace_codecs.signals import NS_PER_S
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ class Claims:
             (rf"a candidate {OFF} is rejected: (.*)", self.rejected),
             (rf"a candidate {OFF} \(tolerance {NUMBER} ms\), which (.*) rejects too", self.beyond),
             (GATE, self.gate),
+            (rf"vertical {NUMBER} and forward {NUMBER} of a usual step", self.of_usual),
             (r"(\w+(?: and \w+)*) would fail too", self.also),
             (rf"merged with the step {NUMBER} ms earlier by the refractory gate \({NUMBER} ms\)",
              self.merged),
@@ -230,6 +232,13 @@ class Claims:
         rough = 0.006 * abs(float(margin)) + 6e-4 * max(abs(a), abs(b)) + 1e-9
         assert abs(abs(a - b) - abs(float(margin))) <= rough
 
+    def of_usual(self, part: StageEvidence, _: int, vertical: str, forward: str) -> None:
+        names = [column.name for column in part.spec.columns]
+        shares = [names.index("vertical"), names.index("forward")]
+        told = [float(vertical), float(forward)]
+        near = [part.candidates.value[row, shares] for row in self.rows(part)]
+        assert any(np.allclose(value, told, atol=0.006, rtol=1e-3) for value in near)
+
     def also(self, part: StageEvidence, _: int, names: str) -> None:
         gates = [g.name for g in part.spec.gates]
         for name in names.split(" and "):
@@ -261,7 +270,8 @@ class Claims:
 
     def floor(self, part: StageEvidence) -> float:
         stage = next(s for s in self.evidence.config.stage if s.key == part.spec.stage)
-        return float(stage.parameters["floor"])
+        floors = getattr(stage_named(stage.use), "floors", {})
+        return float(floors.get(part.spec.trace[0].name, stage.parameters["floor"]))
 
     def top(
         self, part: StageEvidence, channel: int, name: str, reached: str, unit: str | None

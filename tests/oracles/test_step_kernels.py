@@ -307,3 +307,57 @@ def test_a_strip_without_movement_has_no_pattern(value):
     found = frontal(strip, None)
     assert (found.lead, found.density, found.slopes) == (0.0, 0.0, 0.0)
     assert lateral(strip).slopes == 0.0
+
+
+def test_windows_are_read_where_their_scale_puts_the_taps():
+    rng = np.random.default_rng(4)
+    nodes, taps = np.log([0.5, 1.0, 2.0]), np.array([-7.0, -1.0, 0.0, 2.0, 9.0])
+    points, hops = rng.normal(size=(6, 60)), rng.uniform(-0.9, 0.9, 7)
+    seen, scale = steps.scaled_windows(points, 20, (25, 75), hops, 2, 10, nodes, taps)
+    for row, at in zip(seen, range(25, 75), strict=True):
+        own = np.interp((at - 4.5) / 10 - 2, np.arange(7), hops)
+        assert scale[at - 25] == pytest.approx(own)
+        where = at + taps * np.exp(own) - 20
+        for c in range(2):
+            each = [np.interp(where, np.arange(60), points[2 * node + c]) for node in range(3)]
+            mixed = [np.interp(own, nodes, column) for column in np.transpose(each)]
+            np.testing.assert_allclose(row[5 * c : 5 * c + 5], mixed, atol=1e-12)
+
+
+def test_scores_are_those_of_the_network():
+    rng = np.random.default_rng(5)
+    seen, hidden, usual = rng.normal(size=(40, 8)), rng.normal(size=(8, 5)), rng.normal(size=8)
+    bias, out = rng.normal(size=5), rng.normal(size=5)
+    found = steps.scores(seen, hidden, bias, out, usual, 0.3)
+    np.testing.assert_allclose(found[0], np.tanh(seen @ hidden + bias) @ out + 0.3, atol=1e-3)
+    for c in range(2):
+        half = slice(4 * c, 4 * c + 4)
+        share = seen[:, half] @ usual[half] / (usual[half] @ usual[half])
+        np.testing.assert_allclose(found[1 + c], share)
+
+
+def test_peaks_of_a_score_are_measured_as_one_by_one():
+    rng = np.random.default_rng(6)
+    odds = np.convolve(rng.normal(0, 4, 300), np.hanning(7) / 3, "same")
+    step_s = rng.uniform(0.3, 1.0, 300)
+    points = np.stack([odds, rng.normal(size=300), rng.normal(size=300), step_s])
+    found = steps.score_peaks(points, 50, (60, 340), 0.1, 0.5, 40.0, (0.05, 0.02))
+    score = 1 / (1 + np.exp(-odds))
+    expected = []
+    for i in range(10, 290):
+        if not (odds[i] > odds[i - 1] and odds[i] >= odds[i + 1] and score[i] > 0.1):
+            continue
+        offset = np.argmax(np.polyval(np.polyfit([-1, 0, 1], odds[i - 1 : i + 2], 2),
+                                      np.linspace(-0.5, 0.5, 2001)))  # fmt: skip
+        reach = int(0.5 * step_s[i] * 40)
+        far = [d for d in range(1, reach + 1) if odds[i - d] >= odds[i] or odds[i + d] > odds[i]]
+        near = min(far) - 1 if far else reach
+        own = np.arange(i - near, i + near + 1)
+        late = (own - i - (offset / 2000 - 0.5)) / 40
+        spread = np.average(late**2, weights=score[own])
+        apart = min(0.5, min(far) / 40 / step_s[i]) if far else 0.5
+        uncertain = np.sqrt(max(spread - 0.05**2, 0) + 0.02**2)
+        expected.append((50 + i + offset / 2000 - 0.5, score[i], apart, *points[1:3, i],
+                         uncertain, step_s[i]))  # fmt: skip
+    assert len(found) == len(expected) > 20
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3)

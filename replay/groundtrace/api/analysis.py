@@ -121,7 +121,7 @@ class Explanation:
     Examples
     --------
     >>> import groundtrace as gt
-    >>> results = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    >>> results = gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8})
     >>> why = results.why(results.misses[0].step)
     >>> why.cause
     'threshold'

@@ -75,8 +75,8 @@ def compare(
     --------
     >>> import groundtrace as gt
     >>> a = gt.replay("waist-walk", "waist-steps")
-    >>> gt.compare(a, gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5}))
-    Comparison(waist-walk.mcap, 66 both right, 8 only A right, p = 0.0078)
+    >>> gt.compare(a, gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8}))
+    Comparison(waist-walk.mcap, 67 both right, 7 only A right, p = 0.016)
     """
     labels = a.scored_truth(truth).labels or b.scored_truth(truth).labels
     places = (a.recording_path, b.recording_path)
@@ -124,9 +124,9 @@ def sweep(
     Examples
     --------
     >>> import groundtrace as gt
-    >>> results = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
-    >>> gt.sweep(results, {"steps.swing": [0.2, 0.8, 1.5]}).best
-    {'steps.swing': 0.2}
+    >>> results = gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8})
+    >>> gt.sweep(results, {"steps.score": [0.25, 0.5, 0.8]}).best
+    {'steps.score': 0.25}
     """
     several = [results] if isinstance(results, Results) else list(results)
     if not several:

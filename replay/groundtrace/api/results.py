@@ -56,7 +56,7 @@ class Results:
     >>> import groundtrace as gt
     >>> results = gt.replay("waist-walk", "waist-steps")
     >>> len(results.steps)
-    77
+    75
     """
 
     decided: Decided

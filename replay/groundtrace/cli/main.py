@@ -32,7 +32,7 @@ COMMANDS = {
         "Without a recording, the bundled walk through a room is replayed. Without options it "
         "leaves NAME.rrd, for the viewer, and NAME.results.mcap, for the score, in the present "
         "folder.\n\n"
-        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.swing=0.3",
+        "Example: groundtrace replay walk.mcap --pipeline waist-steps --set steps.score=0.3",
     ),
     "score": (
         f"{HERE}.score:score",
@@ -56,8 +56,8 @@ COMMANDS = {
         "Try many settings of the gates, without the signal, and say which are best, how sure that "
         "is, and what missed steps cost in false ones. Parameters of the signal path are measured "
         "again. With several recordings each is left out in turn.\n\n"
-        "Example: groundtrace sweep walk.results.mcap --grid steps.dominance=0.4:0.8:17 "
-        "--grid steps.swing=0.1:1:19 --write best.toml --figure sweep.svg",
+        "Example: groundtrace sweep walk.results.mcap --grid steps.score=0.1:0.6:17 "
+        "--grid steps.apart=0.1:0.5:19 --write best.toml --figure sweep.svg",
     ),
     "calibrate": (
         f"{HERE}.layout:calibrate",

@@ -1,23 +1,26 @@
-"""Adaptive: steps as the dominant peaks of a rhythm, at any place on the body and any rate.
+"""Adaptive: steps by score or by rhythm, at any place on the body and any rate.
 
-1. The specific force is brought to an even grid and taken along gravity (:mod:`.body_signals`).
-2. Its rhythm is tracked: how strongly it repeats itself, and after which time
+The specific force is brought to an even grid and taken along gravity (:mod:`.body_signals`). At
+waist and trunk a step is then told by its score (:mod:`.step_score`); elsewhere, and where nobody
+knows the place, by its rhythm:
+
+1. The rhythm is tracked: how strongly the signal repeats itself, and after which time
    (:mod:`.dsp.periodicity`).
-3. It is filtered by the step time that this gives (:class:`StepBand`).
-4. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
+2. It is filtered by the step time that this gives (:class:`StepBand`).
+3. Local maxima are candidates; a step is one that rises far enough, is the highest within half a
    step time, and stands in a rhythm.
 
-At the trunk the initial contact lies on the rise: the vertical acceleration turns upward before it
-and peaks 50 to 100 ms after it (Zijlstra and Hof, Gait & Posture 18, 2003, show the order of
-events; the part of the rise is ours). Elsewhere no such relation is known and steps are timed at
-the peak.
+Where the rhythm is asked for at the trunk, the initial contact lies on the rise: the vertical
+acceleration turns upward before it and peaks 50 to 100 ms after it (Zijlstra and Hof, Gait &
+Posture 18, 2003, show the order of events; the part of the rise is ours). Elsewhere no such
+relation is known and steps are timed at the peak.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -30,8 +33,21 @@ from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
 from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian, lowpass
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
+from ..pipeline.stage import CannotStart, Context, Curve, Input, Measured, Stage, joined
 from .body_signals import FORCE, MAGNITUDE, Upward, UpwardPart
+from .step_score import (
+    APART_STEPS,
+    LEAST_SCORE,
+    TAPS,
+    ScorePeaks,
+    Scores,
+    StepWindows,
+    Windows,
+    moving,
+    probability,
+    scores,
+    trained,
+)
 from .trace import FrameTrace, trace_of
 
 if TYPE_CHECKING:
@@ -39,6 +55,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from groundtrace_codecs.signals import Stream
+
+    from ..pipeline.gates import Gate
     from ..pipeline.stage import Frames
 
 #: Placements at which the sensor moves with the body's mass, and hardly ever without steps.
@@ -49,6 +68,8 @@ _TRUNK_SCALES = (Scale(4.0, 2),)
 #: Windows [s] and how many of them must agree: a hand or a pocket must keep its rhythm for longer
 #: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "What was chosen on what").
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
+#: Axes of acceleration among which forward is looked for. Source: definition.
+_AXES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +79,12 @@ class AdaptiveParameters:
     placement: Annotated[
         Literal["", "waist", "trunk", "foot", "wrist", "phone"],
         measured("", "Where the sensor is worn; empty takes the recording's word."),
+    ] = ""
+    method: Annotated[
+        Literal["", "rhythm", "score"],
+        measured(
+            "", "What tells steps; empty takes the score at waist and trunk, else the rhythm."
+        ),
     ] = ""
     cutoff_hz: Annotated[float, measured("Hz", "Corner of the low-pass.", gt=0)] = 3.5
     ahead_s: Annotated[float, measured("s", "How far ahead the rhythm is looked for.", ge=0)] = 6.0
@@ -74,29 +101,50 @@ class AdaptiveParameters:
     rhythm: Annotated[float, gate("1", "Least strength of the rhythm around it.", ge=0, le=1)] = (
         0.38
     )
+    score: Annotated[
+        float, gate("1", "Least score, where steps are told by it.", ge=LEAST_SCORE, le=1)
+    ] = 0.25
+    apart: Annotated[
+        float, gate("1", "Least time to a higher score, in step times.", ge=0, le=APART_STEPS)
+    ] = 0.36
 
 
-@dataclass(slots=True)
-class _State:
-    upward: Upward
-    band: StepBand
-    peaks: Peaks
-    trace: FrameTrace
-    start_ns: int | None
-    waiting: ColumnBuffer  # time since the start [ns] and recorded norm, until the band is known
-    times: ColumnBuffer  # time since the start [ns], until the peaks are known
-    curve: Curve | None = None
+class Found(NamedTuple):
+    """What consecutive points of the grid show.
+
+    Attributes
+    ----------
+    decision
+        The decision function, shape (n,).
+    filtered
+        Acceleration upward as it is looked at, shape (n,) [m/s2].
+    rows
+        A row for each candidate, shape (k, 1 + columns): its place [points of the grid since the
+        start of the run], and what is measured of it.
+    """
+
+    decision: NDArray[np.float64]
+    filtered: NDArray[np.float64]
+    rows: NDArray[np.float64]
 
 
-class AdaptiveDetector(Stage):
+class Method(Protocol):
+    """One of the ways in which steps are told."""
+
+    columns: tuple[Quantity, ...]
+    gates: tuple[Gate, ...]
+
+    def __call__(self, part: UpwardPart) -> Found:
+        """Take points of the grid; return what is known by now."""
+
+    def flush(self, part: UpwardPart) -> Found:
+        """Take the last points; return all that is not known yet."""
+
+
+class ByRhythm:
     """A step is a peak that rises far enough, dominates its step time, and keeps the rhythm."""
 
-    Parameters = AdaptiveParameters
-    takes = (Input(SignalBlock, FORCE | MAGNITUDE),)
-    #: Of a signal in unknown units, see :class:`.body_signals.Upward`.
-    mean_is_gravity = True
-    gives = (StepEvent,)
-    columns = (
+    columns: tuple[Quantity, ...] = (
         Quantity("height", "m/s2"),
         Quantity("swing", "m/s2"),
         Quantity("share", "1"),
@@ -104,13 +152,92 @@ class AdaptiveDetector(Stage):
         Quantity("rhythm", "1"),
         Quantity("step_time", "s"),
     )
-    trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
-    gates = (
+    gates: tuple[Gate, ...] = (
         Level("swing", "m/s2", "swing"),
         Level("share", "1", "share"),
         Level("dominance", "1", "dominance"),
         Level("rhythm", "1", "rhythm"),
     )
+
+    def __init__(self, parameters: AdaptiveParameters, *, trunk: bool, fine: bool) -> None:
+        scales = _TRUNK_SCALES if trunk else _OTHER_SCALES
+        self._band = StepBand(scales, parameters.ahead_s, fine=fine)
+        self._peaks = Peaks(parameters.floor, parameters.rise if trunk else 0.0)
+
+    def __call__(self, part: UpwardPart) -> Found:
+        """Follow the rhythm; a maximum waits until its surroundings are complete."""
+        followed = self._band(part.up)
+        return Found(followed.band, followed.band, self._peaks(followed))
+
+    def flush(self, part: UpwardPart) -> Found:
+        """Judge what waited for more by what there is."""
+        ends = self._band(part.up), self._band.flush()
+        followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
+        found = np.concatenate([self._peaks(followed), self._peaks.flush()])
+        return Found(followed.band, followed.band, found)
+
+
+class ByScore:
+    """A step is a moment that looks like one, more than all within a part of a step time."""
+
+    columns: tuple[Quantity, ...] = (
+        Quantity("score", "1"),
+        Quantity("apart", "1"),
+        Quantity("vertical", "1"),
+        Quantity("forward", "1"),
+        Quantity("uncertainty", "s"),
+        Quantity("step_time", "s"),
+    )
+    gates: tuple[Gate, ...] = (Level("score", "1", "score"), Level("apart", "1", "apart"))
+
+    def __init__(self) -> None:
+        self._windows = StepWindows()
+        self._peaks = ScorePeaks()
+
+    def __call__(self, part: UpwardPart) -> Found:
+        """Score the points that are known; a maximum waits for those after it."""
+        windows = self._windows(moving(part.force, part.gravity))
+        said = scores(windows.seen, trained())
+        return self._found(windows, said, self._peaks(said, windows.step_s))
+
+    def flush(self, part: UpwardPart) -> Found:
+        """Judge what waited for more by what there is."""
+        ends = self._windows(moving(part.force, part.gravity)), self._windows.flush()
+        windows = Windows(*(np.concatenate(points) for points in zip(*ends, strict=True)))
+        said = scores(windows.seen, trained())
+        rows = np.concatenate([self._peaks(said, windows.step_s), self._peaks.flush()])
+        return self._found(windows, said, rows)
+
+    def _found(self, windows: Windows, said: Scores, rows: NDArray[np.float64]) -> Found:
+        return Found(probability(said.odds), windows.seen[:, len(TAPS) // 2], rows)
+
+
+@dataclass(slots=True)
+class _State:
+    upward: Upward
+    method: Method
+    trace: FrameTrace
+    start_ns: int | None
+    waiting: ColumnBuffer  # time since the start [ns] and recorded norm, until points are known
+    times: ColumnBuffer  # time since the start [ns], until the peaks are known
+    curve: Curve | None = None
+
+
+class AdaptiveDetector(Stage):
+    """A step is told by its score where the placement allows it, and elsewhere by its rhythm."""
+
+    Parameters = AdaptiveParameters
+    takes = (Input(SignalBlock, FORCE | MAGNITUDE),)
+    #: Of a signal in unknown units, see :class:`.body_signals.Upward`.
+    mean_is_gravity = True
+    gives = (StepEvent,)
+    columns = ByRhythm.columns
+    trace = trace_of(Quantity("height", "m/s2"), "m/s2", "m/s2")
+    gates = ByRhythm.gates + ByScore.gates
+    #: Least that makes a candidate, where that is no parameter.
+    floors: ClassVar = {"score": LEAST_SCORE}
+    #: Columns that say what there is of a usual step.
+    of_usual = ("vertical", "forward")
 
     #: Whether peaks are looked for in the band of the steps, or in all that is quicker than them.
     in_band = True
@@ -126,44 +253,54 @@ class AdaptiveDetector(Stage):
         self.parameters = parameters
 
     def start(self, context: Context) -> tuple[str, ...]:
-        """Begin a run; the acceleration upward is one channel."""
-        stream = context.stream
-        p = self.parameters
-        trunk = (p.placement or stream.placement) in TRUNK
+        """Begin a run; the acceleration upward is one channel.
+
+        Raises
+        ------
+        CannotStart
+            Where steps are to be told by their score, and there are no three axes.
+        """
+        stream, p = context.stream, self.parameters
         self.state = _State(
             Upward(stream, p.cutoff_hz),
-            StepBand(_TRUNK_SCALES if trunk else _OTHER_SCALES, p.ahead_s, fine=self.in_band),
-            Peaks(p.floor, p.rise if trunk else 0.0),
+            self._method(stream),
             FrameTrace(GRID_HZ, 1),
             None,
             ColumnBuffer(2),
             ColumnBuffer(),
         )
+        self.columns, self.gates = self.state.method.columns, self.state.method.gates
+        self.trace = trace_of(self.columns[0], "m/s2", "m/s2")
         return ("up",)
 
+    def _method(self, stream: Stream) -> Method:
+        p, axes = self.parameters, len(stream.columns_of(FORCE))
+        trunk = (p.placement or stream.placement) in TRUNK
+        if p.method == "rhythm" or (not p.method and not (trunk and axes == _AXES)):
+            return ByRhythm(p, trunk=trunk, fine=self.in_band)
+        if axes != _AXES:
+            raise CannotStart(f"method score: expected 3 axes of acceleration, found {axes}")
+        return ByScore()
+
     def process(self, block: SignalBlock) -> Measured:
-        """Follow the rhythm; a maximum waits until its surroundings are complete."""
+        """Look at what the block completes."""
         state = self.state
         if state.start_ns is None and len(block):
             state.start_ns = block.start_ns
         part = state.upward(block)
         self._wait(part)
-        followed = state.band(part.up)
-        return self._measured(followed, state.peaks(followed))
+        return self._measured(state.method(part))
 
     def flush(self) -> Measured:
         """End the run; what waited for more is judged by what there is."""
         state = self.state
         part = state.upward.flush()
         self._wait(part)
-        ends = state.band(part.up), state.band.flush()
-        followed = Followed(*(np.concatenate(points) for points in zip(*ends, strict=True)))
-        found = np.concatenate([state.peaks(followed), state.peaks.flush()])
-        whole = self._measured(followed, found)
+        whole = self._measured(state.method.flush(part))
         return joined(whole, Measured(Candidates.empty(len(self.columns)), state.trace.flush()))
 
     def curve(self) -> Curve | None:
-        """Return the band of the steps over what the last ``process`` or ``flush`` completed."""
+        """Return the decision function over what the last ``process`` or ``flush`` completed."""
         return self.state.curve
 
     def _wait(self, part: UpwardPart) -> None:
@@ -172,18 +309,18 @@ class AdaptiveDetector(Stage):
         state.times.add(since)
         state.waiting.add(np.concatenate([since, part.recorded]))
 
-    def _measured(self, followed: Followed, found: NDArray[np.float64]) -> Measured:
-        return Measured(self._candidates(found), self._frames(followed.band))
+    def _measured(self, found: Found) -> Measured:
+        return Measured(self._candidates(found.rows), self._frames(found))
 
-    def _frames(self, band: NDArray[np.float64]) -> Frames:
-        state = self.state
+    def _frames(self, found: Found) -> Frames:
+        state, count = self.state, len(found.decision)
         start = state.waiting.first
-        since, norm = state.waiting.between(start, start + len(band))
-        state.waiting.discard_before(start + len(band))
+        since, norm = state.waiting.between(start, start + count)
+        state.waiting.discard_before(start + count)
         times = since.astype(np.int64) + (state.start_ns or 0)
-        state.curve = Curve(times, band[:, None])
-        z, norm = band[None, :], norm[None, :]
-        return state.trace.add(times, z, np.abs(z), z * z, norm, norm)
+        state.curve = Curve(times, found.decision[:, None])
+        z, norm = found.filtered[None, :], norm[None, :]
+        return state.trace.add(times, found.decision[None, :], np.abs(z), z * z, norm, norm)
 
     def _candidates(self, found: NDArray[np.float64]) -> Candidates:
         state = self.state

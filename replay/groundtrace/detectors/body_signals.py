@@ -192,11 +192,16 @@ class UpwardPart:
         Specific force upward, low-passed, shape (1, n) [m/s2].
     recorded
         Norm of the specific force as recorded, shape (1, n) [m/s2].
+    force, gravity
+        Specific force, low-passed, and gravity, along the sensor's axes, shape (n_axes, n) [m/s2];
+        no rows where the sensor gives a magnitude only.
     """
 
     time_ns: NDArray[np.int64]
     up: NDArray[np.float64]
     recorded: NDArray[np.float64]
+    force: NDArray[np.float64]
+    gravity: NDArray[np.float64]
 
 
 class Upward:
@@ -230,29 +235,35 @@ class Upward:
             values = self._scale(values)
         part = self._grid(block.sample_times(), values)
         if self._gravity is None:
-            return UpwardPart(part.time_ns, part.values, np.abs(part.recorded))
+            return _of_magnitude(part)
         self._wait(part)
-        return self._waited(along(*self._gravity(part.values)))
+        return self._waited(*self._gravity(part.values))
 
     def flush(self) -> UpwardPart:
         """Return the points up to the end of the run."""
         part = self._grid.flush()
         if self._gravity is None:
-            return UpwardPart(part.time_ns, part.values, np.abs(part.recorded))
+            return _of_magnitude(part)
         self._wait(part)
-        now = along(*self._gravity(part.values))
-        return self._waited(np.concatenate([now, along(*self._gravity.flush())], axis=1))
+        now, last = self._gravity(part.values), self._gravity.flush()
+        return self._waited(*(np.concatenate(two, axis=1) for two in zip(now, last, strict=True)))
 
     def _wait(self, part: GridPart) -> None:
         norm = np.sqrt(np.einsum("cn,cn->n", part.recorded, part.recorded))[None, :]
         self._times = np.concatenate([self._times, part.time_ns])
         self._recorded = np.concatenate([self._recorded, norm], axis=1)
 
-    def _waited(self, up: NDArray[np.float64]) -> UpwardPart:
-        count = up.shape[1]
-        part = UpwardPart(self._times[:count], up, self._recorded[:, :count])
+    def _waited(self, force: NDArray[np.float64], gravity: NDArray[np.float64]) -> UpwardPart:
+        count = force.shape[1]
+        up, recorded = along(force, gravity), self._recorded[:, :count]
+        part = UpwardPart(self._times[:count], up, recorded, force, gravity)
         self._times, self._recorded = self._times[count:], self._recorded[:, count:]
         return part
+
+
+def _of_magnitude(part: GridPart) -> UpwardPart:
+    none = part.values[:0]
+    return UpwardPart(part.time_ns, part.values, np.abs(part.recorded), none, none)
 
 
 @dataclass(frozen=True, slots=True)

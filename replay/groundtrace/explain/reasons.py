@@ -820,7 +820,16 @@ def _verdict(
         if found is not None:
             channel_text = f"{found[0]} is clipped: it stands still at its extreme"
             return "clipped", f"{below(first)}; {channel_text} for {found[1] * 1e3:.0f} ms", ()
-    return "threshold", below(first), ()
+    return "threshold", below(first) + _of_usual(evidence, part, row), ()
+
+
+def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:
+    """Say what there is of a usual step in a candidate, where its stage measures that."""
+    stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
+    shares = getattr(stage_named(stage.use), "of_usual", ()) if stage is not None else ()
+    names = [column.name for column in part.spec.columns]
+    found = [f"{n} {part.candidates.value[row, names.index(n)]:.2f}" for n in shares if n in names]
+    return f"; {' and '.join(found)} of a usual step" if found else ""
 
 
 def _lacking(
@@ -946,8 +955,10 @@ def silent(
     stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
     floor, sought = None, MAXIMUM
     if stage is not None:
-        floor = stage.parameters.get("floor")
-        sought = getattr(stage_named(stage.use), "sought", MAXIMUM)
+        kind = stage_named(stage.use)
+        decision = part.spec.trace[0].name if part.spec.trace else ""
+        floor = getattr(kind, "floors", {}).get(decision, stage.parameters.get("floor"))
+        sought = getattr(kind, "sought", MAXIMUM)
     quiet = silence(part, channel, time_ns - reach, time_ns + reach, floor, sought)
     if stage is None or quiet.cause not in {"quiet", "shape"}:
         return quiet.cause, quiet.text

@@ -23,7 +23,7 @@ from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
 from ..errors import PipelineError, RecordingError, did_you_mean
 from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
-from ..pipeline.gates import Candidates, decide, decided_block, gate_specs
+from ..pipeline.gates import Candidates, decide, decided_block, gate_specs, stated
 from ..pipeline.parameters import build, describe, parse_value
 from ..pipeline.plugins import stage_named
 from ..pipeline.stage import StageRunner, accepted_events, associates, detects, emitted
@@ -192,7 +192,7 @@ class OfflineDecider:
             candidates = part.candidates
             if span_ns is not None:
                 candidates = candidates.rows(part.between(*span_ns))
-            spec = replace(part.spec, gates=gate_specs(kind.gates, parameters))
+            spec = replace(part.spec, gates=gate_specs(stated(kind.gates, part.spec), parameters))
             yield from self._decided(spec, kind, parameters, candidates)
 
     def _decided(
@@ -394,7 +394,10 @@ class StepChain:
             self.links.insert(0, link)
             if not associates(kind):
                 link.load(
-                    [GateCascade(p.spec, kind.gates, p.candidates) for p in evidence.of(stage.key)]
+                    [
+                        GateCascade(p.spec, stated(kind.gates, p.spec), p.candidates)
+                        for p in evidence.of(stage.key)
+                    ]
                 )
                 break
             needed = self._picking_before(index)

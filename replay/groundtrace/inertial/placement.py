@@ -8,9 +8,10 @@ bodies walk:
   mass bobs by 3 m/s2. It turns by more than a right angle in that time, at 3 rad/s and more, and
   stands for a third of a stride: what swings like a pendulum is slower than 0.15 of its peak for
   0.1 of the time.
-- *Swinging?* Thigh and arm swing by 15 to 25 degrees about their joint once a stride, so that the
-  felt vertical swings as well, and turn by more than 1 rad/s; trunk and a hand that holds something
-  nod by some degrees.
+- *Swinging?* Thigh and arm swing by 15 to 25 degrees about their joint once a stride: they turn by
+  more than 1 rad/s at that frequency; trunk and a hand that holds something nod by some degrees, a
+  brisk walker's more than others', but twice a stride. Without a gyroscope the angle of the felt
+  vertical has to do.
 - *Wrist or pocket?* A hand at the end of a swinging arm feels mostly the swing, once a stride; a
   thigh feels mostly the contacts of both feet, near the hip, once a step.
 - *Hand or trunk?* What is read is held with its face up; what is strapped on has its face to the
@@ -108,8 +109,9 @@ class Measures:
         Length of the walking looked at [s].
     swing_mps2
         Standard deviation of the length of the specific force [m/s2].
-    turning_radps
-        Root mean square of the angular velocity [rad/s]; None without a gyroscope.
+    turning_radps, swinging_radps
+        Root mean square of the angular velocity, and of the part of it that comes once a stride
+        [rad/s]; None without a gyroscope.
     rests
         Part of the time in which it hardly turns; None without a gyroscope.
     tilt_deg
@@ -123,6 +125,7 @@ class Measures:
     walked_s: float
     swing_mps2: float
     turning_radps: float | None
+    swinging_radps: float | None
     rests: float | None
     tilt_deg: float
     once: float
@@ -174,23 +177,26 @@ class PlacementGuess:
         m = self.measures
         turning = ""
         if m.turning_radps is not None:
-            turning = f", turning {m.turning_radps:.2f} rad/s, rests {m.rests:.2f}"
+            turning = (
+                f", turning {m.turning_radps:.2f} rad/s, once a stride {m.swinging_radps:.2f} "
+                f"rad/s, rests {m.rests:.2f}"
+            )
         return (
             f"{WORDS[self.site]} ({self.confidence:.2f}): {m.walked_s:g} s like walking, "
             f"swing {m.swing_mps2:.1f} m/s2{turning}, tilt {m.tilt_deg:.0f} deg, "
-            f"once a stride {m.once:.2f}, face up {m.face:.2f}"
+            f"moves once a stride {m.once:.2f}, face up {m.face:.2f}"
         )
 
 
 def guessed(measures: Measures) -> PlacementGuess:
     """Return the likeliest place."""
-    if measures.turning_radps is None or measures.rests is None:
+    if measures.turning_radps is None or measures.swinging_radps is None or measures.rests is None:
         is_foot = _passed(measures.swing_mps2 / SWING_MPS2)
         swings = _passed(measures.tilt_deg / TILT_DEG)
     else:
         turns = measures.turning_radps / FOOT_RADPS
         is_foot = _passed(measures.swing_mps2 / SWING_MPS2, turns, measures.rests / RESTS)
-        swings = _passed(measures.turning_radps / LIMB_RADPS, measures.tilt_deg / TILT_DEG)
+        swings = _passed(measures.swinging_radps / LIMB_RADPS)
     wrist = _passed(measures.once / ONCE)
     hand = _passed(measures.face / FACE, power=2)
     likely: dict[Site, float] = {
@@ -302,7 +308,8 @@ class PlacementWatch:
         """Return the guess; None without enough walking."""
         if len(self._found) < _FEWEST:
             return None
-        swing, turning, rests, tilt, once, face = np.median(self._found, axis=0).tolist()
+        medians = np.median(self._found, axis=0).tolist()
+        swing, turning, swinging, rests, tilt, once, face = medians
         walked_s = (len(self._found) + 1) * WINDOW_S / 2
         has_gyroscope = not math.isnan(turning)
         return guessed(
@@ -310,6 +317,7 @@ class PlacementWatch:
                 walked_s,
                 swing,
                 turning if has_gyroscope else None,
+                swinging if has_gyroscope else None,
                 rests if has_gyroscope else None,
                 tilt,
                 once,
@@ -391,7 +399,7 @@ def _note(watch: PlacementWatch) -> Iterator[Note]:
 
 
 def _measured(window: Array) -> Array | None:
-    """Return the measures of a window (3 or 6, n), shape (6,); None where nobody walks."""
+    """Return the measures of a window (3 or 6, n), shape (7,); None where nobody walks."""
     force, turning = (
         np.sqrt(np.einsum("cn,cn->n", part, part)) for part in (window[:3], window[3:])
     )
@@ -404,11 +412,13 @@ def _measured(window: Array) -> Array | None:
     cosine = vertical @ window[:3] / np.maximum(force, 1e-9)
     tilt_deg = math.degrees(_rms(np.arccos(np.clip(cosine, -1, 1))))
     stride_s = period_s if period_s > _STRIDE_S else 2 * period_s
-    turns = (math.nan, math.nan)
+    turns = (math.nan, math.nan, math.nan)
     if len(window) > 3:
         slow = turning < _SLOW * np.percentile(turning, _NEARLY)
-        turns = (_rms(turning), float(np.mean(slow)))
-    once = _once(window[:3], stride_s)
+        swinging = math.sqrt(_powers(window[3:], stride_s)[0])
+        turns = (_rms(turning), swinging, float(np.mean(slow)))
+    stride, step = _powers(window[:3], stride_s)
+    once = stride / max(stride + step, 1e-12)
     return np.array([np.std(force), *turns, tilt_deg, once, vertical[2]])
 
 
@@ -416,12 +426,13 @@ def _rms(x: Array) -> float:
     return math.sqrt(float(np.mean(x * x)))
 
 
-def _once(force: Array, stride_s: float) -> float:
-    """Return which part of the power at the frequencies of stride and step is the stride's."""
-    time_s = np.arange(force.shape[1]) / GRID_HZ
-    swing = (force - force.mean(axis=1, keepdims=True)) * np.hanning(force.shape[1])
+def _powers(moved: Array, stride_s: float) -> tuple[float, float]:
+    """Return the mean squares of what comes once and twice a stride, of three axes (3, n)."""
+    time_s = np.arange(moved.shape[1]) / GRID_HZ
+    weight = np.hanning(moved.shape[1])
+    swing = (moved - moved.mean(axis=1, keepdims=True)) * (math.sqrt(2) * weight / weight.sum())
     one, two = (
         float(np.sum(np.abs(swing @ np.exp(-2j * np.pi * k * time_s / stride_s)) ** 2))
         for k in (1, 2)
     )
-    return one / max(one + two, 1e-12)
+    return one, two

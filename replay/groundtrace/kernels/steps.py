@@ -355,6 +355,163 @@ def peaks(
     return found[:count].copy()
 
 
+@compiled(
+    "Tuple((f8[:, ::1], f8[::1]))"
+    "(f8[:, ::1], i8, UniTuple(i8, 2), f8[::1], i8, i8, f8[::1], f8[::1])"
+)
+def scaled_windows(
+    points: Array,
+    first: int,
+    span: tuple[int, int],
+    hops: Array,
+    first_hop: int,
+    hop: int,
+    nodes: Array,
+    taps: Array,
+) -> tuple[Array, Array]:
+    """Look about points at places ``[start, end)``, each in its own time scale.
+
+    Parameters
+    ----------
+    points
+        Two signals, smoothed for each node, from the place ``first`` on, shape (2 nodes, n); what
+        lies before and after is as the first and the last.
+    hops
+        Logarithm of the time scale of the hops from ``first_hop`` on, shape (m,), each the middle
+        of ``hop`` points.
+    nodes
+        Logarithms of the scales that the signals were smoothed for, shape (nodes,).
+    taps
+        Where is looked, at scale 1 [points], shape (taps,).
+
+    Returns
+    -------
+    The two signals at the taps, shape (end - start, 2 taps), and the logarithm of the scale.
+    """
+    count, m, last = span[1] - span[0], len(taps), points.shape[1] - 1
+    out, scale = np.empty((count, 2 * m)), np.empty(count)
+    for i in range(count):
+        place = (span[0] + i - 0.5 * (hop - 1)) / hop - first_hop
+        scale[i] = between(hops, max(place, 0.0))
+        node = place_among(nodes, scale[i])
+        low = min(int(node), len(nodes) - 2)
+        part, stretch = node - low, math.exp(scale[i])
+        for k in range(m):
+            at = min(max(span[0] + i + taps[k] * stretch - first, 0.0), float(last))
+            a = int(at)
+            b, past = min(a + 1, last), at - a
+            for c in range(2):
+                fine, coarse = points[2 * low + c], points[2 * low + 2 + c]
+                x = fine[a] * (1 - past) + fine[b] * past
+                y = coarse[a] * (1 - past) + coarse[b] * past
+                out[i, c * m + k] = x * (1 - part) + y * part
+    return out, scale
+
+
+@inlined
+def tanh(x: float) -> float:
+    """Return the hyperbolic tangent by Lambert's continued fraction, within 0.0001 of it."""
+    x = min(max(x, -4.97), 4.97)
+    y = x * x
+    over = x * (135135.0 + y * (17325.0 + y * (378.0 + y)))
+    return over / (135135.0 + y * (62370.0 + y * (3150.0 + y * 28.0)))
+
+
+@compiled("f8[:, ::1](f8[:, ::1], f8[:, ::1], f8[::1], f8[::1], f8[::1], f8)")
+def scores(
+    seen: Array, hidden: Array, bias: Array, out: Array, usual: Array, offset: float
+) -> Array:
+    """Return what a network of one hidden layer says of windows.
+
+    Parameters
+    ----------
+    seen
+        Shape (n, 2 taps): one signal, then the other.
+    hidden, bias, out, offset
+        Weights of the hidden layer, shape (2 taps, units) and (units,), and of the output.
+    usual
+        A usual window, shape (2 taps,).
+
+    Returns
+    -------
+    Logarithm of the odds, and how much of each signal's usual window there is, shape (3, n).
+    """
+    n, width, units = len(seen), seen.shape[1], len(bias)
+    found, sums, m = np.empty((3, n)), np.empty(units), width // 2
+    for i in range(n):
+        for u in range(units):
+            sums[u] = bias[u]
+        for k in range(width):
+            x, weights = seen[i, k], hidden[k]
+            for u in range(units):
+                sums[u] += x * weights[u]
+        found[0, i] = offset
+        for u in range(units):
+            found[0, i] += out[u] * tanh(sums[u])
+        for c in range(2):
+            part, whole = 0.0, 1e-12
+            for k in range(c * m, c * m + m):
+                part += seen[i, k] * usual[k]
+                whole += usual[k] * usual[k]
+            found[1 + c, i] = part / whole
+    return found
+
+
+@compiled("f8[:, ::1](f8[:, ::1], i8, UniTuple(i8, 2), f8, f8, f8, UniTuple(f8, 2))")
+def score_peaks(
+    points: Array,
+    first: int,
+    span: tuple[int, int],
+    least: float,
+    reach: float,
+    grid_hz: float,
+    widths: tuple[float, float],
+) -> Array:
+    """Measure the local maxima of a score at places ``[start, end)``.
+
+    Parameters
+    ----------
+    points
+        Logarithm of the odds, two shares of the usual step, and step time [s] of the points from
+        ``first`` on, shape (4, n).
+    least
+        Lowest score.
+    reach
+        How far a higher score is looked for [step times].
+    widths
+        Standard deviation of a score's peak about a time that is certain, and of that time [s].
+
+    Returns
+    -------
+    Place, score, time to a higher one, the shares, standard deviation of the time, and step time,
+    shape (n_peaks, 7).
+    """
+    odds, vertical, forward, step_s = points
+    found = np.empty((span[1] - span[0], 7))
+    lowest, count = math.log(least / (1.0 - least)), 0
+    for at in range(span[0], span[1]):
+        i = at - first
+        if not (odds[i] > odds[i - 1] and odds[i] >= odds[i + 1] and odds[i] > lowest):
+            continue
+        near = int(reach * step_s[i] * grid_hz)
+        offset = vertex(odds[i - 1], odds[i], odds[i + 1])
+        away = higher(odds, i, near)
+        weight, square = 0.0, 0.0
+        for k in range(max(0, i - near), min(i + near + 1, len(odds))):
+            if not away or abs(k - i) < away:
+                part = 1.0 / (1.0 + math.exp(-odds[k]))
+                weight += part
+                square += part * ((k - i - offset) / grid_hz) ** 2
+        row = found[count]
+        row[0], row[1] = at + offset, 1.0 / (1.0 + math.exp(-odds[i]))
+        row[2] = min(reach, away / grid_hz / step_s[i]) if away else reach
+        row[3], row[4] = vertical[i], forward[i]
+        wider = max(square / weight - widths[0] ** 2, 0.0)
+        row[5], row[6] = math.sqrt(wider + widths[1] ** 2), step_s[i]
+        count += 1
+    return found[:count].copy()
+
+
 #: Rows of the state: means of force, of rate, and of what turns make of gravity; and weights, the
 #: sums of those of the first two means in the first two places.
 _FORCE, _RATE, _TURNS, _LEFT = range(4)

@@ -285,11 +285,12 @@ def decided_block(
     spec
         Of the stage, for the block.
     kind
-        A plugin, or its class: what has ``columns`` and ``gates``.
+        A plugin, or its class: what has ``gates``.
     candidates, parameters, carry
         As :func:`decide` takes them.
     """
-    decisions, carry = decide(candidates, kind.columns, kind.gates, parameters, carry)
+    gates = stated(kind.gates, spec)
+    decisions, carry = decide(candidates, spec.columns, gates, parameters, carry)
     block = CandidateBlock(
         spec,
         candidates.time_ns,
@@ -300,6 +301,15 @@ def decided_block(
         decisions.accepted,
     )
     return block, carry
+
+
+def stated(gates: Sequence[Gate], spec: StageSpec) -> tuple[Gate, ...]:
+    """Return those of a stage's gates that decide where a spec is stated.
+
+    A stage that decides in one of several ways, by what it finds, has the gates of all of them.
+    """
+    names = {gate.name for gate in spec.gates}
+    return tuple(gate for gate in gates if gate.name in names)
 
 
 def gate_specs(gates: Sequence[Gate], parameters: object) -> tuple[GateSpec, ...]:

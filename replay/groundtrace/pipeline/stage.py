@@ -186,6 +186,9 @@ class Stage(Protocol):
     - ``feedback``: what is decided changes what is measured later;
     - ``site_lengths``: its columns and gates in m are in the length unit of the site.
 
+    One that decides in one of several ways, by what ``start`` is told, has the ``gates`` of all of
+    them, and there gives itself the ``columns``, ``gates`` and ``trace`` of the way it takes.
+
     It may have a method ``curve`` without arguments that returns, as a
     :class:`Curve`, its decision function over the samples that the last
     ``process`` completed; viewers draw it around steps. One that brings signals of unknown units to
@@ -196,15 +199,17 @@ class Stage(Protocol):
     It may have a class method ``unfiltered`` that takes parameters and returns the class and the
     parameters of what measures the same without its filter, or with its band as wide as can be: by
     measuring again with it, ``why`` tells whether the filter took a step out. Where what it looks
-    for is no local maximum of its decision function, ``sought`` says what it is.
+    for is no local maximum of its decision function, ``sought`` says what it is; where the least
+    that makes a candidate is no parameter ``floor``, ``floors`` has it by the function's name.
+    Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
     """
 
     Parameters: type[Any]
     takes: ClassVar[tuple[Input, ...]]
     gives: ClassVar[tuple[type[Any], ...]]
-    columns: ClassVar[tuple[Quantity, ...]] = ()
-    gates: ClassVar[tuple[Gate, ...]] = ()
-    trace: ClassVar[tuple[Quantity, ...]] = ()
+    columns: tuple[Quantity, ...] = ()
+    gates: tuple[Gate, ...] = ()
+    trace: tuple[Quantity, ...] = ()
     scope: ClassVar[Literal["topic", "placement", "recording"]] = "topic"
     ends_at: ClassVar[Literal["gap", "clock step"]] = "gap"
     rounds: ClassVar[tuple[str, ...]] = ()
@@ -760,6 +765,7 @@ class StageRunner:
         elif detects(self.kind):
             out += self._unknown_units(instance, time_ns)
             out += _never_passed(instance, time_ns)
+            out += self._not_asked(instance, time_ns)
         for item in early:
             self._feed(instance, item, out)
         return instance
@@ -894,6 +900,14 @@ class StageRunner:
         if refused.text:
             out.append(Note(time_ns, f"{topic}: {refused.text}", "WARN", self.name))
             refused.text = ""
+
+    def _not_asked(self, instance: _Instance, time_ns: int) -> Iterator[Note]:
+        """Say at the run's begin which thresholds were set that decide nothing here."""
+        own = [gate.parameter for gate in instance.stage.gates]
+        for name in dict.fromkeys(gate.parameter for gate in self.kind.gates):
+            if name in self.config.parameters and name not in own:
+                text = f"{instance.spec.topic}: {self.name}.{name} decides nothing here, but "
+                yield Note(time_ns, text + " and ".join(own), "WARN", self.name)
 
     def _unknown_units(self, instance: _Instance, time_ns: int) -> Iterator[Note]:
         """Say at the run's begin where thresholds have a unit and the signal an unknown one."""

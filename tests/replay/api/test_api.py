@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Capture = pytest.CaptureFixture[str]
 #: Bundled recordings, pipelines and settings that miss some of what is there.
 REPLAYED = {
-    "waist-walk": ("waist-steps", {"steps.swing": 1.5}),
+    "waist-walk": ("waist-steps", {"steps.score": 0.8}),
     "room-walk": ("room-footsteps", {"picks.ratio": 40}),
     "vehicle-pass": ("vehicle-tracks", {}),
 }
@@ -32,7 +32,7 @@ REPLAYED = {
 @pytest.fixture(scope="module")
 def walk() -> gt.Results:
     """The bundled walk, replayed so that it misses the softest steps."""
-    return gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    return gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8})
 
 
 def given(settings: dict[str, Any]) -> Iterator[object]:
@@ -78,7 +78,7 @@ def test_the_reason_and_the_remedy_of_a_step_are_those_of_the_command_line(
     walk: gt.Results, capsys: Capture
 ) -> None:
     rec = shutil.copy(path_of("waist-walk.mcap"), "walk.mcap")
-    gt.replay(rec, "waist-steps", {"steps.swing": 1.5}, out="cli.mcap")
+    gt.replay(rec, "waist-steps", {"steps.score": 0.8}, out="cli.mcap")
     step = walk.misses[0].step
     why = walk.why(step)
     printed = done(capsys, "why", "cli.mcap", "--step", step).out
@@ -86,11 +86,11 @@ def test_the_reason_and_the_remedy_of_a_step_are_those_of_the_command_line(
     setting = " ".join(f"--set {name}={value}" for name, value in why.remedy.items())
     after = why.after
     assert after is not None
-    assert f"smallest change: {setting}: TP 66->{after.tp}" in printed
-    better = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5} | why.remedy)
+    assert f"smallest change: {setting}: TP 67->{after.tp}" in printed
+    better = gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8} | why.remedy)
     assert better.score().steps.matched == after.tp
     failed = why.gates.where(~why.gates.passed)
-    assert set(failed.gate) == {"swing"}
+    assert set(failed.gate) == {"score"}
     assert (failed.margin < 0).all()
 
 
@@ -107,16 +107,16 @@ def test_picks_and_places_are_explained_as_by_the_command_line(kind: str, capsys
 def test_a_comparison_and_a_sweep_are_those_of_the_command_line(capsys: Capture) -> None:
     rec = shutil.copy(path_of("waist-walk.mcap"), "walk.mcap")
     gt.replay(rec, out="a.mcap")
-    gt.replay(rec, "waist-steps", {"steps.swing": 1.5}, out="b.mcap")
+    gt.replay(rec, "waist-steps", {"steps.score": 0.8}, out="b.mcap")
     a, b = gt.load("a.mcap"), gt.load("b.mcap")
     found = gt.compare(a, b)
     printed = done(capsys, "compare", "a.mcap", "b.mcap", "--json").document
     assert document(found.document) == printed
     assert set(found.differing.verdict) == {"only A right"}
     assert found.p_value == printed["p_value"]
-    grid = ("--grid", "steps.swing=0.2:1.5:4", "--grid", "steps.share=0.1,0.15")
+    grid = ("--grid", "steps.score=0.2:0.8:4", "--grid", "steps.apart=0.2,0.36")
     swept = done(capsys, "sweep", "b.mcap", *grid, "--jobs", 1, "--json").document
-    api = gt.sweep(b, {"steps.swing": "0.2:1.5:4", "steps.share": [0.1, 0.15]})
+    api = gt.sweep(b, {"steps.score": "0.2:0.8:4", "steps.apart": [0.2, 0.36]})
     ours = document(api.document)
     for each in (swept, ours):
         del each["rate"]

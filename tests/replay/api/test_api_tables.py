@@ -29,7 +29,7 @@ TABLE = EventTable(
 
 @pytest.fixture(scope="module")
 def walk() -> gt.Results:
-    return gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    return gt.replay("waist-walk", "waist-steps", {"steps.score": 0.8})
 
 
 def test_columns_are_arrays_by_name() -> None:
@@ -99,7 +99,7 @@ def test_every_kind_of_event_is_a_table_with_times(walk: gt.Results) -> None:
     (candidates,) = walk.candidates
     assert len(candidates) > len(steps)
     assert int(candidates.accepted.sum()) == len(steps)
-    assert (candidates.accepted == (candidates["margin_swing_m_per_s2"] >= 0)).sum() > len(steps)
+    assert (candidates.accepted == (candidates["margin_score"] >= 0)).sum() > len(steps)
     with pytest.raises(gt.Error, match="expected one of steps, picks"):
         walk["steppes"]
 
@@ -111,9 +111,9 @@ def test_covariances_and_spans_are_columns() -> None:
 
 
 def test_reprs_are_one_line_that_says_what_is_there(walk: gt.Results) -> None:
-    assert repr(walk) == "Results(waist-walk.mcap, waist-steps, 66/74 steps, 0 false)"
-    assert repr(walk.score()) == "Score(waist-walk.mcap, F1 0.943, 66/74 steps, 0 false)"
-    assert repr(walk.why()) == "Explanation(waist-walk.mcap, 66 right, 8 missed, 0 false)"
+    assert repr(walk) == "Results(waist-walk.mcap, waist-steps, 67/74 steps, 0 false)"
+    assert repr(walk.score()) == "Score(waist-walk.mcap, F1 0.950, 67/74 steps, 0 false)"
+    assert repr(walk.why()) == "Explanation(waist-walk.mcap, 67 right, 7 missed, 0 false)"
     shown = (
         gt.open("room-walk"),
         gt.open("room-walk").streams[0],
@@ -126,7 +126,7 @@ def test_reprs_are_one_line_that_says_what_is_there(walk: gt.Results) -> None:
         gt.pipelines,
         gt.recordings,
         gt.compare(walk, walk),
-        gt.sweep(walk, {"steps.swing": [0.2, 1.5]}),
+        gt.sweep(walk, {"steps.score": [0.25, 0.8]}),
         gt.open("waist-walk")["/imu/waist"].read(0, 1),
         gt.open("waist-walk").truth,
     )
@@ -175,7 +175,7 @@ def test_a_moment_is_drawn_with_its_gates(walk: gt.Results) -> None:
     low, high = signal.get_xlim()
     assert low < why.time_s < high
     labels = [label.get_text() for label in gates.get_yticklabels()]
-    assert labels[0].startswith("swing 0.8939 / 1.5")
+    assert labels[0].startswith("score 0.4002 / 0.8")
     with pytest.raises(gt.Error, match=r"why\(STEP\) explains one"):
         walk.why().plot()
 
@@ -213,7 +213,7 @@ def test_a_recording_that_is_not_at_hand_is_not_drawn_and_another_of_its_name_ne
     walk: gt.Results,
 ) -> None:
     rec = shutil.copy(walk.recording_path, "walk.mcap")
-    gt.replay(rec, "waist-steps", {"steps.swing": 1.5}, out="walk.results.mcap")
+    gt.replay(rec, "waist-steps", {"steps.score": 0.8}, out="walk.results.mcap")
     loaded = gt.load("walk.results.mcap")
     why = loaded.why(1)
     why.plot()

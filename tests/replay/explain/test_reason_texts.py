@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reason_texts import CHANNELS, Claims
 
+from groundtrace.detectors.adaptive import ByRhythm, ByScore
 from groundtrace.explain.reasons import CAUSES, Reason, StepReasons, accepted_picks
 from groundtrace.explain.redecide import associated
 from groundtrace.explain.sweep import resolved
@@ -51,20 +52,26 @@ MOMENTS = st.lists(st.integers(0, 600), max_size=14, unique=True).map(sorted)
 FACTORS = st.sampled_from([0.0, 0.3, 0.999, 0.9999999, 1.0, 1.0000001, 1.2, 5.0, np.nan, np.inf])
 
 
+#: Stages that decide in one of several ways.
+WAYS: dict[str, tuple[Any, ...]] = {"adaptive": (ByRhythm, ByScore)}
+
+
 @st.composite
 def detectors(draw: st.DrawFn, name: str, index: int, channels: tuple[str, ...]) -> StageEvidence:
     """Draw what a detector might have found: any candidates, and any trace."""
     stage, kind, parameters = stage_of(pipeline(name), index)
-    gates = gate_specs(kind.gates, parameters)
-    spec = StageSpec(stage.key, stage.use, "/x", channels, kind.columns, gates, kind.trace,
+    way = draw(st.sampled_from(WAYS.get(stage.use, (kind,))))
+    gates = gate_specs(way.gates, parameters)
+    trace = (way.columns[0], *kind.trace[1:])
+    spec = StageSpec(stage.key, stage.use, "/x", channels, way.columns, gates, trace,
                      emitted(kind))  # fmt: skip
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     times = draw(MOMENTS)
     jitter = draw(st.sampled_from([0, 1, 999_999]))
     levels = {g.name: g.threshold for g in gates}
-    value = np.empty((len(times), len(kind.columns)), np.float32)
+    value = np.empty((len(times), len(way.columns)), np.float32)
     for row in value:
-        row[:] = [levels.get(c.name, 1.0) * draw(FACTORS) for c in kind.columns]
+        row[:] = [levels.get(c.name, 1.0) * draw(FACTORS) for c in way.columns]
     time_ns = START + np.array(times, np.int64) * 10_000_000 + jitter
     channel = rng.integers(0, len(channels), len(times)).astype(np.int32)
     frames = _frames(draw, rng, spec, parameters, time_ns, value)
@@ -172,7 +179,7 @@ def one(*times_s: float, swing: float = 1.0, label_s: float = 2.0) -> StepReason
     """Return the reasons of a walk with candidates at some times."""
     _, kind, parameters = stage_of(pipeline("waist-steps"), 0)
     spec = StageSpec("steps", "adaptive", "/x", ("up",), kind.columns,
-                     gate_specs(kind.gates, parameters), kind.trace, emitted(kind))  # fmt: skip
+                     gate_specs(ByRhythm.gates, parameters), kind.trace, emitted(kind))  # fmt: skip
     time_ns = START + np.array([round(t * NS_PER_S) for t in times_s], np.int64)
     value = np.full((len(times_s), len(kind.columns)), 1.0, np.float32)
     value[:, 1] = swing

@@ -117,7 +117,7 @@ def test_a_sure_guess_decides_as_the_placement_stated_would(tmp_path: Path) -> N
 
 
 def test_an_unsure_guess_and_too_little_walking_leave_the_defaults(tmp_path: Path) -> None:
-    unsure = written(tmp_path / "unsure.mcap", body(swing_deg=18.0))
+    unsure = written(tmp_path / "unsure.mcap", body(swing_deg=15.0))
     short = written(tmp_path / "short.mcap", body(8.0))
     for path, said in ((unsure, "is not sure, default timing"), (short, "too little walking")):
         with Recording.open(path) as opened:
@@ -131,8 +131,8 @@ def test_an_unsure_guess_and_too_little_walking_leave_the_defaults(tmp_path: Pat
 def test_without_a_gyroscope_a_guess_must_be_surer() -> None:
     from groundtrace.inertial.placement import Measures, guessed
 
-    half = Measures(60.0, 2.0, 0.9, 0.02, 13.0, 0.05, 0.1)
-    blind = replace(half, turning_radps=None, rests=None)
+    half = Measures(60.0, 2.0, 0.9, 0.9, 0.02, 13.0, 0.05, 0.1)
+    blind = replace(half, turning_radps=None, swinging_radps=None, rests=None)
     assert guessed(half).site == guessed(blind).site == "trunk"
     assert 0.5 < guessed(blind).confidence < 0.7
     assert not guessed(blind).sure
@@ -179,7 +179,10 @@ def test_the_guess_does_not_depend_on_the_part_that_is_replayed(tmp_path: Path) 
             replay(Source(opened, start_ns=start_ns, block_s=0.0), chain, [sink])
         found += [e.time_ns for e in sink.events if isinstance(e, StepEvent)]
     settled = 1_700_000_030 * NS
-    assert [t for t in late if t > settled] == [t for t in whole if t > settled]
+    late, whole = ([t for t in times if t > settled] for times in (late, whole))
+    assert len(late) == len(whole) > 10
+    # what the forward axis remembers of the part before moves them by milliseconds
+    np.testing.assert_allclose(late, whole, rtol=0, atol=2e7)
 
 
 @pytest.mark.parametrize("block_s", [0.0, 0.1, 7.0])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NS = 10**9
-STILL = Measures(60.0, 2.0, 0.4, 0.02, 6.0, 0.05, 0.1)
+STILL = Measures(60.0, 2.0, 0.4, 0.3, 0.02, 6.0, 0.05, 0.1)
 
 
 def limb(seconds: float = 40.0, rate_hz: float = 100.0, swing_deg: float = 25.0) -> np.ndarray:
@@ -67,13 +67,41 @@ def watched(items: list[SignalBlock]) -> PlacementGuess | None:
     [
         (STILL, "trunk"),
         (replace(STILL, face=1.0), "hand"),
-        (replace(STILL, turning_radps=2.0, tilt_deg=25.0, once=0.2), "pocket"),
-        (replace(STILL, turning_radps=2.0, tilt_deg=25.0, once=0.9), "wrist"),
-        (replace(STILL, turning_radps=4.5, rests=0.4, tilt_deg=30.0, swing_mps2=7.0), "foot"),
-        (replace(STILL, turning_radps=None, rests=None, tilt_deg=30.0, swing_mps2=9.0), "foot"),
-        (replace(STILL, turning_radps=None, rests=None, tilt_deg=22.0), "pocket"),
+        (replace(STILL, turning_radps=2.0, swinging_radps=1.6, tilt_deg=25.0, once=0.2), "pocket"),
+        (replace(STILL, turning_radps=2.0, swinging_radps=1.6, tilt_deg=25.0, once=0.9), "wrist"),
+        (
+            replace(
+                STILL,
+                turning_radps=4.5,
+                swinging_radps=3.0,
+                rests=0.4,
+                tilt_deg=30.0,
+                swing_mps2=7.0,
+            ),
+            "foot",
+        ),
+        (
+            replace(
+                STILL,
+                turning_radps=None,
+                swinging_radps=None,
+                rests=None,
+                tilt_deg=30.0,
+                swing_mps2=9.0,
+            ),
+            "foot",
+        ),
+        (
+            replace(STILL, turning_radps=None, swinging_radps=None, rests=None, tilt_deg=22.0),
+            "pocket",
+        ),
         # it turns as fast as a foot, but never stands
-        (replace(STILL, turning_radps=4.0, rests=0.02, tilt_deg=50.0, once=0.9), "wrist"),
+        (
+            replace(
+                STILL, turning_radps=4.0, swinging_radps=3.5, rests=0.02, tilt_deg=50.0, once=0.9
+            ),
+            "wrist",
+        ),
     ],
 )
 def test_each_question_has_its_measure(measures: Measures, site: str) -> None:
@@ -81,7 +109,10 @@ def test_each_question_has_its_measure(measures: Measures, site: str) -> None:
 
 
 def test_the_nearer_a_threshold_the_less_sure() -> None:
-    sure = [guessed(replace(STILL, turning_radps=None, rests=None, tilt_deg=x)) for x in (5, 10)]
+    sure = [
+        guessed(replace(STILL, turning_radps=None, swinging_radps=None, rests=None, tilt_deg=x))
+        for x in (5, 10)
+    ]
     assert sure[0].confidence > sure[1].confidence
     assert guessed(replace(STILL, face=0.7)).confidence == pytest.approx(0.5, abs=0.05)
 

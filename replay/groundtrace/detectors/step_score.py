@@ -1,0 +1,400 @@
+"""Step score: how much a moment at the trunk looks like a contact, whatever came before and after.
+
+No rhythm is asked for: the first and the last step of a walk, steps in turns and single steps are
+looked at one by one, as are those of one who walks very slowly.
+
+1. Two accelerations are looked at, gravity taken out: upward, and forward. Forward is the level
+   direction in which the force goes with the rate of the vertical one: a body is pushed off before
+   a contact and braked after it, a quarter of a step ahead of its rise and fall (Zijlstra and Hof,
+   Gait & Posture 18, 2003, show the order of events). So neither the way the sensor is turned nor a
+   gyroscope is asked for.
+2. The time scale is followed: how long a step lasts, by the mean frequency of the vertical
+   acceleration (that of Rice, Bell System Technical Journal 24, 1945), once smoothed in proportion
+   to the step time itself. Everything after is measured in that time, so that a slow walker looks
+   like a quick one.
+3. A network of one hidden layer looks at both accelerations up to two step times around a moment,
+   and gives the score, 0 to 1. Its weights stand beside this file; ``bench/train_step_score.py``
+   makes them from named recordings.
+4. Local maxima of the score are candidates.
+
+Method and numbers are ours.
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .. import kernels
+from ..dsp.filters import ExponentialMean
+from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+#: Step time of a usual walk, that of time scale 1 [s]. Source: definition, 1.8 steps a second.
+USUAL_STEP_S = 1 / 1.8
+#: Time scales that have a signal of their own, smoothed by so much; between them, those are mixed.
+#: Chosen by judgement: from 3 steps a second to one in 2.2 s, a factor of 1.31 apart.
+SCALES = np.geomspace(0.6, 4.0, 8)
+#: Standard deviation of the smoothing Gaussian at time scale 1 [s]. Chosen by trial on back-steps
+#: and mobgap, each person left out in turn (bench/step_people.py).
+SMOOTH_S = 0.05
+#: Points about a moment that the network looks at, at time scale 1 [points of the grid]. Chosen by
+#: trial on the same: twice the reach gains nothing, and comes later.
+TAPS = np.concatenate([[-44, -36, -30, -24], np.arange(-20, 21, 2), [24, 30, 36, 44]])
+#: Standard deviation of the Gaussians that the forward axis is told with [s]. Chosen by judgement:
+#: the step stays, its second peak goes.
+_AXIS_S = 0.08
+#: Memory of the forward axis, and how far ahead it is known by [s]. Chosen by trial on the same: 6
+#: to 40 s and 2 to 8 s are alike; the shortest look ahead is taken.
+_AXIS_MEMORY_S, AXIS_AHEAD_S = 15.0, 2.0
+#: Points of the grid from one time scale to the next. Chosen by judgement: four a second.
+_HOP = 10
+#: Standard deviation and reach of the Gaussian over which the time scale is told [s]. Chosen by
+#: judgement: some steps.
+_SCALE_S, _SCALE_REACH = 2.0, 2.0
+#: Mean square at time scale 1 that is added, so that of hardly any movement the scale is 1
+#: [(m/s2)^2]. Chosen by trial on the same: 0.0002 loses 0.002 of F1.
+_LITTLE = 0.005
+#: Longest look ahead of a moment [points of the grid]. Source: definition.
+_AHEAD = int(np.ceil(TAPS[-1] * SCALES[-2])) + 1
+#: How far a higher score is looked for, in step times. Chosen by judgement: farther away it is that
+#: of another step.
+APART_STEPS = 0.5
+#: Longest look for a higher score [points of the grid]. Source: definition.
+_NEAR = int(np.ceil(APART_STEPS * USUAL_STEP_S * SCALES[-2] * GRID_HZ)) + 1
+#: Lowest score of a candidate. Chosen by judgement: below it is most of standing still.
+LEAST_SCORE = 0.02
+
+
+#: A point of the grid is a contact, in training, by a Gaussian of this about each [s]. Chosen by
+#: trial on back-steps and mobgap: 0.035 and 0.07 are alike.
+CONTACT_S = 0.05
+#: Least standard deviation of a step's time [s]. Chosen by trial on the same: what is left
+#: where the score is sharpest.
+_CERTAIN_S = 0.02
+_TAPS, _LOGARITHMS = TAPS.astype(np.float64), np.log(SCALES)
+
+
+class Weights(NamedTuple):
+    """What the network was trained to.
+
+    Attributes
+    ----------
+    hidden, bias
+        Of the hidden layer, shape (2 taps, units) [s2/m] and (units,).
+    out, offset
+        Of the score's logarithmic odds, shape (units,), and one number.
+    usual
+        The mean step: acceleration upward, then forward, shape (2 taps,) [m/s2].
+    """
+
+    hidden: Array
+    bias: Array
+    out: Array
+    offset: float
+    usual: Array
+
+
+@cache
+def trained() -> Weights:
+    """Return the weights that stand beside this file; to read only."""
+    text = resources.files(__package__).joinpath("step_score.json").read_text("utf-8")
+    told = json.loads(text)
+    arrays = {name: np.array(told[name], np.float64) for name in ("hidden", "bias", "out", "usual")}
+    return Weights(offset=float(told["offset"]), **arrays)
+
+
+class Windows(NamedTuple):
+    """What the network looks at, point by point of the grid.
+
+    Attributes
+    ----------
+    seen
+        Accelerations upward, then forward, at :data:`TAPS`, shape (n, 2 taps) [m/s2].
+    step_s
+        Step time, shape (n,) [s].
+    """
+
+    seen: Array
+    step_s: Array
+
+
+def moving(force: Array, gravity: Array) -> Array:
+    """Return the acceleration upward, and its rest along the sensor's axes, gravity taken out.
+
+    Parameters
+    ----------
+    force, gravity
+        Shape (3, n) [m/s2].
+
+    Returns
+    -------
+    Shape (4, n) [m/s2].
+    """
+    length = np.sqrt(np.einsum("cn,cn->n", gravity, gravity))
+    unit = np.divide(gravity, length, out=np.zeros_like(gravity), where=length > 0)
+    up = np.einsum("cn,cn->n", force, unit)
+    return np.concatenate([(up - length)[None, :], force - up * unit])
+
+
+class ForwardAxis:
+    """Finds the forward acceleration, by the level force that goes with the vertical rate.
+
+    What is known of the axis at a moment is a mean of what was before it, and of ``ahead_s`` after.
+    """
+
+    def __init__(self) -> None:
+        kernel = gaussian(_AXIS_S)
+        self._smooth = CentredFilter(kernel)
+        self._rate = CentredFilter(np.gradient(kernel) * GRID_HZ)
+        self._mean = ExponentialMean(1.0 - float(np.exp(-1.0 / (_AXIS_MEMORY_S * GRID_HZ))))
+        self._moving = ColumnBuffer(4)
+        self._axis = ColumnBuffer(3)
+
+    def __call__(self, moving: Array) -> Array:
+        """Take accelerations, upward and level, shape (4, n); return upward and forward, (2, m)."""
+        self._moving.add(moving)
+        self._axis.add(self._mean(self._smooth(moving[1:]) * self._rate(moving[:1])))
+        return self._until(self._axis.end - round(AXIS_AHEAD_S * GRID_HZ))
+
+    def flush(self) -> Array:
+        """Return those of the points up to the end."""
+        if not self._moving.end:
+            return np.empty((2, 0))
+        self._axis.add(self._mean(self._smooth.flush() * self._rate.flush()))
+        held = np.repeat(self._axis.values[:, -1:], round(AXIS_AHEAD_S * GRID_HZ), axis=1)
+        self._axis.add(held)
+        return self._until(self._moving.end)
+
+    def _until(self, end: int) -> Array:
+        start = self._moving.first
+        end = max(start, end)
+        ahead = round(AXIS_AHEAD_S * GRID_HZ)
+        moving = self._moving.between(start, end)
+        axis = self._axis.between(start + ahead, end + ahead)
+        length = np.sqrt(np.einsum("cn,cn->n", axis, axis))
+        dot = np.einsum("cn,cn->n", moving[1:], axis)
+        forward = np.divide(dot, length, out=np.zeros_like(dot), where=length > 0)
+        found = np.stack([moving[0], forward])
+        self._moving.discard_before(end)
+        self._axis.discard_before(end + ahead)
+        return found
+
+
+class SmoothedScales:
+    """Smooths two accelerations for each of :data:`SCALES`: rows of a scale stand together."""
+
+    def __init__(self) -> None:
+        self._filters = [CentredFilter(gaussian(SMOOTH_S * scale)) for scale in SCALES]
+        self._kept = [ColumnBuffer(2) for _ in SCALES]
+
+    def __call__(self, pair: Array) -> Array:
+        """Take points, shape (2, n); return those that all scales have, shape (2 scales, m)."""
+        for smooth, kept in zip(self._filters, self._kept, strict=True):
+            kept.add(smooth(pair))
+        return self._common()
+
+    def flush(self) -> Array:
+        """Return the points up to the end."""
+        for smooth, kept in zip(self._filters, self._kept, strict=True):
+            left = smooth.flush()
+            if left.shape[1]:
+                kept.add(left)
+        return self._common()
+
+    def _common(self) -> Array:
+        start = self._kept[0].first
+        end = min(kept.end for kept in self._kept)
+        found = np.concatenate([kept.between(start, end) for kept in self._kept])
+        for kept in self._kept:
+            kept.discard_before(end)
+        return found
+
+
+class TimeScale:
+    """Follows how long a step lasts, by the mean frequency of the vertical acceleration.
+
+    Of each scale the mean frequency over some seconds is told, smoothed in proportion to it. Where
+    that frequency is the scale's own, the scale is that of the steps.
+    """
+
+    def __init__(self) -> None:
+        reach = round(_SCALE_REACH * _SCALE_S * GRID_HZ / _HOP)
+        near = np.arange(-reach, reach + 1) * _HOP / GRID_HZ
+        weights = np.exp(-0.5 * (near / _SCALE_S) ** 2)
+        self._mean = CentredFilter(weights / weights.sum())
+        self._even = CentredFilter(np.array([0.25, 0.5, 0.25]))
+        self._up = ColumnBuffer(len(SCALES))
+        self._before: Array | None = None
+
+    def __call__(self, up: Array) -> Array:
+        """Take the vertical acceleration of each scale, (scales, n); return logarithms, (1, m)."""
+        self._up.add(up)
+        whole = self._up.values.shape[1] // _HOP * _HOP
+        return self._even(_own_scale(self._mean(self._squares(whole, _HOP))))
+
+    def flush(self) -> Array:
+        """Return those of the hops up to the end, of which the last may be short."""
+        left = self._up.values.shape[1]
+        if not self._up.end:
+            return np.empty((1, 0))
+        short = self._squares(left, left) if left else np.empty((2 * len(SCALES), 0))
+        found = np.concatenate([self._mean(short), self._mean.flush()], axis=1)
+        return np.concatenate([self._even(_own_scale(found)), self._even.flush()], axis=1)
+
+    def _squares(self, count: int, hop: int) -> Array:
+        """Return mean squares of the next points and of their rates, hop by hop."""
+        start = self._up.first
+        points = self._up.between(start, start + count)
+        if not count:
+            return np.empty((2 * len(SCALES), 0))
+        before = points[:, :1] if self._before is None else self._before
+        rate = np.diff(points, axis=1, prepend=before) * GRID_HZ
+        self._before = points[:, -1:].copy()
+        self._up.discard_before(start + count)
+        both = np.concatenate([points, rate])
+        return np.asarray((both * both).reshape(len(both), -1, hop).mean(axis=2))
+
+
+def _own_scale(squares: Array) -> Array:
+    """Return the logarithm of the time scale of each hop, shape (1, n), by mean squares."""
+    count = len(SCALES)
+    if not squares.shape[1]:
+        return np.empty((1, 0))
+    usual = (2 * np.pi / USUAL_STEP_S) ** 2
+    # what a scale's frequency is told by is smoothed as the next scale is
+    power, rates = squares[1:count], squares[count + 1 :]
+    scales = np.log(SCALES[:-1])
+    ratio = (rates + _LITTLE * usual) / ((power + _LITTLE) * usual)
+    above = 0.5 * np.log(ratio) + scales[:, None]
+    last = len(scales) - 1
+    passed = above >= 0
+    place = np.clip(np.argmax(passed, axis=0), 1, last)
+    at = np.arange(above.shape[1])
+    low, high = above[place - 1, at], above[place, at]
+    part = np.clip(np.divide(-low, high - low, out=np.ones_like(low), where=high != low), 0, 1)
+    found = scales[place - 1] + part * (scales[place] - scales[place - 1])
+    return np.asarray(np.where(passed.any(axis=0), found, scales[last])[None, :])
+
+
+class StepWindows:
+    """Brings the surroundings of every point of the grid to the time scale of its steps."""
+
+    def __init__(self) -> None:
+        self._axis = ForwardAxis()
+        self._smoothed = SmoothedScales()
+        self._scale = TimeScale()
+        self._points = ColumnBuffer(2 * len(SCALES))
+        self._hops = ColumnBuffer(1)
+        self._next = 0
+
+    def __call__(self, moving: Array) -> Windows:
+        """Take accelerations, upward and level, shape (4, n); return the points known by now."""
+        self._take(self._smoothed(self._axis(moving)))
+        known = (self._hops.end - 1) * _HOP + _HOP // 2
+        return self._until(min(known, self._points.end - _AHEAD))
+
+    def flush(self) -> Windows:
+        """Return the points up to the end."""
+        last = self._smoothed(self._axis.flush())
+        self._take(np.concatenate([last, self._smoothed.flush()], axis=1))
+        self._hops.add(self._scale.flush())
+        return self._until(self._points.end)
+
+    def _take(self, points: Array) -> None:
+        self._points.add(points)
+        self._hops.add(self._scale(points[::2]))
+
+    def _until(self, end: int) -> Windows:
+        start, self._next = self._next, max(self._next, end)
+        if self._next == start:
+            return Windows(np.empty((0, 2 * len(TAPS))), np.empty(0))
+        seen, scale = kernels.steps.scaled_windows(
+            self._points.contiguous(),
+            self._points.first,
+            (start, self._next),
+            self._hops.contiguous()[0],
+            self._hops.first,
+            _HOP,
+            _LOGARITHMS,
+            _TAPS,
+        )
+        self._points.discard_before(self._next - _AHEAD)
+        self._hops.discard_before(self._next // _HOP - 1)
+        return Windows(seen, USUAL_STEP_S * np.exp(scale))
+
+
+class Scores(NamedTuple):
+    """What the network says of consecutive points of the grid, shape (n,) each.
+
+    Attributes
+    ----------
+    odds
+        Logarithm of the odds that the score is.
+    vertical, forward
+        What there is of the usual step's acceleration upward and forward, 1 of a usual one.
+    """
+
+    odds: Array
+    vertical: Array
+    forward: Array
+
+
+def scores(seen: Array, weights: Weights) -> Scores:
+    """Return what the network says of windows, shape (n, 2 taps)."""
+    w = weights
+    return Scores(*kernels.steps.scores(seen, w.hidden, w.bias, w.out, w.usual, w.offset))
+
+
+def probability(odds: Array) -> Array:
+    """Return the score that logarithms of odds stand for, 0 to 1."""
+    return np.asarray(1.0 / (1.0 + np.exp(-odds)))
+
+
+#: Columns of what is measured of a candidate: where it is [points of the grid since the start of
+#: the run]; its score; time to the nearest higher score, in step times, at most
+#: :data:`APART_STEPS`; what there is of the usual step's accelerations; standard deviation of the
+#: time [s]; step time [s].
+COLUMNS = ("place", "score", "apart", "vertical", "forward", "uncertainty", "step_s")
+
+
+class ScorePeaks:
+    """Finds the local maxima of the score."""
+
+    def __init__(self) -> None:
+        self._kept = ColumnBuffer(4)
+        self._next = 1  # a maximum has a neighbour on either side
+
+    def __call__(self, found: Scores, step_s: Array) -> Array:
+        """Take points; return the candidates whose surroundings are complete, (n, columns)."""
+        self._kept.add(np.stack([*found, step_s]))
+        peaks = self._until(self._kept.end - _NEAR)
+        self._kept.discard_before(self._next - _NEAR)
+        return peaks
+
+    def flush(self) -> Array:
+        """Return the candidates that waited; a maximum at the very end is not one."""
+        return self._until(self._kept.end - 1)
+
+    def _until(self, end: int) -> Array:
+        if end <= self._next:
+            return np.empty((0, len(COLUMNS)))
+        span, self._next = (self._next, end), end
+        found: Array = kernels.steps.score_peaks(
+            self._kept.contiguous(),
+            self._kept.first,
+            span,
+            LEAST_SCORE,
+            APART_STEPS,
+            GRID_HZ,
+            (CONTACT_S, _CERTAIN_S),
+        )
+        return found
