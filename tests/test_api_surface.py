@@ -28,7 +28,7 @@ SURFACE = {
         check_state outcome rechunked run""",
     "groundtrace.pipeline.gates": """
         Candidates Decisions Gate GateState Level Reach Refractory decide decided_block
-        gate_specs never_passed""",
+        gate_specs never_passed stated""",
     "groundtrace.pipeline.parameters": """
         ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
     "groundtrace.pipeline.stage": """

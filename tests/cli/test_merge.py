@@ -116,7 +116,7 @@ def test_the_clock_of_a_waist_is_found_by_the_steps_of_a_room(
     check_schema("merge", found)
     clock = found["clocks"][1]
     assert (clock["matched"], clock["of"], clock["ambiguous"]) == (45, 45, False)
-    # half of it is what waist-steps calls the moment of a step: 15 ms after contact
+    # half of it is what waist-steps calls the moment of a step: 30 ms after contact
     assert clock["ahead_s"] == pytest.approx(AHEAD_S, abs=0.03)
     assert abs(clock["second"]["from_best_s"]) == pytest.approx(0.55, abs=0.05)
     info = done(capsys, "info", "both.mcap")
@@ -136,7 +136,7 @@ def test_both_pipelines_decide_on_one_timeline_as_they_did_on_two(
     done(
         capsys, "replay", "both.mcap", "--no-viewer", "--pipeline", "waist-steps", "--out", "w.mcap"
     )
-    score = done(capsys, "score", "w.mcap", "--tolerance", "0.03", "--json").document["steps"]
+    score = done(capsys, "score", "w.mcap", "--tolerance", "0.05", "--json").document["steps"]
     assert score["truth"] == 45
     assert score["f1"] > 0.97
 

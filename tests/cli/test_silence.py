@@ -189,7 +189,7 @@ def test_a_setting_outside_its_bounds_and_one_that_accepts_nothing_are_told(
 
 
 def test_no_track_where_one_was_asked_for_is_told(capsys: Capture) -> None:
-    asked = ("walk.mcap", "--pipeline", "pedestrian", "--set", "steps.swing=90")
+    asked = ("walk.mcap", "--pipeline", "pedestrian", "--set", "steps.score=1")
     assert (
         "warning: no track, though one was asked for: track takes the steps of steps, which found 0"
     ) in replayed(capsys, *asked)

@@ -828,8 +828,10 @@ def _of_usual(evidence: Evidence, part: StageEvidence, row: int) -> str:
     stage = next((s for s in evidence.config.stage if s.key == part.spec.stage), None)
     shares = getattr(stage_named(stage.use), "of_usual", ()) if stage is not None else ()
     names = [column.name for column in part.spec.columns]
-    found = [f"{n} {part.candidates.value[row, names.index(n)]:.2f}" for n in shares if n in names]
-    return f"; {' and '.join(found)} of a usual step" if found else ""
+    told = {n: float(part.candidates.value[row, names.index(n)]) for n in shares if n in names}
+    if not told or not np.isfinite(list(told.values())).all():
+        return ""
+    return f"; {' and '.join(f'{n} {x:.2f}' for n, x in told.items())} of a usual step"
 
 
 def _lacking(

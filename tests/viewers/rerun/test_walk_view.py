@@ -74,7 +74,7 @@ def test_every_candidate_is_a_mark_at_its_peak_on_the_filtered_signal(
     assert len(peaks) >= 8
     assert all(on[t] == pytest.approx(v, abs=1e-3) for t, v in peaks)
     times, valleys = read_back(path, f"{ROOT}/accepted/valley", SCALARS)
-    assert len(times)
+    assert len(times) or plugin == "adaptive"  # a score rises from no valley
     assert all(on[t] == pytest.approx(v, abs=1e-3) for t, [v] in zip(times, valleys, strict=True))
 
 
