@@ -12,6 +12,7 @@ load. Nothing here needs any, so that it is told they are absent, as they may be
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import shutil
@@ -47,16 +48,20 @@ class _Absent(MetaPathFinder):
 
 
 @contextmanager
-def _without_optional() -> Iterator[None]:
-    absent = _Absent()
+def _loading() -> Iterator[None]:
+    """Let numba load alone, and at once: hundreds of thousands of objects that all stay."""
+    absent, collected = _Absent(), gc.isenabled()
     sys.meta_path.insert(0, absent)
+    gc.disable()
     try:
         yield
     finally:
         sys.meta_path.remove(absent)
+        if collected:
+            gc.enable()
 
 
-with _without_optional():
+with _loading():
     import numba
 
 #: How long a function takes to compile, more or less [s]. Bench: cold and warm replays of
@@ -102,7 +107,7 @@ def _njit(function: Any, *signature: Any) -> Any:
     options = {"nogil": True, "error_model": "numpy"}
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, str(FOLDER)
     try:
-        with _without_optional():
+        with _loading():
             return numba.njit(*signature, cache=True, **options)(function)
     except RuntimeError:  # no place at all can be written: compiled anew in every process
         return numba.njit(*signature, **options)(function)

@@ -81,7 +81,7 @@ def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> 
         "import threading\n"
         "from groundtrace.kernels import compiling\n"
         "found = []\n"
-        "with compiling._without_optional():\n"
+        "with compiling._loading():\n"
         "    try:\n"
         "        import scipy.linalg\n"
         "    except ImportError:\n"
