@@ -1,8 +1,8 @@
-"""What a recording's impacts tell of its floor and clocks: calibration, and how amplitude falls."""
+"""Calibration: impacts tell of floor and clocks, a known distance of the lengths of steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.geometry import Geometry
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from groundtrace_codecs.events import Event, Label
 
+    from ..inertial.length_calibration import LengthCalibration
     from ..layout.calibrate import Calibration
     from ..pipeline.config import PipelineConfig
     from .files import Report
@@ -68,6 +69,47 @@ def attenuation_of(
             f"found {len(impacts)} impacts that tell too little"
         )
     return len(impacts), found
+
+
+def lengths_of(
+    source: Path, distance_m: float, pipeline: str = "pedestrian", progress: Progress = unseen
+) -> tuple[str, LengthCalibration]:
+    """Calibrate the lengths of steps by a recording, or results, of a walk of known distance.
+
+    Parameters
+    ----------
+    source
+        Recording or results.
+    distance_m
+        What was walked in it [m].
+    pipeline
+        What a recording is replayed with.
+    progress
+        Told how far a replay is.
+
+    Returns
+    -------
+    The name of the recording, and what was found.
+
+    Raises
+    ------
+    RecordingError
+        Where nobody walks in it.
+    """
+    from ..inertial.length_calibration import calibrate_lengths, measured_steps
+    from ..inertial.steps import ReckoningParameters
+
+    subject = _subject(existing(source), pipeline, None, unheard, progress)
+    steps = measured_steps(subject.replayed(subject.geometry or Geometry()))
+    if not len(steps):
+        raise RecordingError(
+            f"{subject.name}: expected steps of dead reckoning, found none (pipeline "
+            f"{subject.pipeline.name})"
+        )
+    given = [s.parameters["height_m"] for s in subject.pipeline.stage if "height_m" in s.parameters]
+    known = ReckoningParameters()
+    known = replace(known, height_m=float(given[-1])) if given else known
+    return subject.name, calibrate_lengths(steps, distance_m, known)
 
 
 @dataclass(frozen=True, slots=True)

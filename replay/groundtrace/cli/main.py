@@ -62,8 +62,10 @@ COMMANDS = {
     "calibrate": (
         f"{HERE}.layout:calibrate",
         "Estimate from all impacts how waves travel over the floor and how far the sensors' clocks "
-        "differ, with or without known places; say what cannot be told.\n\n"
-        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
+        "differ, with or without known places; say what cannot be told. Or, with --distance, how "
+        "long the steps of a walker are.\n\n"
+        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml\n\n"
+        "Example: groundtrace calibrate walk.mcap --distance 114",
     ),
     "annotate": (
         f"{HERE}.annotate:annotate",

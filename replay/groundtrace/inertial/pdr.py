@@ -68,9 +68,10 @@ class PedestrianDeadReckoning:
     """Steps times length along their azimuth, a filter's errors with them.
 
     The candidates are the steps. ``cadence`` and ``speed`` are what a step taken for one would
-    mean; one that is no walk is not taken. ``swing`` and ``rise`` are what the models of length
-    look at, ``azimuth`` is the step's, counter-clockwise from x, ``off`` how far its magnetic
-    field is from the usual one, ``height`` that over the start by the barometer.
+    mean; one that is no walk is not taken. ``swing``, ``rise`` and ``interval``, from the peak to
+    its end, are what the models of length look at, ``azimuth`` is the step's, counter-clockwise
+    from x, ``off`` how far its magnetic field is from the usual one, ``height`` that over the start
+    by the barometer.
     """
 
     columns = (
@@ -83,6 +84,7 @@ class PedestrianDeadReckoning:
         Quantity("off", "uT"),
         Quantity("height", "m"),
         Quantity("mounting", "deg"),
+        Quantity("interval", "s"),
     )
     gates = (
         Level("cadence", "Hz", "cadence_hz", at_least=False),
@@ -119,7 +121,7 @@ class PedestrianDeadReckoning:
         interval_s = self._interval_s(step.time_ns)
         span = step.time_ns - round(interval_s * NS_PER_S), step.time_ns
         shape = shape_of(motion, *span)
-        length_m = step_length(shape, step.type, p)
+        length_m = step_length(shape, step.type, interval_s, p)
         self._facing.watch(step, interval_s, motion)
         heading = self._facing.heading(motion, *span) + ASIDE.get(step.type, 0.0)
         sight, off = self._north.sight(motion, *span, length_m)
@@ -130,7 +132,7 @@ class PedestrianDeadReckoning:
         turn = self._facing.turn_rad
         azimuth = math.degrees(wrap_angle(self._azimuth(stride, turn)))
         row = [1 / interval_s, length_m / interval_s, length_m, shape.swing, shape.rise_m, azimuth]
-        row += [off * 1e6, height_m, math.degrees(turn)]
+        row += [off * 1e6, height_m, math.degrees(turn), shape.peak_end_s]
         return Candidates(
             np.array([step.time_ns], np.int64),
             np.zeros(1, np.int32),
@@ -160,6 +162,18 @@ class PedestrianDeadReckoning:
         if facing.news:
             said.append(Note(stride.time_ns, facing.news, source=self.stage))
         return said
+
+    @property
+    def field_told(self) -> str:
+        """What a person should know of the field's direction; empty without a field."""
+        scatter_deg = math.degrees(self._north.scatter_rad)
+        if math.isnan(scatter_deg) or self.parameters.azimuth == "gyroscope":
+            return ""
+        return (
+            f"the field's direction scatters by {scatter_deg:.0f} degrees over {self._north.steps} "
+            f"steps; all directions together may be off by {self.parameters.direction_deg:g} "
+            "degrees, which nothing here tells but a known direction or a second known place"
+        )
 
     def flush(self, until_ns: int = 2**63) -> list[TrackPoint]:
         """End the track with what is known until a time; return what is still to say of it."""
@@ -207,7 +221,8 @@ class PedestrianDeadReckoning:
         learns = p.updates in ("waypoints", "gnss")
         walker = ReckoningFilter(noise, np.array(place), sigma_m, learns_scale=learns)
         smooth_s = p.smooth_s if p.smooth else 0.0
-        self._track = Track(walker, time_ns, self.stage, self.number, smooth_s)
+        direction_rad = math.radians(p.direction_deg)
+        self._track = Track(walker, time_ns, self.stage, self.number, smooth_s, direction_rad)
         return self._track.begin()
 
     def _take_places(self, track: Track, until_ns: int) -> list[TrackPoint]:
@@ -282,7 +297,7 @@ class BodyWornSensor:
 
 
 #: A step counts satellite fixes up to so long after it.
-LATE_NS = NS_PER_S
+LATE_NS = 3 * NS_PER_S // 2
 #: It waits until the signal is so far beyond it: streams come in portions, and late. Chosen by
 #: judgement: twice a slow step.
 WAIT_NS = 3 * NS_PER_S // 2
@@ -335,9 +350,10 @@ class DeadReckoning(Stage):
         self._placement = context.stream.placement
         worn = next((axis for word, axis in AXES.items() if word in self._placement), None)
         axis: Ahead = p.axis or worn or "walk"  # a left foot is a foot
+        length = p.step_length or ("weinberg" if "phone" in self._placement else "fused")
         origin = context.geometry.start or (0.0, 0.0)
         self._plane = TangentPlane(origin)
-        self._reckoner = PedestrianDeadReckoning(replace(p, axis=axis))
+        self._reckoner = PedestrianDeadReckoning(replace(p, axis=axis, step_length=length))
         self._reckoner.start(context.stage, context.tracks.next(), origin)
         self._reckoner.update(waypoints_of(context.labels, p.waypoint_m))
         return ("walker",)
@@ -437,6 +453,8 @@ class DeadReckoning(Stage):
             expected = "expected a gyroscope and an accelerometer of three axes"
             text = f"{topic}: {len(self._steps)} steps lead nowhere: {expected}, found none"
             yield Note(self._steps[0].time_ns, text, "WARN", stage)
+        if told := self._reckoner.field_told:
+            yield Note(self._sensors[-1].end_ns, f"{topic}: {told}", "INFO", stage)
         for remark in dict.fromkeys(sensor.remark for sensor in self._sensors if sensor.remark):
             yield Note(self._sensors[-1].end_ns, remark, "WARN", stage)
         if held := sum(sensor.held for sensor in self._sensors):
@@ -468,11 +486,25 @@ class FieldDirection:
         Horizontal and vertical part of the field so far [T]; None before the first step.
     steps
         How many steps that rests on.
+    directions
+        Sum of unit vectors along the field in the level axes.
     """
 
     parameters: ReckoningParameters
     usual: tuple[float, float] | None = None
     steps: int = 0
+    directions: complex = 0j
+
+    @property
+    def scatter_rad(self) -> float:
+        """Circular standard deviation of the field's direction over the steps [rad]; NaN of none.
+
+        The gyroscope follows the turns; what it drifts by counts as well.
+        """
+        if not self.steps:
+            return math.nan
+        resultant = min(abs(self.directions) / self.steps, 1.0)
+        return math.sqrt(-2 * math.log(max(resultant, 1e-9)))
 
     def sight(
         self, motion: LevelFrameMotion, start_ns: int, stop_ns: int, length_m: float
@@ -489,6 +521,7 @@ class FieldDirection:
         before = (flat, up) if self.usual is None else self.usual
         off = math.hypot(flat - before[0], up - before[1])
         self._learn(flat, up, before)
+        self.directions += complex(east, north) / flat
         p = self.parameters
         sigma = math.hypot(math.radians(p.compass_deg), off / max(before[0], LEAST_T))
         # the level frame's magnetic north, against the map's

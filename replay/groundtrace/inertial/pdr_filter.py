@@ -49,15 +49,25 @@ class Track:
         Go into the points.
     smooth_s
         Longest piece that is smoothed at once [s]; 0 smooths nothing.
+    direction_rad
+        What all azimuths may be off by together, as a standard deviation that nothing in the
+        recording tells [rad]. It is in the covariance of points until a known place tells it.
     """
 
     def __init__(
-        self, filter_: ReckoningFilter, time_ns: int, stage: str, number: int, smooth_s: float
+        self,
+        filter_: ReckoningFilter,
+        time_ns: int,
+        stage: str,
+        number: int,
+        smooth_s: float,
+        direction_rad: float = 0.0,
     ) -> None:
         self.filter = filter_
         self.stage = stage
         self.number = number
         self.smooth_s = smooth_s
+        self.direction_rad = direction_rad
         self._begun = (filter_.copy(), time_ns)
         self._turn_rad = 0.0
         self._settled = False
@@ -103,6 +113,7 @@ class Track:
     def fix(self, time_ns: int, place: Array, sigma_m: float) -> list[TrackPoint]:
         """Take in where the walker was at a time, shape (2,) [m]; return the point."""
         fix = Fix(time_ns, place, sigma_m)
+        self.direction_rad = 0.0
         self._aim(fix)
         before = self._knots.moment(-1)
         nis = self._meet(fix)
@@ -199,7 +210,11 @@ class Track:
     def _point(
         self, now: TrackNode, before: TrackNode | None, stage: str, nis: float = NO_NIS
     ) -> TrackPoint:
-        time_ns, x, y, spread = now
+        time_ns, x, y, (xx, xy, yy) = now
+        # a turn about the beginning, as a direction that is off makes it
+        right = -self.direction_rad * (y - float(self.filter.origin[1]))
+        up = self.direction_rad * (x - float(self.filter.origin[0]))
+        spread = (xx + right * right, xy + right * up, yy + up * up)
         vx = vy = math.nan
         if before is not None and time_ns > before.time_ns:
             elapsed_s = (time_ns - before.time_ns) / NS_PER_S

@@ -24,7 +24,7 @@ _GIVEN, _ROWS = (ArrayType(float64, n, "C", readonly=True) for n in (1, 2))
 _TWO_PI = 2.0 * math.pi
 
 
-@compiled(UniTuple(float64, 2)(_TIMES, _ROWS, int64, float64, int64, float64[:, ::1]))
+@compiled(UniTuple(float64, 3)(_TIMES, _ROWS, int64, float64, int64, float64[:, ::1]))
 def shape(
     time_ns: NDArray[np.int64],
     acceleration: Array,
@@ -32,8 +32,10 @@ def shape(
     smooth_s: float,
     ns_per_s: int,
     room: Array,
-) -> tuple[float, float]:
-    """Return swing [m/s2] and rise [m] of a step by its accelerations, the last column upward.
+) -> tuple[float, float, float]:
+    """Return swing [m/s2], rise [m] and peak-end time [s] of a step by its accelerations.
+
+    The last column is upward. The peak-end time is that from the highest to the lowest after it.
 
     Averages over ``smooth_s`` count as nothing beyond the samples, three at least, shape (n,) and
     (n, 3), which begin and end ``margin_ns`` before and after the step. The room, shape (2, n), is
@@ -52,8 +54,13 @@ def shape(
             count += 1
     inside = up[:count] if count >= 3 else smooth
     low, high = inside[0], inside[0]
-    for x in inside:
-        low, high, total = min(low, x), max(high, x), total + x
+    top = bottom = 0
+    for i in range(len(inside)):
+        low, total = min(low, inside[i]), total + inside[i]
+        if inside[i] > high:
+            high, top, bottom = inside[i], i, i
+        elif inside[i] < inside[bottom]:
+            bottom = i
     for _ in range(2):  # what it gains about its mean: the speed, then the height
         mean, gained, total = total / len(inside), 0.0, 0.0
         for i in range(len(inside)):
@@ -63,7 +70,7 @@ def shape(
     least, most = inside[0], inside[0]
     for x in inside:
         least, most = min(least, x), max(most, x)
-    return high - low, most - least
+    return high - low, most - least, (bottom - top) * period_s
 
 
 @compiled(float64(_ROWS, _GIVEN))

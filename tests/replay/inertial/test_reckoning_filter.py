@@ -174,3 +174,17 @@ def test_smoothing_in_pieces_says_every_moment_once() -> None:
     said += along.flush()
     smoothed = [p.time_ns for p in said if p.stage == "track.smoothed"]
     assert smoothed == [at(k) for k in range(61)]
+
+
+def test_a_direction_that_nothing_tells_is_in_the_spread_until_a_place_tells_it() -> None:
+    made = Track(walker(), 0, "track", 1, 1e6, math.radians(10.0))
+    plain = track(walker())
+    for second in range(1, 11):
+        stride = Stride(second * NS_PER_S, 1.0, 0.0, None, 0.0)
+        point, other = (one.step(stride, 0.0, settled=True)[0] for one in (made, plain))
+    assert point.x_m == other.x_m
+    added = np.subtract(point.covariance, other.covariance)
+    assert added == pytest.approx([0.0, 0.0, (10.0 * math.radians(10.0)) ** 2])
+    (known,) = made.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    (same,) = plain.fix(11 * NS_PER_S, np.array([10.0, 0.0]), 1.0)
+    assert known.covariance == pytest.approx(same.covariance)

@@ -10,6 +10,7 @@ import pytest
 
 from groundtrace.inertial.body_motion import LevelFrameMotion
 from groundtrace.inertial.steps import (
+    BELIEFS,
     Barometer,
     ReckoningParameters,
     StepShape,
@@ -23,31 +24,45 @@ from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
 
 P = ReckoningParameters()
-SHAPE = StepShape(swing=16.0, rise_m=0.04)
+SHAPE = StepShape(swing=16.0, rise_m=0.04, peak_end_s=0.2)
 
 
 def test_fixed_calibrated_and_by_height_need_no_signal() -> None:
-    assert step_length(SHAPE, "", replace(P, step_length="fixed", length_m=0.6)) == 0.6
+    assert step_length(SHAPE, "", 0.5, replace(P, step_length="fixed", length_m=0.6)) == 0.6
     calibrated = replace(P, step_length="calibrated", calibrated_m=70.0, calibrated_steps=100)
-    assert step_length(SHAPE, "", calibrated) == pytest.approx(0.7)
+    assert step_length(SHAPE, "", 0.5, calibrated) == pytest.approx(0.7)
     tall = replace(P, step_length="height", height_m=1.8, height_part=0.4)
-    assert step_length(SHAPE, "", tall) == pytest.approx(0.72)
+    assert step_length(SHAPE, "", 0.5, tall) == pytest.approx(0.72)
 
 
 def test_weinberg_takes_the_fourth_root_of_the_swing() -> None:
-    assert step_length(SHAPE, "", replace(P, weinberg=0.35)) == pytest.approx(0.7)
+    assert step_length(SHAPE, "", 0.5, replace(P, weinberg=0.35)) == pytest.approx(0.7)
 
 
 def test_the_pendulum_takes_the_chord_of_what_the_leg_swings_up() -> None:
     p = replace(P, step_length="pendulum", pendulum=1.0, height_m=1.0 / 0.53)
-    assert step_length(SHAPE, "", p) == pytest.approx(2 * math.sqrt(2 * 0.04 - 0.04**2))
-    assert math.isfinite(step_length(StepShape(1.0, 9.0), "", p))
+    assert step_length(SHAPE, "", 0.5, p) == pytest.approx(2 * math.sqrt(2 * 0.04 - 0.04**2))
+    assert math.isfinite(step_length(StepShape(1.0, 9.0, 0.0), "", 0.5, p))
+
+
+def test_by_cadence_and_by_the_peak_s_end_and_by_both_beliefs() -> None:
+    by = {m: replace(P, step_length=m) for m in ("weinberg", "cadence", "interval", "fused")}
+    length = {model: step_length(SHAPE, "", 0.25, p) for model, p in by.items()}
+    assert length["cadence"] == pytest.approx(P.cadence_part * P.height_m * 2)
+    assert length["interval"] == pytest.approx(P.interval_mps * 0.2)
+    low, high = sorted((length["weinberg"], length["cadence"]))
+    assert low < length["fused"] < high
+    # of two beliefs the surer one, by its inverse variance
+    sure = BELIEFS["weinberg"] ** -2, BELIEFS["cadence"] ** -2
+    middle = sure[0] * math.log(length["weinberg"]) + sure[1] * math.log(length["cadence"])
+    assert math.log(length["fused"]) == pytest.approx(middle / sum(sure))
+    assert math.isfinite(step_length(StepShape(0.0, 0.0, 0.0), "", 0.25, by["fused"]))
 
 
 def test_steps_back_and_aside_are_shorter() -> None:
-    ahead = step_length(SHAPE, "forward", P)
-    assert step_length(SHAPE, "backward", P) == pytest.approx(P.backward * ahead)
-    assert step_length(SHAPE, "left", P) == step_length(SHAPE, "right", P) < ahead
+    ahead = step_length(SHAPE, "forward", 0.5, P)
+    assert step_length(SHAPE, "backward", 0.5, P) == pytest.approx(P.backward * ahead)
+    assert step_length(SHAPE, "left", 0.5, P) == step_length(SHAPE, "right", 0.5, P) < ahead
 
 
 def motion(rise_m: float, step_s: float, rate_hz: float = 100.0) -> LevelFrameMotion:
@@ -65,10 +80,11 @@ def test_the_rise_of_a_body_that_bobs_is_found_from_its_acceleration() -> None:
     shape = shape_of(motion(0.05, 0.5), 0, NS_PER_S // 2)
     assert shape.rise_m == pytest.approx(0.05, rel=0.1)
     assert shape.swing == pytest.approx(0.05 * (4 * math.pi) ** 2, rel=0.1)
+    assert shape.peak_end_s == pytest.approx(0.25, abs=0.03)
 
 
 def test_a_step_of_hardly_any_samples_has_no_shape() -> None:
-    assert shape_of(motion(0.05, 0.5, 20.0).between(0, 1), 0, 1) == StepShape(0.0, 0.0)
+    assert shape_of(motion(0.05, 0.5, 20.0).between(0, 1), 0, 1) == StepShape(0.0, 0.0, 0.0)
 
 
 def test_degrees_become_metres_to_the_east_and_north() -> None:
