@@ -237,7 +237,7 @@ def _calibrate_lengths(source: Path, distance_m: float, pipeline: str, *, json: 
     if json:
         print_json({"recording": name} | msgspec.to_builtins(found))
         return
-    print(
+    print_line(
         f"{name}: {found.steps} steps over {found.distance_m:g} m: {found.length_m:.3f} m each, "
         f"{found.cadence_hz:.2f} a second, {found.speed_mps:.2f} m/s"
     )
@@ -254,7 +254,7 @@ def _calibrate_lengths(source: Path, distance_m: float, pipeline: str, *, json: 
     print_table(("model", "by default [m]", "off", "calibrated", "scatter of steps"), rows)
     told = " ".join(f"--set track.{n}={v:.4g}" for n, v in found.models[-1].constants.items())
     told += f" --set track.scale_error={CALIBRATED:g}"
-    print(f"use it with: groundtrace replay REC.mcap --pipeline {pipeline} {told}")
+    print_line(f"use it with: groundtrace replay REC.mcap --pipeline {pipeline} {told}")
 
 
 def _print_calibration(c: Calibration) -> None:

@@ -296,7 +296,8 @@ class BodyWornSensor:
             self.motion.flush()
 
 
-#: A step counts satellite fixes up to so long after it.
+#: A step counts signal and satellite fixes up to so long after it. Chosen by judgement: the slowest
+#: step that tells the walking axis.
 LATE_NS = 3 * NS_PER_S // 2
 #: It waits until the signal is so far beyond it: streams come in portions, and late. Chosen by
 #: judgement: twice a slow step.
