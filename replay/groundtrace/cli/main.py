@@ -62,10 +62,9 @@ COMMANDS = {
     "calibrate": (
         f"{HERE}.layout:calibrate",
         "Estimate from all impacts how waves travel over the floor and how far the sensors' clocks "
-        "differ, with or without known places; say what cannot be told. Or, with --distance, how "
-        "long the steps of a walker are.\n\n"
-        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml\n\n"
-        "Example: groundtrace calibrate walk.mcap --distance 114",
+        "differ, with or without known places; say what cannot be told. Or, by a walk of so many "
+        "metres (--distance 114), how long the steps of a walker are.\n\n"
+        "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
     ),
     "annotate": (
         f"{HERE}.annotate:annotate",
