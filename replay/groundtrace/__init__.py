@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
     from .api.analysis import Comparison, Explanation, Sweep
     from .api.comparing import compare, sweep
-    from .api.in_memory import replay
     from .api.pictures import show
     from .api.pipelines import Pipeline, pipelines
     from .api.recording import Recording, Stream, recordings
     from .api.recording import open_recording as open  # noqa: A004
+    from .api.replay import replay
     from .api.results import Results
     from .api.results import load_results as load
     from .api.scores import Score
@@ -71,7 +71,7 @@ _LAZY = {
     "open": ("groundtrace.api.recording", "open_recording"),
     "pipelines": ("groundtrace.api.pipelines", "pipelines"),
     "recordings": ("groundtrace.api.recording", "recordings"),
-    "replay": ("groundtrace.api.in_memory", "replay"),
+    "replay": ("groundtrace.api.replay", "replay"),
     "show": ("groundtrace.api.pictures", "show"),
     "sweep": ("groundtrace.api.comparing", "sweep"),
 }

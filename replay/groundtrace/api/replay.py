@@ -1,4 +1,4 @@
-"""A replay as commands and pages run it: its arguments, the run, and its report."""
+"""A replay as Python, commands and pages run it: into memory or files, or about a missed step."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import itertools
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.units import RANGES
 from groundtrace_codecs.recording import Recording as File
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
+from ..evaluation.matching import STEP_TOLERANCE_S
+from ..evaluation.truth import kinds_of
+from ..explain.reasons import matched
 from ..explain.suitability import Prepared, prepared
 from ..pipeline.config import (
     PipelineConfig,
@@ -22,27 +28,122 @@ from ..pipeline.config import (
     load_pipeline,
     with_settings,
 )
-from ..pipeline.engine import Clock, ReplayLoop, ReplaySession
+from ..pipeline.engine import Clock, EventList, ReplayLoop, ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import (
     Provenance,
     ResultsSink,
+    evidence_of,
     file_sha256,
+    given_to,
     package_versions,
+    read_results,
+    replayed_labels,
 )
+from ..pipeline.results import Results as Decided
 from ..pipeline.source import Source
-from .files import existing, unheard
-from .known_truth import annotations_to_show
-from .pipelines import default_pipeline
+from .files import existing, unheard, writable
+from .known_truth import annotations_to_show, truth_beside
+from .pipelines import Pipeline, default_pipeline, with_parameters
+from .recording import Recording, open_recording
+from .results import Results
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from groundtrace_codecs.events import Gap, Note
-    from groundtrace_codecs.signals import SignalBlock
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event, Gap, Note
 
     from ..pipeline.engine import ReplayCounts, Sink
     from .files import Report
+
+#: What is shown before and after a missed step [s]. Chosen by judgement: some steps to either side.
+AROUND_S = 5.0
+
+
+def replay(
+    recording: Recording | str | Path,
+    pipeline: Pipeline | str | Path = "",
+    set: Mapping[str, Any] | None = None,  # noqa: A002  # as the option of the command
+    out: str | Path | None = None,
+    *,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    force: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Results:
+    """Replay a recording through a pipeline; the decisions are kept in memory.
+
+    They are those of ``groundtrace replay`` with the same pipeline and settings.
+
+    Parameters
+    ----------
+    recording
+        Of :func:`.recording.open_recording`, or what that takes.
+    pipeline
+        A pipeline, the name of a shipped one, or a TOML file; without it the one that fits the
+        recording.
+    set
+        Values of parameters by ``stage.parameter``, e.g. those of a remedy.
+    out
+        Write the results to this file too.
+    from_s, to_s
+        Replay from <= time < to alone [s since the first sample].
+    force
+        Replace ``out`` where it exists.
+    progress
+        Called now and then with the part that is done, 0 to 1.
+
+    Raises
+    ------
+    Error
+        Where pipeline, settings or recording are not what they must be, do not suit each other, or
+        ``out`` cannot be written.
+
+    Examples
+    --------
+    >>> import groundtrace as gt
+    >>> gt.replay("waist-walk", "waist-steps", to_s=20)
+    Results(waist-walk.mcap, waist-steps, 27/27 steps, 0 false)
+    """
+    asked = configured(pipeline, set or {}) if pipeline else None
+    if not isinstance(recording, Recording):
+        recording = open_recording(recording)
+    target = None if out is None else Path(out)
+    with recording.opened() as file:
+        config = asked or with_parameters(load_pipeline(default_pipeline(file)), set or {})
+        ready = prepared(config, file)
+        if target is not None:
+            writable(target, force=force, sources=[recording.path])
+        plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
+        origin, kept = plan.provenance(), EventList()
+        written = [] if target is None else [ResultsSink(target, origin, force=force)]
+        plan.run([kept, *written], progress=progress)
+    name = f"{recording.path.stem}.results.mcap" if target is None else target.name
+    return Results(_decided(name, plan, origin, tuple(kept.events)), recording.path, target)
+
+
+def _decided(
+    name: str, plan: PlannedReplay, origin: Provenance, events: tuple[Event, ...]
+) -> Decided:
+    """Return what a results file of the replay holds."""
+    session = plan.session
+    labels = replayed_labels(session.labels, *plan.span)
+    given = given_to(origin.pipeline, session.labels)
+    return Decided(name, origin, labels, session.geometry, events, session.annotations, given)
+
+
+def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:
+    """Return a pipeline with settings, all names and values checked.
+
+    Raises
+    ------
+    PipelineError, PluginError
+        Where one is not what it must be.
+    """
+    config = pipeline.config if isinstance(pipeline, Pipeline) else load_pipeline(str(pipeline))
+    return with_parameters(config, settings)
 
 
 def replay_to_files(
@@ -278,3 +379,102 @@ def _span(
             f"--from: expected at most the {length_s:g} s of {session.name}, found {from_s:g}"
         )
     return at(from_s), at(to_s)
+
+
+def missed_step(results: Path, number: int, report: Report = unheard) -> int:
+    """Return the time of a missed step of a result [ns]; the first has the number 1.
+
+    Parameters
+    ----------
+    results
+        The file.
+    number
+        Of the step among those that were missed.
+    report
+        Told what a person should know of the truth.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no truth, or there are not so many.
+    """
+    result = read_results(results)
+    labels = truth_beside(result, results, report=report)
+    name = result.provenance.recording
+    if not any(label.kind == "step" for label in labels):
+        raise RecordingError(
+            f"{name}: --at-miss: expected true steps in the recording, found {kinds_of(labels)}"
+        )
+    found = matched(evidence_of(result, labels), tolerance_s=STEP_TOLERANCE_S)
+    if not 1 <= number <= len(found.missed):
+        raise RecordingError(
+            f"{name}: --at-miss: expected one of the {len(found.missed)} missed steps, "
+            f"found {number}"
+        )
+    return int(found.truth_ns[found.missed[number - 1]])
+
+
+class TimeWindowSink:
+    """Passes on what lies around a moment; it is decided by a replay of the whole recording.
+
+    Parameters
+    ----------
+    sink
+        Where to.
+    at_ns
+        The moment [ns].
+    """
+
+    def __init__(self, sink: Sink, at_ns: int) -> None:
+        self._sink = sink
+        reach = round(AROUND_S * NS_PER_S)
+        self._start_ns, self._end_ns = at_ns - reach, at_ns + reach
+
+    def open(self, session: ReplaySession) -> None:
+        """Begin, with the labels and annotations of the window."""
+        shown_ns = (max(self._start_ns, session.start_ns), min(self._end_ns, session.end_ns))
+        labels = replayed_labels(session.labels, *shown_ns)
+        annotations = tuple(
+            replace(annotation, label=label)
+            for annotation in session.annotations
+            for label in replayed_labels((annotation.label,), *shown_ns)
+        )
+        window = replace(session, labels=labels, annotations=annotations, shown_ns=shown_ns)
+        self._sink.open(window)
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Pass on the part of an item that lies in the window."""
+        part = self._part(item)
+        if part is not None:
+            self._sink.write(part)
+
+    def abandon(self) -> None:
+        """End the replay without an output."""
+        abandon = getattr(self._sink, "abandon", self._sink.close)
+        abandon()
+
+    def close(self) -> None:
+        """End the replay."""
+        self._sink.close()
+
+    def _part(self, item: SignalBlock | Event) -> SignalBlock | Event | None:
+        if isinstance(item, StageSpec):
+            return item
+        if isinstance(item, SignalBlock):
+            times = item.sample_times()
+            first, last = np.searchsorted(times, (self._start_ns, self._end_ns))
+            return item.slice(int(first), int(last)) if last > first else None
+        if isinstance(item, CandidateBlock | TraceBlock):
+            return _rows(item, (item.time_ns >= self._start_ns) & (item.time_ns < self._end_ns))
+        return item if self._start_ns <= item.time_ns < self._end_ns else None
+
+
+def _rows(block: Any, rows: NDArray[np.bool_]) -> CandidateBlock | TraceBlock | None:
+    """Return some rows of a block of columns; None of none."""
+    if not rows.any():
+        return None
+    names = [f for f in type(block).__dataclass_fields__ if f != "spec"]
+    part: CandidateBlock | TraceBlock = replace(
+        block, **{name: getattr(block, name)[rows] for name in names}
+    )
+    return part

@@ -124,7 +124,7 @@ as green triangles, rejected ones as grey crosses.
 
 def _page(found: Comparison) -> str:
     """Return the page about two results."""
-    from .explanations import counts_table
+    from .why import counts_table
 
     lines = [f"# {found.recording}", "", f"A = {found.a.name}, B = {found.b.name}", ""]
     if found.a.counts is not None and found.b.counts is not None:

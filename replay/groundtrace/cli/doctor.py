@@ -7,9 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+from ..api.doctor import Health, Installation, Place, health_of, inspect_installation
 from ..api.files import existing, writable
-from ..api.health import Health, Place, health_of
-from ..api.installation import Installation, inspect_installation
 from ..errors import PluginError, RecordingError
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.parameters import describe

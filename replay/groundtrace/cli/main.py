@@ -80,7 +80,7 @@ COMMANDS = {
         "Example: groundtrace share walk.results.mcap -o for-bea",
     ),
     "export": (
-        f"{HERE}.export:export_",
+        f"{HERE}.recordings:export_",
         "Write events of a result for other tools: CSV, Parquet, QuakeML, GeoJSON, GPX, Audacity "
         "labels; the signals of a recording as miniSEED, CSV or Parquet.\n\n"
         "Example: groundtrace export walk.results.mcap -o steps.csv --kind steps",

@@ -14,7 +14,12 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import existing, writable
-from ..api.replay import PlannedReplay, configured_for
+from ..api.replay import (
+    PlannedReplay,
+    TimeWindowSink,
+    configured_for,
+    missed_step,
+)
 from ..errors import RecordingError
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
@@ -119,8 +124,6 @@ def replay(
             sinks.append(shown)
         tally = _run(plan, sinks, rate, quiet=quiet)
         if at_miss is not None:
-            from ..api.at_miss import TimeWindowSink, missed_step
-
             at_ns = missed_step(results, at_miss, print_stderr)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             _run(plan.again(), [TimeWindowSink(shown, at_ns)], quiet=quiet)

@@ -5,22 +5,41 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from cyclopts import Parameter, validators
 
 from ..api.analysis import evidence_with
 from ..explain.questions import Kind, Question, explained
 from ..explain.unfiltered import beside
-from ..explain.why import StepExplanation
+from ..explain.why import Moment, StepExplanation
+from ..explain.why_picks import PickAccount, PickMoment
+from ..explain.why_places import FixMoment, PlaceAccount
+from ..explain.why_vehicles import VehicleAccount, VehicleMoment
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
-from .console import print_json, print_stderr, print_warnings, truth_of, where_to_show
-from .explanations import answer_page, print_answer
+from .console import (
+    print_json,
+    print_line,
+    print_stderr,
+    print_table,
+    print_warnings,
+    truth_of,
+    where_to_show,
+)
 from .options import AT_LEAST_ONE, FLAG, ForceOutput, Json, Results, Truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..explain.questions import Answer
+    from ..explain.reasons import Chain
+    from ..explain.redecide import Counts
+    from ..explain.remedies import Remedy
+    from ..explain.why import FalseDetection, Missed
+    from ..explain.why_picks import BadPick, ChannelPicks
+    from ..explain.why_places import Figures, FixAccount, PlaceCause, PlaceRemedy, SensorFault
     from ..pipeline.results import Evidence
+
 
 Count = Annotated[int | None, AT_LEAST_ONE]
 Positive = Annotated[float, Parameter(validator=validators.Number(gt=0))]
@@ -107,3 +126,573 @@ def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> 
     result = read_results(results, evidence=True)
     places = (beside(results, result.provenance.recording), *recordings)
     return evidence_with(result, truth_of(result, results, truth), places)
+
+
+def print_answer(found: Answer) -> None:
+    """Print what was found, for people."""
+    match found.details:
+        case StepExplanation():
+            print_account(found.details)
+        case Moment():
+            print_moment(found.details)
+            if found.sought:
+                print_line(f"\nsmallest change: {remedy_text(found.remedy)}")
+        case PickAccount():
+            print_picks(found.details)
+        case PickMoment():
+            print_pick(found.details)
+        case PlaceAccount():
+            print_places(found.details)
+        case FixMoment():
+            print_place(found.details, found.reference)
+        case VehicleAccount():
+            print_vehicles(found.details)
+        case VehicleMoment():
+            print_vehicle_moment(found.details)
+
+
+def answer_page(found: Answer) -> str:
+    """Return the page that a viewer's file has of it."""
+    match found.details:
+        case StepExplanation():
+            return account_page(found.details)
+        case Moment():
+            title = "" if found.step is None else f"step {found.step}"
+            return moment_page(found.details, title, found.remedy)
+        case PickAccount():
+            return picks_page(found.details)
+        case PickMoment():
+            return f"# picks at {found.details.time_s:.3f} s\n"
+        case PlaceAccount():
+            return places_page(found.details)
+        case FixMoment():
+            return place_page(found.details)
+        case VehicleAccount():
+            return vehicles_page(found.details)
+        case VehicleMoment():
+            return f"# vehicles at {found.details.time_s:.3f} s\n"
+
+
+PICK_HEADER = ("pick", "time [s]", "channel", "", "off [ms]", "cause", "why")
+
+
+def print_pick(found: PickMoment) -> None:
+    """Print a bad pick, or a moment, with the candidates about it."""
+    if found.bad is not None:
+        print_table(PICK_HEADER, _picks_rows([found.bad]))
+    else:
+        print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates for picks")
+    for link in found.chain:
+        print_link(link)
+
+
+def print_picks(found: PickAccount) -> None:
+    """Print the figures, the channels with bad picks, and the bad picks."""
+    print_line(_picks_headline(found))
+    if found.causes:
+        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+        print_line("causes: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+    wrong = [c for c in found.channels if sum(_counts(c)[1:])]
+    if wrong:
+        print_line("\nchannels")
+        header = ("channel", "right", "late", "early", "missed", "false", "median off [ms]", "")
+        print_table(header, [_channel_row(c) for c in wrong])
+    if found.bad:
+        print_line("\npicks")
+        print_table(PICK_HEADER, _picks_rows(found.bad))
+
+
+def _picks_headline(found: PickAccount) -> str:
+    c = found.counts
+    return (
+        f"{found.recording}: {found.stage}: {c.right} right to {found.tolerance_ms:g} ms, "
+        f"{c.late} late, {c.early} early, {c.missed} missed, {c.false} false"
+    )
+
+
+def _counts(found: ChannelPicks) -> tuple[int, ...]:
+    c = found.counts
+    return (c.right, c.late, c.early, c.missed, c.false)
+
+
+def _channel_row(found: ChannelPicks) -> tuple[str, ...]:
+    whose = "its clock" if found.clock else "the picker's latency"
+    note = f"by nearly the same time: {whose}" if found.clock or found.latency else ""
+    return (found.channel, *map(str, _counts(found)), _picks_number(found.median_ms), note)
+
+
+def _picks_rows(bad: Sequence[BadPick]) -> list[tuple[str, ...]]:
+    """Return a row for each bad pick; those of a channel with the same reason share one."""
+    groups: dict[tuple[str, str, str, str], list[BadPick]] = {}
+    for b in bad:
+        key = (b.channel, b.state, b.reason.cause, b.reason.text)
+        groups.setdefault(key, []).append(b)
+    return [
+        (
+            spans([b.pick for b in same]),
+            first_to_last([b.time_s for b in same]),
+            channel,
+            state,
+            _picks_number(float(np.median([b.off_ms for b in same]))),
+            cause,
+            text,
+        )
+        for (channel, state, cause, text), same in groups.items()
+    ]
+
+
+def _picks_number(value: float) -> str:
+    return f"{value:+.2f}" if np.isfinite(value) else "-"
+
+
+def picks_page(found: PickAccount) -> str:
+    """Return the page about all picks."""
+    lines = [f"# {found.recording}", "", _picks_headline(found), ""]
+    if found.bad:
+        lines += page_table(PICK_HEADER, _picks_rows(found.bad))
+    return "\n".join(lines) + "\n"
+
+
+FIX_HEADER = ("fix", "time [s]", "off [m]", "cause", "misfit", "why", "smallest change")
+AGAINST = {"truth": "the truth", "track": "the track (no true places)", "none": "nothing known"}
+
+
+def print_places(found: PlaceAccount) -> None:
+    """Print the figures, the wrong sensors and the bad places."""
+    print_line(_places_headline(found))
+    if found.undetected:
+        print_line(f"{found.undetected} true steps were not detected; see --kind steps")
+    if found.causes:
+        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+        print_line("causes of bad places: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+    if found.sensors:
+        print_line("\nsensors")
+        rows = [_sensor_row(s, found.reference) for s in found.sensors]
+        print_table(("sensor", "cause", "why", "change", "what it does"), rows)
+    if found.bad:
+        print_line("\nplaces")
+        print_line(
+            "misfit: what a cause leaves unexplained of the arrivals; the next best beside it"
+        )
+        print_table(FIX_HEADER, _fix_rows(found.bad, found.reference))
+
+
+def _places_headline(found: PlaceAccount) -> str:
+    f = found.figures
+    counts = (
+        f"{f.right} right, {f.far} more than {found.tolerance_m:g} m off, {f.rejected} rejected, "
+        f"{f.missing} without a place"
+    )
+    rmse = f"RMSE {f.rmse_m:.2f} m" if np.isfinite(f.rmse_m) else "errors unknown"
+    against = f"{rmse} against {AGAINST[found.reference]}"
+    return f"{found.recording}: places of {found.stage}: {counts}; {against}"
+
+
+def _sensor_row(s: SensorFault, reference: str) -> tuple[str, ...]:
+    if s.before is None or s.after is None:
+        return (s.channel, s.cause, s.text, "-", "-")
+    off = f"its arrivals {s.before_ms:.2f} -> {s.after_ms:.2f} ms off the curve"
+    gain = f"explains them better by {s.gain:.0f}, {s.rival} by {s.rival_gain:.0f} (BIC)"
+    does = f"{off}, {_effect(s.before, s.after, reference)}"
+    return (s.channel, s.cause, f"{s.text}; {gain}", s.change or "none without harm", does)
+
+
+def _effect(before: Figures, after: Figures, reference: str) -> str:
+    """Return what a change does to all places; a track that bad places made is no measure."""
+    parts = []
+    if reference == "truth":
+        parts.append(f"RMSE {before.rmse_m:.2f} -> {after.rmse_m:.2f} m")
+    elif np.isfinite(before.residual) and np.isfinite(after.residual):
+        parts.append(f"median residual {before.residual:.3g} -> {after.residual:.3g}")
+    wrong = [f.far + f.rejected + f.missing for f in (before, after)]
+    return ", ".join([*parts, f"bad {wrong[0]} -> {wrong[1]}"])
+
+
+def _fix_rows(bad: Sequence[FixAccount], reference: str) -> list[tuple[str, ...]]:
+    """Return a row for each bad place; those with the same cause and remedy share one."""
+    groups: dict[tuple[str, str, str], list[FixAccount]] = {}
+    for fix in bad:
+        groups.setdefault(_same(fix), []).append(fix)
+    rows: list[tuple[str, ...]] = []
+    for (cause, text, change), same in groups.items():
+        remedy = same[0].cause.remedy if same[0].cause is not None else None
+        mends = _remedy(remedy, change, reference, alone=len(same) == 1)
+        rows.append(
+            (
+                spans([f.fix for f in same]),
+                first_to_last([f.time_s for f in same]),
+                _off(same),
+                cause,
+                _closest([f.cause for f in same if f.cause is not None]),
+                text,
+                mends,
+            )
+        )
+    return rows
+
+
+def _same(fix: FixAccount) -> tuple[str, str, str]:
+    cause = fix.cause
+    if cause is None:
+        return "", "", ""
+    change = cause.remedy.change if cause.remedy is not None else ""
+    return cause.cause, cause.text, change
+
+
+def _closest(causes: Sequence[PlaceCause]) -> str:
+    """Return the misfit of a cause and of its rival, where they are closest."""
+    known = [c for c in causes if np.isfinite(c.misfit)]
+    if not known:
+        return "-"
+    c = min(known, key=lambda c: np.nan_to_num(c.rival_misfit - c.misfit, nan=np.inf))
+    beside = f", {c.rival} {c.rival_misfit:.1f}" if c.rival else ""
+    return f"{c.misfit:.1f}{beside}"
+
+
+def _off(fixes: Sequence[FixAccount]) -> str:
+    errors = [f.error_m for f in fixes if np.isfinite(f.error_m)]
+    states = {f.state for f in fixes} - {"far"}
+    note = "/".join(sorted(states))
+    if not errors:
+        return note or "-"
+    span = f"{min(errors):.2f}" + (f"-{max(errors):.2f}" if len(errors) > 1 else "")
+    return f"{span} {note}".rstrip()
+
+
+def _remedy(remedy: PlaceRemedy | None, change: str, reference: str, *, alone: bool) -> str:
+    if remedy is None:
+        return "no change of one parameter or sensor does it without harm"
+    to = f" ({remedy.error_m:.2f} m off)" if alone and np.isfinite(remedy.error_m) else ""
+    return f"{change}{to}: {_effect(remedy.before, remedy.after, reference)}"
+
+
+def print_place(found: FixMoment, reference: str) -> None:
+    """Print everything about one place."""
+    print_line(_place_line(found.fix))
+    cause = found.fix.cause
+    if cause is not None:
+        print_line(f"{cause.cause}: {cause.text}")
+        if np.isfinite(cause.misfit):
+            print_line(f"misfit: {_closest([cause])}")
+        change = cause.remedy.change if cause.remedy is not None else ""
+        print_line(f"smallest change: {_remedy(cause.remedy, change, reference, alone=True)}")
+    for r in found.fix.readings:
+        verdict = "pass" if r.passed else "FAIL"
+        unit = "" if r.unit == "1" else f" {r.unit}"
+        print_line(
+            f"gate {r.gate}: {r.value:.4g}{unit}, threshold {r.threshold:.4g}{unit}: {verdict}"
+        )
+    print_line()
+    header = ("channel", "arrival [ms]", "off [ms]", "without it: off [m]", "residual", "")
+    print_table(header, _channel_rows(found))
+
+
+def _channel_rows(found: FixMoment) -> list[tuple[str, ...]]:
+    return [
+        (
+            c.channel,
+            _places_number(c.arrival_ms, ".2f"),
+            _places_number(c.off_ms, "+.2f"),
+            _places_number(c.error_without_m, ".2f"),
+            _places_number(c.residual_without, ".3g"),
+            c.text,
+        )
+        for c in found.channels
+    ]
+
+
+def _places_number(value: float, form: str) -> str:
+    return format(value, form) if np.isfinite(value) else "-"
+
+
+def _place_line(fix: FixAccount) -> str:
+    place = f"({fix.x_m:.2f}, {fix.y_m:.2f}) m" if np.isfinite(fix.x_m) else "nowhere"
+    off = f", {fix.error_m:.2f} m off" if np.isfinite(fix.error_m) else ""
+    return f"fix {fix.fix} at {fix.time_s:.3f} s: {fix.state}: placed {place}{off}"
+
+
+def places_page(found: PlaceAccount) -> str:
+    """Return the page about all places."""
+    lines = [f"# {found.recording}", "", _places_headline(found), ""]
+    lines += [f"* {s.channel}, {s.cause}: {s.text}" for s in found.sensors]
+    if found.bad:
+        rows = [row[: len(FIX_HEADER) - 1] for row in _fix_rows(found.bad, found.reference)]
+        lines += ["", *page_table(FIX_HEADER[:-1], rows)]
+    return "\n".join(lines) + "\n"
+
+
+def place_page(found: FixMoment) -> str:
+    """Return the page about one place."""
+    lines = [f"# fix {found.fix.fix}", "", _place_line(found.fix), ""]
+    if found.fix.cause is not None:
+        lines += [f"**{found.fix.cause.cause}**: {found.fix.cause.text}", ""]
+    header = ("channel", "arrival [ms]", "off [ms]", "off without it [m]", "residual", "")
+    lines += page_table(header, _channel_rows(found))
+    return "\n".join(lines) + "\n"
+
+
+#: So many spans of numbers are written out.
+WRITTEN = 4
+
+
+def spans(numbers: Sequence[int]) -> str:
+    """Return rising numbers as spans, e.g. ``1-7, 13``; of many spans only the first."""
+    found: list[tuple[int, int]] = []
+    for number in numbers:
+        if found and number == found[-1][1] + 1:
+            found[-1] = (found[-1][0], number)
+        else:
+            found.append((number, number))
+    texts = [str(a) if a == b else f"{a}-{b}" for a, b in found[:WRITTEN]]
+    left = sum(b - a + 1 for a, b in found[WRITTEN:])
+    return ", ".join(texts) + (f" and {left} more" if left else "")
+
+
+def first_to_last(times_s: Sequence[float]) -> str:
+    """Return the span of times, or the only one."""
+    text = f"{times_s[0]:.3f}"
+    return text if len(times_s) == 1 else f"{text}-{times_s[-1]:.3f}"
+
+
+def print_account(found: StepExplanation) -> None:
+    """Print every missed and false step, and how many picks and places are bad."""
+    counts = found.counts
+    print_line(f"{found.recording}: {counts.tp} right, {counts.fn} missed, {counts.fp} false")
+    if found.shift is not None:
+        s = found.shift
+        print_line(
+            f"one shift mends {s.mends} of {s.pairs} steps that were found at the wrong time: all "
+            f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} would be "
+            f"right; see also --tolerance"
+        )
+    if found.causes:
+        causes = sorted(found.causes.items(), key=lambda item: -item[1])
+        print_line("causes of misses: " + ", ".join(f"{n} {cause}" for cause, n in causes))
+    for noun, mended, wrong in (
+        ("misses", found.mended_missed, found.missed),
+        ("false steps", found.mended_false, found.false),
+    ):
+        if wrong and not found.untried:
+            print_line(
+                f"remedies of {noun}: {mended.one} one change, {mended.two} a pair of changes, "
+                f"{mended.none} none"
+            )
+    if found.untried and (found.missed or found.false):
+        print_line(f"remedies: none sought; {_untried_text(found.untried)}")
+    if found.bad_fixes:
+        print_line(f"places: {found.bad_fixes} far off, rejected or missing; see --kind fixes")
+    if found.bad_picks:
+        print_line(f"picks: {found.bad_picks} late, early or missed; see --kind picks")
+    if found.missed:
+        print_line("\nmissed")
+        header = ("step", "time [s]", "candidate", "cause", "why", "smallest change")
+        print_table(header, [_missed_row(m, found) for m in found.missed])
+    if found.false:
+        print_line("\nfalse")
+        rows = [_false_row(f, found) for f in found.false]
+        print_table(("time [s]", "what it is", "narrowest gate", "smallest change"), rows)
+
+
+def _missed_row(m: Missed, found: StepExplanation) -> tuple[str, ...]:
+    near = m.reason.candidate_s
+    candidate = "none" if near is None else f"{(near - m.time_s) * 1e3:+.0f} ms"
+    cause, text = m.reason.cause, m.reason.text
+    if m.pair is not None:
+        scored = {f.time_s for f in found.false}
+        outside = "" if m.pair.found_s in scored else ", outside what is scored"
+        text = f"{text} (the step found at {m.pair.found_s:.3f} s{outside})"
+    return (str(m.step), f"{m.time_s:.3f}", candidate, cause, text, _change_text(m, found))
+
+
+def _false_row(f: FalseDetection, found: StepExplanation) -> tuple[str, ...]:
+    gate = f.narrowest
+    text = "-" if gate is None else f"{gate.gate} {gate.value:.4g} over {gate.threshold:.4g}"
+    answers = "-" if f.pair is None else f.pair.text
+    return (f"{f.time_s:.3f}", answers, text, _change_text(f, found))
+
+
+def _change_text(wrong: Missed | FalseDetection, found: StepExplanation) -> str:
+    """Return what mends a wrong decision; the one shift of all where that is what does it."""
+    if wrong.remedy is None and wrong.pair is not None and found.shift is not None:
+        left_ms = wrong.pair.late_ms - found.shift.late_ms
+        if abs(left_ms) <= found.tolerance_s * 1e3:
+            return f"the shift of all detections ({found.shift.late_ms:+.0f} ms)"
+    return "-" if found.untried else remedy_text(wrong.remedy)
+
+
+def _untried_text(stage: str) -> str:
+    return f"{stage} takes signal, so what it makes of other settings takes a replay"
+
+
+def remedy_text(remedy: Remedy | None) -> str:
+    """Return a change and what it does to the steps."""
+    if remedy is None:
+        return "no change of one or two parameters does it without harm"
+    before, after = remedy.before, remedy.after
+    return (
+        f"{settings_text(remedy)}: TP {before.tp}->{after.tp}, FP {before.fp}->{after.fp}, "
+        f"FN {before.fn}->{after.fn}"
+    )
+
+
+def settings_text(remedy: Remedy) -> str:
+    """Return the changes as arguments of ``replay``."""
+    return " ".join(f"--set {setting}" for setting in remedy.settings)
+
+
+def print_moment(found: Moment) -> None:
+    """Print every candidate about a moment."""
+    if found.reason is None:
+        answers = "" if found.pair is None else f" at {found.pair.found_s:.3f} s: {found.pair.text}"
+        print_line(f"{found.time_s:.3f} s: a step was accepted{answers}")
+    else:
+        at = "" if found.pair is None else f" (the step found at {found.pair.found_s:.3f} s)"
+        print_line(f"{found.time_s:.3f} s: no step ({found.reason.cause}): {found.reason.text}{at}")
+    for link in found.chain:
+        print_link(link)
+
+
+def print_link(link: Chain) -> None:
+    """Print one candidate and its gates."""
+    verdict = "accepted" if link.accepted else "rejected"
+    print_line(f"\n{link.stage} {link.topic} {link.channel} at {link.time_s:.4f} s: {verdict}")
+    rows = [
+        (
+            "  " + r.gate,
+            f"{r.value:.5g}",
+            f"{r.threshold:.5g}",
+            f"{r.margin:+.4g}",
+            r.unit,
+            "pass" if r.passed else "FAIL",
+        )
+        for r in link.readings
+    ]
+    print_table(("  gate", "value", "threshold", "margin", "unit", ""), rows)
+
+
+VEHICLE_HEADER = ("time [s]", "vehicle", "station", "", "stage", "why", "one setting that mends it")
+
+
+def print_vehicles(found: VehicleAccount) -> None:
+    """Print how many are right, and the reasons of those that are not."""
+    print_line(_vehicles_headline(found))
+    if found.reasons:
+        print_table(VEHICLE_HEADER, _vehicles_rows(found))
+
+
+def print_vehicle_moment(found: VehicleMoment) -> None:
+    """Print the candidates about a moment."""
+    print_line(f"{found.time_s:.3f} s: {len(found.chain)} candidates")
+    for link in found.chain:
+        print_link(link)
+
+
+def vehicles_page(found: VehicleAccount) -> str:
+    """Return the page about all passes or courses."""
+    return f"# {_vehicles_headline(found)}\n"
+
+
+def _vehicles_headline(found: VehicleAccount) -> str:
+    return (
+        f"{found.recording}: {found.stage}: {found.right} right, {found.missed} missed, "
+        f"{found.false} false"
+    )
+
+
+def _vehicles_rows(found: VehicleAccount) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"{r.time_s:.2f}",
+            r.target or "-",
+            r.station,
+            r.state,
+            r.stage,
+            r.text,
+            f"--set {r.change}" if r.change else "-",
+        )
+        for r in found.reasons
+    ]
+
+
+READING_WHY = """
+## How to read it
+
+* Panels: each candidate's value at one gate, the threshold as a red line. **Green** passed, \
+**red** fails at this gate first, **amber** fails here behind another gate.
+* White ring: the candidate that explains the moment. White line: the moment.
+* Lanes: the same verdicts gate by gate; `score` has steps hit, missed and false; `truth` is what \
+the recording says.
+"""
+
+
+def moment_page(found: Moment, title: str, remedy: Remedy | None) -> str:
+    """Return the page about one moment.
+
+    Parameters
+    ----------
+    found
+        What there is at the moment.
+    title
+        Which true step it is, e.g. ``step 8``; empty for any other moment.
+    remedy
+        The smallest change that finds that step; None where there is none, or none is needed.
+    """
+    lines = [f"# {title or 'moment'} at {found.time_s:.3f} s", ""]
+    if found.reason is None:
+        lines.append("A step was accepted.")
+    else:
+        lines.append(f"**{found.reason.cause}**: {found.reason.text}")
+    if found.pair is not None:
+        lines += ["", f"The step found at {found.pair.found_s:.3f} s {found.pair.text}."]
+    if remedy is not None:
+        lines += ["", f"Smallest change: `{settings_text(remedy)}`", ""]
+        lines += counts_table((("now", remedy.before), ("then", remedy.after)))
+    elif title and found.reason is not None:
+        lines += [
+            "",
+            "No change of one or two parameters finds it without losing more than it mends.",
+        ]
+    stages = list(dict.fromkeys(link.stage for link in found.chain))
+    for link in sorted(found.chain, key=lambda link: -stages.index(link.stage)):
+        lines += ["", *_chain(link)]
+    return "\n".join(lines) + "\n" + READING_WHY
+
+
+def page_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table as lines of a page."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
+
+
+def counts_table(rows: tuple[tuple[str, Counts], ...]) -> list[str]:
+    """Return a table of right, false and missed, as lines of a page."""
+    head = ["| | right | false | missed |", "|---|---|---|---|"]
+    return head + [f"| {name} | {c.tp} | {c.fp} | {c.fn} |" for name, c in rows]
+
+
+def _chain(link: Chain) -> list[str]:
+    verdict = "accepted" if link.accepted else "rejected"
+    head = f"**{link.stage} {link.channel} at {link.time_s:.3f} s: {verdict}**"
+    rows = [
+        f"| {r.gate} | {r.value:.4g} | {r.threshold:.4g} | {r.margin:+.3g} "
+        f"| {'pass' if r.passed else '**fail**'} |"
+        for r in link.readings
+    ]
+    return [head, "", "| gate | value | threshold | margin | |", "|---|---|---|---|---|", *rows]
+
+
+def account_page(found: StepExplanation) -> str:
+    """Return the page about a whole result."""
+    lines = [f"# {found.recording}", "", *counts_table((("", found.counts),)), ""]
+    if found.shift is not None:
+        s = found.shift
+        lines += [
+            f"One shift mends {s.mends} of {s.pairs} steps found at the wrong time: all "
+            f"detections {s.late_ms:+.0f} ms from the truth; without that {s.right} are right.",
+            "",
+        ]
+    lines += [f"* {n} missed by {cause}" for cause, n in found.causes.items()]
+    if found.missed:
+        rows = [(f"{m.step}", f"{m.time_s:.3f}", m.reason.text) for m in found.missed]
+        lines += ["", *page_table(("missed", "time [s]", "why"), rows)]
+    return "\n".join(lines) + "\n" + READING_WHY

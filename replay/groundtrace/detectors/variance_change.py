@@ -22,8 +22,7 @@ from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from .. import kernels
-from ..dsp.butterworth import steady_state
-from ..dsp.filters import bandpass
+from ..dsp.filters import bandpass, steady_state
 from ..dsp.noise import CompleteCells, RunningMaximum, cell_length
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured

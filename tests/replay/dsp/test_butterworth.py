@@ -7,7 +7,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy import signal
 
-from groundtrace.dsp.butterworth import butterworth, steady_state
+from groundtrace.dsp.filters import butterworth, steady_state
 
 ORDERS = st.integers(1, 6)
 RATES = st.sampled_from([6.0, 50.0, 59.4, 100.0, 500.0, 1000.0, 4000.0, 20_000.0])
