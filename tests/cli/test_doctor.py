@@ -18,7 +18,7 @@ from command_runs import check_schema, done, run
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from groundtrace.api import installation
+from groundtrace.api import doctor as examined
 from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.mcap.writer import CHUNK_BYTES
 from groundtrace_recordings import path_of
@@ -251,8 +251,8 @@ def test_a_full_disk_is_one_line_and_what_was_written_is_kept(
 def test_the_installation_is_told_with_what_would_install_the_rest(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = installation._version
-    monkeypatch.setattr(installation, "_version", lambda n: None if n == "obspy" else whole(n))
+    whole = examined._version
+    monkeypatch.setattr(examined, "_version", lambda n: None if n == "obspy" else whole(n))
     document = done(capsys, "doctor", "--json").document
     check_schema("doctor", document)
     found = document["installation"]
@@ -263,7 +263,7 @@ def test_the_installation_is_told_with_what_would_install_the_rest(
     assert found["broken_plugins"] == []
     (obspy,) = [e for e in found["extras"] if e["package"] == "obspy"]
     assert obspy["command"] == "pip install 'groundtrace[seismic]'"
-    monkeypatch.setattr(installation, "_version", lambda n: None if n == "numpy" else whole(n))
+    monkeypatch.setattr(examined, "_version", lambda n: None if n == "numpy" else whole(n))
     said = done(capsys, "doctor").out
     assert "MISSING" in said
     assert "something needed is missing" in said
