@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from .api.pipelines import Pipeline, pipelines
     from .api.recording import Recording, Stream, recordings
     from .api.recording import open_recording as open  # noqa: A004
-    from .api.replay import replay
-    from .api.results import Results
+    from .api.results import Results, replay
     from .api.results import load_results as load
     from .api.scores import Score
     from .api.tables import EventTable
@@ -71,7 +70,7 @@ _LAZY = {
     "open": ("groundtrace.api.recording", "open_recording"),
     "pipelines": ("groundtrace.api.pipelines", "pipelines"),
     "recordings": ("groundtrace.api.recording", "recordings"),
-    "replay": ("groundtrace.api.replay", "replay"),
+    "replay": ("groundtrace.api.results", "replay"),
     "show": ("groundtrace.api.pictures", "show"),
     "sweep": ("groundtrace.api.comparing", "sweep"),
 }

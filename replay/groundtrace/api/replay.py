@@ -1,4 +1,4 @@
-"""A replay as Python, commands and pages run it: into memory or files, or about a missed step."""
+"""A replay as commands and pages run it: its arguments, the run, and a part of it about a miss."""
 
 from __future__ import annotations
 
@@ -17,9 +17,6 @@ from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..errors import RecordingError
-from ..evaluation.matching import STEP_TOLERANCE_S
-from ..evaluation.truth import kinds_of
-from ..explain.reasons import matched
 from ..explain.suitability import Prepared, prepared
 from ..pipeline.config import (
     PipelineConfig,
@@ -28,28 +25,24 @@ from ..pipeline.config import (
     load_pipeline,
     with_settings,
 )
-from ..pipeline.engine import Clock, EventList, ReplayLoop, ReplaySession
+from ..pipeline.engine import Clock, ReplayLoop, ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import (
     Provenance,
     ResultsSink,
     evidence_of,
     file_sha256,
-    given_to,
     package_versions,
     read_results,
     replayed_labels,
 )
-from ..pipeline.results import Results as Decided
 from ..pipeline.source import Source
-from .files import existing, unheard, writable
+from .files import existing, unheard
 from .known_truth import annotations_to_show, truth_beside
-from .pipelines import Pipeline, default_pipeline, with_parameters
-from .recording import Recording, open_recording
-from .results import Results
+from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -60,90 +53,6 @@ if TYPE_CHECKING:
 
 #: What is shown before and after a missed step [s]. Chosen by judgement: some steps to either side.
 AROUND_S = 5.0
-
-
-def replay(
-    recording: Recording | str | Path,
-    pipeline: Pipeline | str | Path = "",
-    set: Mapping[str, Any] | None = None,  # noqa: A002  # as the option of the command
-    out: str | Path | None = None,
-    *,
-    from_s: float | None = None,
-    to_s: float | None = None,
-    force: bool = False,
-    progress: Callable[[float], None] | None = None,
-) -> Results:
-    """Replay a recording through a pipeline; the decisions are kept in memory.
-
-    They are those of ``groundtrace replay`` with the same pipeline and settings.
-
-    Parameters
-    ----------
-    recording
-        Of :func:`.recording.open_recording`, or what that takes.
-    pipeline
-        A pipeline, the name of a shipped one, or a TOML file; without it the one that fits the
-        recording.
-    set
-        Values of parameters by ``stage.parameter``, e.g. those of a remedy.
-    out
-        Write the results to this file too.
-    from_s, to_s
-        Replay from <= time < to alone [s since the first sample].
-    force
-        Replace ``out`` where it exists.
-    progress
-        Called now and then with the part that is done, 0 to 1.
-
-    Raises
-    ------
-    Error
-        Where pipeline, settings or recording are not what they must be, do not suit each other, or
-        ``out`` cannot be written.
-
-    Examples
-    --------
-    >>> import groundtrace as gt
-    >>> gt.replay("waist-walk", "waist-steps", to_s=20)
-    Results(waist-walk.mcap, waist-steps, 27/27 steps, 0 false)
-    """
-    asked = configured(pipeline, set or {}) if pipeline else None
-    if not isinstance(recording, Recording):
-        recording = open_recording(recording)
-    target = None if out is None else Path(out)
-    with recording.opened() as file:
-        config = asked or with_parameters(load_pipeline(default_pipeline(file)), set or {})
-        ready = prepared(config, file)
-        if target is not None:
-            writable(target, force=force, sources=[recording.path])
-        plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
-        origin, kept = plan.provenance(), EventList()
-        written = [] if target is None else [ResultsSink(target, origin, force=force)]
-        plan.run([kept, *written], progress=progress)
-    name = f"{recording.path.stem}.results.mcap" if target is None else target.name
-    return Results(_decided(name, plan, origin, tuple(kept.events)), recording.path, target)
-
-
-def _decided(
-    name: str, plan: PlannedReplay, origin: Provenance, events: tuple[Event, ...]
-) -> Decided:
-    """Return what a results file of the replay holds."""
-    session = plan.session
-    labels = replayed_labels(session.labels, *plan.span)
-    given = given_to(origin.pipeline, session.labels)
-    return Decided(name, origin, labels, session.geometry, events, session.annotations, given)
-
-
-def configured(pipeline: Pipeline | str | Path, settings: Mapping[str, Any]) -> PipelineConfig:
-    """Return a pipeline with settings, all names and values checked.
-
-    Raises
-    ------
-    PipelineError, PluginError
-        Where one is not what it must be.
-    """
-    config = pipeline.config if isinstance(pipeline, Pipeline) else load_pipeline(str(pipeline))
-    return with_parameters(config, settings)
 
 
 def replay_to_files(
@@ -398,6 +307,11 @@ def missed_step(results: Path, number: int, report: Report = unheard) -> int:
     RecordingError
         Where there is no truth, or there are not so many.
     """
+    # what explains is not imported by a replay that asks for no reason
+    from ..evaluation.matching import STEP_TOLERANCE_S
+    from ..evaluation.truth import kinds_of
+    from ..explain.reasons import matched
+
     result = read_results(results)
     labels = truth_beside(result, results, report=report)
     name = result.provenance.recording
