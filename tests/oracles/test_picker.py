@@ -188,6 +188,25 @@ def hostile(rows: int, n: int) -> np.ndarray:
     return line
 
 
+@pytest.mark.parametrize("history", inputs([1, 2, 7], [3]))
+@pytest.mark.parametrize("block", inputs([1, 4, 60], [4]))
+def test_the_trace_has_the_quietest_of_the_last_frames_that_are_not_dead(history, block):
+    decision, signal = RNG.random((3, 60)), RNG.integers(0, 9, (3, 60, 4)).astype(float)
+    signal[1, 5:30] = 0.0
+    past, least = np.full((2, 3, history), np.inf), np.full((2, 3), np.inf)
+    found = np.empty((60, 3, 6), np.float32)
+    for start in range(0, 60, block):
+        part = slice(start, start + block)
+        own, values = np.ascontiguousarray(signal[:, part]), found[part]
+        frames.trace_values(decision[:, part], own, past, least, start, 20.0, values)
+    for i, c in np.ndindex(60, 3):
+        levels, swings = signal[c, max(0, i - history + 1) : i + 1, 1:3].T.tolist()
+        noise, quiet = (min([x for x in v if x > 0], default=0.0) for v in (levels, swings))
+        peak, _, swing, still = signal[c, i]
+        expected = np.array([decision[c, i], peak, noise, swing, quiet, still / 20.0], np.float32)
+        assert np.array_equal(found[i, c], expected)
+
+
 @pytest.mark.parametrize("width", inputs([1, 2, 3, 8, 30], [1, 3]))
 def test_a_window_has_the_maximum_of_its_numbers_and_none_where_one_is_none(width):
     line = hostile(3, 70)

@@ -69,7 +69,9 @@ class FrameTrace:
         self._filled = 0  # columns of the frame under way
         self._most = np.full(channels, -np.inf)  # the largest decision in it
         self._begin_ns = 0
-        self._past = np.full((2, channels, self.history - 1), -np.inf)
+        self._past = np.full((2, channels, self.history), np.inf)  # levels and swings
+        self._least = np.full((2, channels), np.inf)
+        self._count = 0
 
     def add(self, times: NDArray[np.int64], *rows: NDArray[np.float64]) -> Frames:
         """Take columns.
@@ -134,7 +136,7 @@ class FrameTrace:
 
     def nothing(self) -> Frames:
         """Return no frames."""
-        return Frames(np.empty(0, np.int64), np.empty((0, self._past.shape[1], 6), np.float32))
+        return Frames(np.empty(0, np.int64), np.empty((0, len(self._most), 6), np.float32))
 
     def _frames(
         self,
@@ -143,20 +145,8 @@ class FrameTrace:
         signal: NDArray[np.float64],
     ) -> Frames:
         """Return frames, with the quietest of the last 5 s."""
-        if not len(begins):
-            return self.nothing()
-        peak, level, swing, still = np.moveaxis(signal, -1, 0)
-        # dead stretches say nothing about the noise
-        quiet = np.stack([level, swing])
-        line = np.concatenate([self._past, np.where(quiet > 0.0, -quiet, -np.inf)], axis=2)
-        self._past = line[:, :, len(begins) :]
-        noise, least = (kernels.frames.window_maxima(kind, self.history) for kind in line)
-        shown = (
-            decision,
-            peak,
-            np.where(noise > -np.inf, -noise, 0.0),
-            swing,
-            np.where(least > -np.inf, -least, 0.0),
-            still / self.rate_hz,
-        )
-        return Frames(begins, np.stack(shown, axis=-1).transpose(1, 0, 2).astype(np.float32))
+        values = np.empty((len(begins), len(self._most), 6), np.float32)
+        last = (self._past, self._least, self._count, self.rate_hz)
+        kernels.frames.trace_values(decision, signal, *last, values)
+        self._count += len(begins)
+        return Frames(begins, values)

@@ -73,7 +73,6 @@ if TYPE_CHECKING:
     from .body_motion import Axis, Swing
 
     Array = NDArray[np.float64]
-    Span = tuple[int, int]
 
 #: Time over which a gyroscope's offset is told from the turns of a body that stays upright [s].
 #: Chosen by judgement: many steps, and less than an offset drifts in.
@@ -183,6 +182,8 @@ _FLAT = 1e-12
 #: Weights of a point's neighbours. Source: definition: three deviations of the Gaussian.
 _HALF = round(3 * _SMOOTH * POINTS)
 _WEIGHTS: Array = np.exp(-0.5 * (np.arange(-_HALF, _HALF + 1) / (_SMOOTH * POINTS)) ** 2)
+#: Weights of a mean over two steps, one before and one after. Source: definition.
+_STRIDE: Array = np.ones(2 * POINTS + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,18 +267,20 @@ def frontal(strip: Array, swing: Swing | None) -> FrontalShape:
         a step without a frontal maximum of its own.
     """
     ahead, _, up = strip
-    top = _highest_top(up, *_TOP)
-    top = CONTACT if top is None else top
-    before, own, after = _runs_about(up > up[_ABOUT].mean(), top)
+    patterns = kernels.patterns
+    top = patterns.highest_top(up, PHASE, *_TOP)
+    top = CONTACT if top < 0 else top
+    stays = patterns.stays_about(up, float(up[_ABOUT].mean()), top)
+    before, own, after = stays[:2], stays[2:4], stays[4:]
     window = (own[1] - own[0]) / POINTS
-    peak = _highest_top(ahead, PHASE[top] - _NEAR, PHASE[top] + _NEAR)
-    if peak is None:
+    peak = patterns.highest_top(ahead, PHASE, PHASE[top] - _NEAR, PHASE[top] + _NEAR)
+    if peak < 0:
         lead = 0.0 if swing is None else float(np.angle(swing[0])) / (2 * np.pi)
         return FrontalShape(window, lead, 0.0, 0.0)
     rising, falling = (before, own) if peak <= top else (own, after)
-    equal = _FLAT * float(np.ptp(ahead))
-    first = _lowest(ahead, min(rising[0], peak), min(rising[1], peak), equal)
-    last = _lowest(ahead, max(falling[0], peak), max(falling[1], peak), equal)
+    equal = _FLAT * patterns.extent(ahead, 0, len(ahead) - 1)
+    first = patterns.lowest(ahead, min(rising[0], peak), min(rising[1], peak), equal)
+    last = patterns.lowest(ahead, max(falling[0], peak), max(falling[1], peak), equal)
     height = float(ahead[peak] - 0.5 * (ahead[first] + ahead[last]))
     # a triangle of base n and this height has an area of height n / 2
     density = 0.5 * height / _range(up)
@@ -289,16 +292,17 @@ def lateral(strip: Array) -> LateralShape:
     """Measure the lateral pattern of a strip, shape (3, n)."""
     ahead, right, up = strip
     # over two steps the mean is what a turn adds to the lateral acceleration
-    turn = _averaged(right[None], np.ones(2 * POINTS + 1))[0]
-    share = float(np.ptp((right - turn)[_NEAR_CONTACT])) / math.sqrt(_range(ahead) * _range(up))
+    turn = _averaged(right[None], _STRIDE)[0]
+    share = _extent(right - turn) / math.sqrt(_range(ahead) * _range(up))
     low, high = float(right.min()), float(right.max())
     equal = _FLAT * (high - low)
-    first, last, ends = _minima_about(right, low + _DEEP * (high - low), equal)
-    peak = _lowest(-right, first, last, equal)
-    if first < ends[0]:
-        first = _lowest(right, first, peak, equal)
-    if last > ends[1]:
-        last = _lowest(right, peak, last, equal)
+    patterns, deep = kernels.patterns, low + _DEEP * (high - low)
+    first, last, earliest, latest = patterns.minima_about(right, CONTACT, deep, equal)
+    peak = patterns.lowest(-right, first, last, equal)
+    if first < earliest:
+        first = patterns.lowest(right, first, peak, equal)
+    if last > latest:
+        last = patterns.lowest(right, peak, last, equal)
     length = max(last - first, 1)
     slopes = _slopes(right, first, peak, last)
     inside = (CONTACT - peak) / length
@@ -306,54 +310,14 @@ def lateral(strip: Array) -> LateralShape:
     return LateralShape(share, lobe, slopes, inside if slopes > 0 else -inside)
 
 
+def _extent(x: Array) -> float:
+    """Return the range of a signal around the contact."""
+    return kernels.patterns.extent(x, _NEAR_CONTACT.start, _NEAR_CONTACT.stop - 1)
+
+
 def _range(x: Array) -> float:
     """Return the range of a signal around the contact, more than 0."""
-    return max(float(np.ptp(x[_NEAR_CONTACT])), 1e-9)
-
-
-def _highest_top(x: Array, low: float, high: float) -> int | None:
-    """Return the highest local maximum whose phase lies in ``[low, high]``."""
-    inside = (low <= PHASE[1:-1]) & (PHASE[1:-1] <= high)
-    tops = 1 + np.flatnonzero(inside & (x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]))
-    return int(tops[x[tops].argmax()]) if len(tops) else None
-
-
-def _runs_about(above: NDArray[np.bool_], top: int) -> tuple[Span, Span, Span]:
-    """Return first and last place of the runs before ``top``, around it, and after.
-
-    Where there is none, those of what lies between.
-    """
-    edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
-    runs = list(zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True))
-    own = next((run for run in runs if run[0] <= top <= run[1]), (top, top))
-    before = [run for run in runs if run[1] < own[0]]
-    after = [run for run in runs if run[0] > own[1]]
-    return (
-        before[-1] if before else (0, own[0]),
-        own,
-        after[0] if after else (own[1], len(above) - 1),
-    )
-
-
-def _minima_about(x: Array, most: float, equal: float) -> tuple[int, int, Span]:
-    """Return the local minima up to ``most`` nearest to the contact, and the first and last of all.
-
-    The nearest up to the contact, and after it; the ends of the strip where there are none. A flat
-    bottom, of values that differ by ``equal`` at most, is at its first place.
-    """
-    here = x[1:-1]
-    minima = (here < x[:-2] - equal) & (here <= x[2:] + equal) & (here <= most)
-    places = 1 + np.flatnonzero(minima)
-    count = int(places.searchsorted(CONTACT, side="right"))
-    before, after = places[:count].tolist(), places[count:].tolist()
-    ends = (min([CONTACT, *before]), max([CONTACT, *after]))
-    return before[-1] if before else 0, after[0] if after else len(x) - 1, ends
-
-
-def _lowest(x: Array, first: int, last: int, equal: float) -> int:
-    """Return the first place in ``[first, last]`` within ``equal`` of the minimum."""
-    part = x[first : last + 1]
-    return first + int((part <= part.min() + equal).argmax())
+    return max(_extent(x), 1e-9)
 
 
 def _slopes(x: Array, first: int, peak: int, last: int) -> float:

@@ -105,6 +105,59 @@ def close_frames(open_frame: NDArray[np.void], filled: int, values: Array) -> No
 
 
 @inlined
+def _least(past: Array, place: int, value: float, least: float) -> float:
+    """Put a value in the place of the oldest; return the least of all, which was ``least``."""
+    oldest, past[place] = past[place], value
+    if value <= least or oldest > least:
+        return min(value, least)
+    for x in past:
+        value = min(x, value)
+    return value
+
+
+@compiled("void(f8[:, :], f8[:, :, ::1], f8[:, :, ::1], f8[:, ::1], i8, f8, f4[:, :, ::1])")
+def trace_values(
+    decision: Array,
+    signal: Array,
+    past: Array,
+    least: Array,
+    before: int,
+    rate_hz: float,
+    values: NDArray[np.float32],
+) -> None:
+    """Write what the trace tells of frames: the signal against the quietest of the last ones.
+
+    Parameters
+    ----------
+    decision
+        Shape (n_channels, n): the largest decision in each.
+    signal
+        Shape (n_channels, n, VALUES): as :func:`frames` writes them.
+    past, least
+        Shapes (2, n_channels, as many as are looked back at) and (2, n_channels): levels and swings
+        of the last frames, and the least of them; infinite where there are none or it was dead.
+    before
+        How many frames came before.
+    rate_hz
+        Columns per second.
+    values
+        Shape (n, n_channels, 6): decision, peak, noise, swing, quiet and flat.
+    """
+    for c in range(len(decision)):
+        for i in range(decision.shape[1]):
+            place = (before + i) % past.shape[2]
+            for k in range(2):  # dead stretches say nothing about the noise
+                x = signal[c, i, 1 + k]
+                own = x if x > 0.0 else math.inf
+                least[k, c] = _least(past[k, c], place, own, least[k, c])
+            values[i, c, 0], values[i, c, 1] = decision[c, i], signal[c, i, 0]
+            values[i, c, 2] = least[0, c] if least[0, c] < math.inf else 0.0
+            values[i, c, 3] = signal[c, i, 2]
+            values[i, c, 4] = least[1, c] if least[1, c] < math.inf else 0.0
+            values[i, c, 5] = signal[c, i, 3] / rate_hz
+
+
+@inlined
 def _larger(one: Array, other: Array, found: Array) -> None:
     for i in range(len(found)):
         first, second = one[i], other[i]
