@@ -31,7 +31,7 @@ SIMULATED = {
     f"{ROOM} --walkers 2": ("room-two-walkers",),
     f"{ROOM} --channels 4 --triaxial": ("room-bearings",),
     f"{ROOM} --impacts": ("hammer-shots", "signals"),
-    WALK: ("waist-steps", "waist-peaks"),
+    WALK: ("waist-steps", "waist-peaks", "waist-crossings", "waist-dstp", "waist-swing"),
     f"{WALK} --types": ("step-types", "step-types-live"),
     f"{WALK} --placement trunk --path loop": (
         "heading",
@@ -40,7 +40,7 @@ SIMULATED = {
         "pedestrian-compass",
         "pedestrian-waypoints",
     ),
-    f"{WALK} --placement foot --path l": ("foot-inertial",),
+    f"{WALK} --placement foot --path l": ("foot-inertial", "foot-stances"),
     ROAD: ("vehicle-tracks", "vehicle-passes"),
 }
 #: The most that the first replay may take longer than the second [s].

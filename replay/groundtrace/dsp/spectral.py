@@ -110,10 +110,13 @@ class WindowPower:
         before
             Samples that these follow: there ``start`` may lie, less than 0.
         """
-        rows = np.atleast_2d(samples)
+        rows, kind = np.atleast_2d(samples), self._weights.dtype
         if before is not None and start < 0:
-            rows, start = np.concatenate([before, rows], axis=1), start + before.shape[1]
-        rows = np.ascontiguousarray(rows, self._weights.dtype)
+            earlier = before.shape[1]
+            joined = np.empty((len(rows), earlier + rows.shape[1]), kind)
+            joined[:, :earlier], joined[:, earlier:] = before, rows
+            rows, start = joined, start + earlier
+        rows = np.ascontiguousarray(rows, kind)
         room = 2 * kernels.spectra.WAVES * len(self._waves)
         power = np.empty((len(rows), count, room), self._weights.dtype)
         if count > 0:
