@@ -116,7 +116,7 @@ def block_to_candidate() -> dict[Function, None]:
 
 def decision_to_remedy() -> dict[Function, None]:
     """Trace a missed step of the bundled walk on its way to the change that mends it."""
-    results = gt.replay("waist-walk", "waist-steps", {"steps.swing": 1.5})
+    results = gt.replay("waist-walk", "waist-swing", {"steps.swing": 1.5})
     trace = Trace(
         lambda name, left, _: not left and name == "explain_steps",
         lambda name, left, given: left and name == "RemedySearch.recover" and bool(given),

@@ -30,7 +30,7 @@ from ..explain.sweep import (
 from ..pipeline.config import build_pipeline, checked_pipeline, parse_pipeline
 from ..pipeline.results import RUN, evidence_of, provenance_in, read_results
 from .analysis import Comparison, Sweep
-from .files import existing, recording_beside, unheard
+from .files import existing, unheard
 from .known_truth import truth_beside, truth_of_recording
 from .pipelines import setting_text
 from .progress import unseen
@@ -366,7 +366,7 @@ def _read(path: Path, truth: Path | None, recordings: Sequence[Path], report: Re
     labels = truth_beside(result, path, truth, report)
     part = any(argument.startswith(("--from", "--to")) for argument in origin.arguments)
     # what was replayed in part is not to be measured as a whole
-    places = () if part else (recording_beside(path, origin), *recordings)
+    places = () if part else (origin.beside(path), *recordings)
     return Subject(evidence_of(result, labels), places, origin.sha256)
 
 

@@ -159,11 +159,11 @@ def _of_results(
 
     @cache
     def evidence() -> Evidence:
-        from ..explain.unfiltered import beside, with_recording
+        from ..explain.unfiltered import with_recording
         from ..pipeline.results import evidence_of
 
-        name, sha256 = result.provenance.recording, result.provenance.sha256
-        places = [beside(source, name), *([] if given is None else [given])]
+        sha256 = result.provenance.sha256
+        places = [result.provenance.beside(source), *([] if given is None else [given])]
         labels = truth_beside(result, source, report=report)
         return with_recording(evidence_of(result, labels), sha256, places)
 

@@ -56,11 +56,6 @@ def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
     return path
 
 
-def recording_beside(results: Path, origin: Provenance) -> Path:
-    """Return where the recording of results would lie beside them."""
-    return results.parent / Path(origin.recording).name
-
-
 def recording_of(results: Path, given: Path | None = None, report: Report = unheard) -> Path | None:
     """Return the recording of results: the one given, or one of their name and their bytes.
 

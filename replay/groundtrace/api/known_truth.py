@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import AnnotationError, RecordingError
 from ..pipeline.results import file_sha256, replayed_labels
-from .files import recording_beside, unheard
+from .files import unheard
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -88,7 +88,7 @@ def truth_beside(
     result: Results, path: Path, truth: Path | None = None, report: Report = unheard
 ) -> tuple[Label, ...]:
     """Return the labels of :func:`scored_truth_of`; ``path`` is the results' file."""
-    recording = recording_beside(path, result.provenance)
+    recording = result.provenance.beside(path)
     return scored_truth_of(result, recording, truth, report=report).labels
 
 

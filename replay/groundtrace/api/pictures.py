@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..explain.sweep import recording_in
 from ..pipeline.engine import ReplaySession
 from ..pipeline.plugins import load
-from ..pipeline.results import ResultsSink
+from ..pipeline.results import ResultsSink, recording_in
 from ..scratch import scratch_folder
 from .plots import FAILED, PASSED, draw_signal, recording_at
 from .tables import needed

@@ -9,7 +9,7 @@ import numpy as np
 from groundtrace_codecs.location import is_url
 
 from ..errors import RecordingError
-from ..explain.sweep import recording_in
+from ..pipeline.results import recording_in
 from .recording import Recording, open_recording
 from .tables import needed
 

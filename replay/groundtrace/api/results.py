@@ -16,7 +16,6 @@ from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..evaluation.report import answers_of
 from ..explain.questions import Kind, Question, explained
 from ..explain.suitability import prepared
-from ..explain.unfiltered import beside
 from ..export.base import Material, tables_of, tables_of_events
 from ..pipeline.config import PipelineConfig, load_pipeline, parse_pipeline
 from ..pipeline.engine import EventList
@@ -338,7 +337,7 @@ def load_results(path: str | Path) -> Results:
     """
     file = existing(Path(path), "results")
     decided = read_results(file)
-    return Results(decided, beside(file, decided.provenance.recording), file)
+    return Results(decided, decided.provenance.beside(file), file)
 
 
 def replay(

@@ -39,13 +39,12 @@ def compare(
         Open the viewer with the same, its cursor at the first difference.
     """
     from ..explain.compare import compare as compared
-    from ..explain.unfiltered import beside
 
     fallback = Path(f"{a.stem}-{b.stem}.compare.rrd")
     spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
     one, other = read_results(a), read_results(b)
     labels = truth_of(one, a, truth) or truth_of(other, b, truth)
-    places = [beside(path, one.provenance.recording) for path in (a, b)]
+    places = [one.provenance.beside(path) for path in (a, b)]
     found = compared(one, other, labels, tolerance, places)
     if json:
         print_json(found)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..api import known_truth
-from ..api.files import recording_beside, writable
+from ..api.files import writable
 from ..api.progress import unseen
 from ..api.tables import plain_document
 
@@ -139,7 +139,7 @@ def scored_truth_of(
     result: Results, path: Path, truth: Path | None, author: str | None = None
 ) -> ScoredTruth:
     """Return the truth of a result; annotations are looked for beside its file, ``path``."""
-    recording = recording_beside(path, result.provenance)
+    recording = result.provenance.beside(path)
     return known_truth.scored_truth_of(result, recording, truth, author, print_stderr)
 
 

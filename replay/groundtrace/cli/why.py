@@ -10,7 +10,6 @@ from cyclopts import Parameter, validators
 
 from ..api.analysis import evidence_with
 from ..explain.questions import Kind, Question, explained
-from ..explain.unfiltered import beside
 from ..explain.why import Moment, StepExplanation
 from ..explain.why_picks import PickAccount, PickMoment
 from ..explain.why_places import FixMoment, PlaceAccount
@@ -124,7 +123,7 @@ def why(
 def _evidence(results: Path, truth: Path | None, recordings: Sequence[Path]) -> Evidence:
     """Read what decisions are explained by; it lives on without what it was read from."""
     result = read_results(results, evidence=True)
-    places = (beside(results, result.provenance.recording), *recordings)
+    places = (result.provenance.beside(results), *recordings)
     return evidence_with(result, truth_of(result, results, truth), places)
 
 

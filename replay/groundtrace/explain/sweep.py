@@ -21,7 +21,7 @@ from ..errors import PipelineError, RecordingError
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..pipeline.config import build_pipeline, parse_pipeline, with_settings
 from ..pipeline.engine import EventList, replay
-from ..pipeline.results import Evidence, file_sha256, stage_evidence
+from ..pipeline.results import Evidence, recording_in, stage_evidence
 from ..pipeline.source import Source
 from ..pipeline.warned import warnings_of
 from .reasons import Interval, bootstrap, event_noun, scored_event, truth_for
@@ -305,14 +305,6 @@ def reproduced(subject: Subject) -> bool:
 
 A = TypeVar("A")
 B = TypeVar("B")
-
-
-def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:
-    """Return the first of some places where a recording is, by its SHA-256 where that is given."""
-    for path in places:
-        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
-            return path
-    return None
 
 
 def resolved(config: PipelineConfig) -> PipelineConfig:

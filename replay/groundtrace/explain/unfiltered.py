@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,15 +20,15 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..pipeline.parameters import build
 from ..pipeline.plugins import stage_named
-from ..pipeline.results import Unmuted, stage_evidence
+from ..pipeline.results import Unmuted, recording_in, stage_evidence
 from ..pipeline.source import Source
 from ..pipeline.stage import StageConfig, StageRunner, wanted_quantities
 from .reasons import accepted_picks, unfiltered_kind
 from .redecide import associated
-from .sweep import recording_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -256,8 +255,3 @@ def with_recording(evidence: Evidence, sha256: str, places: Sequence[Path]) -> E
     """
     locate = partial(recording_in, places, sha256)
     return replace(evidence, unfiltered=Unfiltered(evidence.config, locate))
-
-
-def beside(results: Path, recording: str) -> Path:
-    """Return where the recording of results is, if it is beside them."""
-    return results.parent / PureWindowsPath(recording).name

@@ -88,6 +88,10 @@ class Provenance:
     to_ns: int | None = None
     placements: dict[str, str] = field(default_factory=dict)
 
+    def beside(self, results: Path) -> Path:
+        """Return where the recording would lie beside results."""
+        return results.parent / PureWindowsPath(self.recording).name
+
 
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that decide a result."""
@@ -101,6 +105,14 @@ def file_sha256(path: Path) -> str:
         return RemoteBytes(Location(path), hashed=True).sha256()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:
+    """Return the first of some places where a recording is, by its SHA-256 where that is given."""
+    for path in places:
+        if path.is_file() and (not sha256 or file_sha256(path) == sha256):
+            return path
+    return None
 
 
 def public_arguments(arguments: Sequence[str]) -> tuple[str, ...]:
