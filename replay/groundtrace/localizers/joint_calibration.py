@@ -204,7 +204,8 @@ def _on_floor(
             inner[outside] = np.inf
             fits.append(np.concatenate([losses(area.u, times, other)[0], inner[0]]))
     excess = picks * (np.array(fits) - np.min(fits))
-    likelihood = np.array(WEIGHTS[: len(fits)]) @ np.exp(-excess / (2 * sigma**2))
+    noise = float(tdoa.noise_s(best, times, tdoa.HYPERBOLIC_UNKNOWNS, sigma)[0])
+    likelihood = np.array(WEIGHTS[: len(fits)]) @ np.exp(-excess / (2 * noise**2))
     (mean,), (covariance,) = posterior(area, best, likelihood[None])
     x, y = best.places[0] if picks > tdoa.POWER_LAW_UNKNOWNS else mean
     return LocationEstimate(float(x), float(y), covariance, float(np.sqrt(best.loss[0])), picks)

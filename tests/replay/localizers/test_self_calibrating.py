@@ -85,7 +85,8 @@ def test_covariances_mean_what_they_say(kind: Any, sigma_s: float) -> None:
     places, times = uniform(80, sigma_s)
     worker = begun(kind)
     found = [worker.locate(row) for row in times]
-    assert 1.0 < normalised(found[20:], places[20:]) < 3.2
+    # of 2 that are right under this law; regions allow for laws that are not quite it
+    assert 0.4 < normalised(found[20:], places[20:]) < 3.2
 
 
 def test_a_sigma_is_told_by_places_with_arrivals_to_spare() -> None:
