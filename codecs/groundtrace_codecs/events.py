@@ -37,6 +37,9 @@ class Fix:
         What the method leaves unexplained, in its own unit; NaN where it has none.
     method, picks, stage
         How it was found, from how many arrivals, and the stage that found it.
+    doubted
+        Whether the residuals of the last places contradict what the method presumes of waves; no
+        tracker takes it then.
     """
 
     time_ns: int
@@ -47,6 +50,7 @@ class Fix:
     method: str
     picks: int
     stage: str
+    doubted: bool = False
 
 
 #: What the name of a stage gets appended for its smoothed tracks.

@@ -106,6 +106,60 @@ class RunningSigma:
         self.told.append(found.residual * (found.picks / spare) ** 0.5 / typical)
 
 
+#: Places looked back on for whether the model holds, and the least of them. Chosen by judgement: 20
+#: are ten seconds of steps.
+LOOKED_BACK, LEAST_PLACES = 20, 8
+#: A model may be wrong by this part of how far arrivals are apart. Chosen by judgement: as much as
+#: velocities differ over a floor.
+MODEL_ERROR = 0.2
+#: A place counts at most so many times what is expected, and so much over the limit is allowed for
+#: false arrivals. Chosen by judgement: one arrival in ten may be false.
+MOST_EACH, FALSE_ARRIVALS = 10.0, 1.0
+#: Deviations of a normal law that are exceeded once in a thousand times. Source: definition.
+RARELY = 3.09
+
+
+@dataclass(slots=True)
+class ModelCheck:
+    """Whether residuals of the last places are those of the model: their chi-square.
+
+    Attributes
+    ----------
+    sigma_s
+        The standard deviation of an arrival that the localizer begins with [s].
+    unknowns
+        How many arrivals a place uses up.
+    """
+
+    sigma_s: float
+    unknowns: int
+    _last: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=LOOKED_BACK))
+
+    @property
+    def ratio(self) -> float:
+        """Chi-square over what it is expected to be; 0 while there are too few places."""
+        if len(self._last) < LEAST_PLACES:
+            return 0.0
+        return sum(square for square, _ in self._last) / sum(spare for _, spare in self._last)
+
+    @property
+    def limit(self) -> float:
+        """The ratio from which the model is contradicted."""
+        spare = sum(spare for _, spare in self._last) or 1
+        # the quantile of chi-square by the approximation of Wilson and Hilferty (1931)
+        part = 2 / (9 * spare)
+        return float((1 - part + RARELY * part**0.5) ** 3) + FALSE_ARRIVALS
+
+    def learn(self, found: LocationEstimate, times_s: Array) -> None:
+        """Take in the residual of a place, the root of its mean loss [s]."""
+        spare = found.picks - self.unknowns
+        if not found.found or spare < 1:
+            return
+        scatter = float(np.nanstd(times_s))
+        square = found.picks * found.residual**2 / (self.sigma_s**2 + (MODEL_ERROR * scatter) ** 2)
+        self._last.append((min(square, MOST_EACH * spare), spare))
+
+
 #: How arrival times grow with distance on a thin plate. Source: thesis, equation (4.24).
 EXPONENT = 4 / 3
 
@@ -237,10 +291,16 @@ class ArrivalLocalizer(Stage):
         self._channels: dict[str, int] = {}
         self._picks: deque[Pick] = deque()
         self._told = False
+        self._check: ModelCheck | None = None
+        self._doubted = False
 
     def prepare(self, site: PlacedSensors) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""
         raise NotImplementedError
+
+    def model_check(self) -> ModelCheck | None:
+        """Return what looks at the residuals; None where they are no times."""
+        return None
 
     def locate(self, times_s: Array) -> LocationEstimate:
         """Return the place for arrivals, shape (n,), NaN where a sensor has none."""
@@ -262,6 +322,7 @@ class ArrivalLocalizer(Stage):
             )
         if lacking:
             raise CannotStart(f"no places: expected a geometry with {lacking}, found none")
+        self._check = self.model_check()
         self._offsets_s = geometry.clock_offsets(self._channels)
         self._context = context
         return ("all",)
@@ -286,6 +347,7 @@ class ArrivalLocalizer(Stage):
             self._picks, self._channels, item.time_ns, window_s, self._offsets_s
         )
         self._found = item.time_ns, self.locate(arrivals)
+        yield from self._checked(item.time_ns, arrivals)
         yield place_candidate(*self._found)
 
     def decided(self, block: CandidateBlock) -> Iterator[Event]:
@@ -293,7 +355,27 @@ class ArrivalLocalizer(Stage):
         assert self._context is not None  # it was started
         if block.accepted[0]:
             time_ns, location = self._found
-            yield location.fix(time_ns, self._context.plugin, self._context.stage)
+            context, doubted = self._context, self._doubted
+            yield location.fix(time_ns, context.plugin, context.stage, doubted=doubted)
+
+    def _checked(self, time_ns: int, arrivals: Array) -> Iterator[Note]:
+        """Say when residuals begin to contradict the model, and when they no longer do."""
+        check, context = self._check, self._context
+        if check is None or context is None:
+            return
+        check.learn(self._found[1], arrivals)
+        ratio, limit = check.ratio, check.limit
+        if (ratio > limit) == self._doubted:
+            return
+        self._doubted = not self._doubted
+        text = (
+            f"{context.topic}: the residuals of the last places contradict what "
+            f"{context.stage} presumes of waves: chi-square is {ratio:.1f} times the expected one "
+            f"({limit:.1f} allowed); no track takes its places"
+            if self._doubted
+            else f"{context.topic}: the residuals of {context.stage} are those it expects again"
+        )
+        yield Note(time_ns, text, "WARN" if self._doubted else "INFO", context.stage)
 
     def _never_passed(self, time_ns: int) -> Iterator[Note]:
         """Say with the first step that more arrivals are asked for than there are sensors."""

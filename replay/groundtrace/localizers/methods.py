@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 from ..dsp.robust import HUBER
 from ..pipeline.parameters import gate, measured
 from . import arrival_order, joint_calibration, tdoa
-from .base import EXPONENT, ArrivalLocalizer, LocalizerParameters, RunningSigma, columns, gates
+from .base import (
+    EXPONENT,
+    ArrivalLocalizer,
+    LocalizerParameters,
+    ModelCheck,
+    RunningSigma,
+    columns,
+    gates,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -91,6 +99,10 @@ class Hyperbolic(ArrivalLocalizer):
         unit = " in units/s" if site.length_unit != "m" else ""
         return "" if self.velocity_mps > 0 else f"a velocity{unit} (of the medium, or velocity_mps)"
 
+    def model_check(self) -> ModelCheck:
+        """Return the check of places with more arrivals than unknowns."""
+        return ModelCheck(self.parameters.sigma_s, tdoa.HYPERBOLIC_UNKNOWNS)
+
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
         site, sigma = self.site, self.sigma.value_s
@@ -132,6 +144,10 @@ class PowerLaw(ArrivalLocalizer):
         first_s = site.medium.arrival_sigma_s or self.parameters.sigma_s
         self.sigma = RunningSigma(first_s, tdoa.POWER_LAW_UNKNOWNS)
         return ""
+
+    def model_check(self) -> ModelCheck:
+        """Return the check of places with more arrivals than unknowns."""
+        return ModelCheck(self.parameters.sigma_s, tdoa.POWER_LAW_UNKNOWNS)
 
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best."""
@@ -190,6 +206,10 @@ class SelfCalibrating(ArrivalLocalizer):
             p.memory,
         )
         return ""
+
+    def model_check(self) -> ModelCheck:
+        """Return the check of places with more arrivals than unknowns."""
+        return ModelCheck(self.parameters.sigma_s, tdoa.HYPERBOLIC_UNKNOWNS)
 
     def locate(self, times_s: Times) -> LocationEstimate:
         """Return the place that fits best, and learn from it."""

@@ -1220,11 +1220,12 @@ class LocationEstimate:
             return float("inf")
         return float(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0.0)))
 
-    def fix(self, time_ns: int, method: str, stage: str) -> Fix:
+    def fix(self, time_ns: int, method: str, stage: str, *, doubted: bool = False) -> Fix:
         """Return the place as the fix of a moment, found by a method in a stage."""
         (xx, xy), (_, yy) = self.covariance.tolist()
         spread = (xx, xy, yy)
-        return Fix(time_ns, self.x, self.y, spread, self.residual, method, self.picks, stage)
+        of = method, self.picks, stage, doubted
+        return Fix(time_ns, self.x, self.y, spread, self.residual, *of)
 
 
 def no_location(picks: int) -> LocationEstimate:

@@ -406,7 +406,12 @@ class WalkerTracker(Stage):
         return ("all",)
 
     def process(self, fix: Fix) -> Iterator[Output]:
-        """Take a fix; where it is too late to be together with those that wait, decide these."""
+        """Take a fix; where it is too late to be together with those that wait, decide these.
+
+        A fix whose localizer doubts its model is left out.
+        """
+        if fix.doubted:
+            return
         together_ns = self.parameters.together_s * NS_PER_S
         if self._waiting and fix.time_ns - self._waiting[0].time_ns > together_ns:
             yield from self._candidates()

@@ -205,3 +205,37 @@ def test_three_axes_at_one_place_are_one_sensor_the_vertical() -> None:
     rows, places = Geometry(tuple(sensors)).placed(names)
     assert rows == {"Az": 0, "B": 1, "Cx": 2}
     assert places.tolist() == [[1.0, 2.0], [3.0, 2.0], [0.0, 0.0]]
+
+
+def late_impacts(count: int, late_s: float, start_s: float = 1.0) -> list[Event]:
+    """Impacts at random places, every other arrival late by that: no place explains them."""
+    rng = np.random.default_rng(5)
+    items: list[Event] = []
+    for number in range(count):
+        x, y = rng.uniform(2.0, 8.0, 2)
+        since = times_of(np.array([[x, y]]))[0]
+        since += rng.permutation(9) % 2 * late_s
+        since += start_s + number - since.min()
+        picks = sorted(zip(since.tolist(), NAMES, strict=True))
+        items += [*(pick(n, s) for s, n in picks), step_at(picks[0][0])]
+    return items
+
+
+def test_a_localizer_whose_residuals_contradict_its_model_says_so_and_doubts_its_places() -> None:
+    runner = stage("power-law", max_residual_s=1.0)
+    events = said(runner, [PICKED, *late_impacts(12, 0.006), *late_impacts(30, 0.0, 20.0)])
+    begun, ended = (e for e in events if isinstance(e, Note))
+    assert "contradict what power-law presumes of waves" in begun.text
+    assert (begun.level, begun.source) == ("WARN", "power-law")
+    assert "those it expects again" in ended.text
+    doubted = [(fix.time_ns, fix.doubted) for fix in fixes(events)]
+    assert [is_doubted for t, is_doubted in doubted if t < begun.time_ns] == [False] * 7
+    assert all(is_doubted for t, is_doubted in doubted if begun.time_ns <= t < ended.time_ns)
+    assert not any(is_doubted for t, is_doubted in doubted if t >= ended.time_ns)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_localizer_whose_model_holds_is_not_doubted(method: str) -> None:
+    events = said(stage(method), [PICKED, *late_impacts(25, 3e-4)])
+    assert not any(isinstance(e, Note) for e in events)
+    assert [fix.doubted for fix in fixes(events)] == [False] * len(fixes(events))

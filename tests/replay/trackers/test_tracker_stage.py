@@ -307,3 +307,10 @@ def test_a_source_that_gives_nothing_that_is_taken_is_refused() -> None:
 def test_a_tracker_without_fixes_is_refused(text: bytes, message: str) -> None:
     with pytest.raises(PipelineError, match=f"^{message}$"):
         build_pipeline(parse_pipeline(text, "chain.toml"))
+
+
+def test_a_fix_whose_localizer_doubts_its_model_is_no_step_of_a_track() -> None:
+    walk = straight(12)
+    doubted = [dataclasses.replace(x, doubted=k in (4, 5)) for k, x in enumerate(walk)]
+    times = {p.time_ns for p in points(tracked(doubted))}
+    assert times == {x.time_ns for x in doubted if not x.doubted}

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,3 +74,18 @@ def test_the_key_names_every_stage(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         sink.write(fix(stage=stage))
     sink.close()
     assert named[-1] == ["so-tdoa", "power-law"]
+
+
+def test_the_ellipse_of_a_doubted_fix_is_dashed(tmp_path: Path) -> None:
+    path = tmp_path / "doubted.rrd"
+    sink = RerunSink(path)
+    sink.open(room_session())
+    sink.write(StageSpec("power-law", "power-law", "/seismic", ("all",), (), (), (), "fix"))
+    sink.write(fix(1.0))
+    sink.write(replace(fix(2.0), doubted=True))
+    sink.close()
+    times, strips = read_back(path, f"{ELLIPSES}/power-law", "LineStrips2D:strips")
+    assert len(times) == 2
+    assert [len(lines) for lines in strips] == [1, 8]
+    dashes = np.array(strips[1])
+    assert (dashes[1:, 0] != dashes[:-1, -1]).any(axis=1).all()  # gaps between them

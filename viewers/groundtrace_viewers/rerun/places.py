@@ -76,6 +76,8 @@ TIPS = np.array([(-1, -1), (1, 1), (0, 0), (-1, 1), (1, -1)], np.float32)
 
 #: Corners of a circle about the origin, the first twice.
 CIRCLE = np.stack([f(np.linspace(0.0, 2 * np.pi, CORNERS)) for f in (np.cos, np.sin)], axis=1)
+#: Corners that a dash of an ellipse has after its first one, and the gap after it.
+DASH = 2
 
 
 def ellipses(places: ArrayLike, covariances: ArrayLike) -> NDArray[np.float32]:
@@ -150,11 +152,12 @@ class FixView(View):
         import rerun as rr
 
         colours = np.full(len(fixes), self._colour(stage), np.uint32)
+        strips, counts = _outlines(fixes)
         lines = rr.LineStrips2D.columns(
-            strips=_ellipses(fixes),
-            colors=colours,
-            radii=np.full(len(fixes), -0.8),
-        )
+            strips=strips,
+            colors=np.repeat(colours, counts),
+            radii=np.full(len(strips), -0.8),
+        ).partition(counts)
         shapes = _crosses(fixes, colours, shown) if self._crosses else _points(fixes, colours)
         seen = CROSSES_S if self._crosses else POINTS_S
         for (root, visible_s), columns in zip(seen.items(), (shapes, lines), strict=True):
@@ -162,6 +165,18 @@ class FixView(View):
             self._timeline.send(f"{root}/{stage}", [fix.time_ns for fix in fixes], columns)
 
     kinds: ClassVar = {StageSpec: stage, Fix: fix}
+
+
+def _outlines(fixes: list[Fix]) -> tuple[list[NDArray[np.float32]], list[int]]:
+    """Return the lines round fixes, and how many each has: dashes where its model is doubted."""
+    strips: list[NDArray[np.float32]] = []
+    counts = []
+    for fix, ring in zip(fixes, _ellipses(fixes), strict=True):
+        starts = range(0, len(ring) - 1, 2 * DASH)
+        parts = [ring[i : i + DASH + 1] for i in starts] if fix.doubted else [ring]
+        strips += parts
+        counts.append(len(parts))
+    return strips, counts
 
 
 def _crosses(fixes: list[Fix], colours: NDArray[np.uint32], shown: Bounds) -> ComponentColumnList:
