@@ -35,8 +35,8 @@ from groundtrace_codecs.recording import Recording
 PIPELINES = ("pedestrian", "pedestrian-aligned", "pedestrian-compass")
 STAGES = ("track", "track.smoothed")
 LOOP_M = 260.0
-#: The way of the path ``l``.
-L_M = 35.0
+#: How long people walk to calibrate their steps: 80 to 320 m.
+CALIBRATE_S = 200.0
 #: Seed of the loop whose sensor is turned about the vertical, and by how much.
 TURNED_SEED, TURNED_DEG = 2, (90.0, 180.0, -130.0)
 
@@ -85,7 +85,10 @@ def people(count: int) -> None:
     for number in range(1, count + 1):
         with tempfile.TemporaryDirectory() as place:
             short, loop = Path(place) / "short.mcap", Path(place) / "loop.mcap"
-            write(simulate_walk(WalkOptions(path="l", seed=500 + number, person=number)), short)
+            known = WalkOptions(
+                path="loop", seed=700 + number, person=number, duration_s=CALIBRATE_S
+            )
+            write(simulate_walk(known), short)
             write(simulate_walk(WalkOptions(path="epfl", seed=number, person=number)), loop)
             with Recording.open(loop) as opened:
                 by_default = walked(opened, {})
@@ -94,7 +97,7 @@ def people(count: int) -> None:
                     continue
                 points = tracks(opened, "pedestrian")["track.smoothed"]
                 held = inside(points, tuple(x for x in opened.labels if x.kind == "step"))
-                constants = lengths_of(short, L_M)[1].models[-1].constants
+                constants = lengths_of(short, way_m(short))[1].models[-1].constants
                 both = [100 * (m / LOOP_M - 1) for m in (by_default, walked(opened, constants))]
         rows.append((number, *both, held))
         print(f"  person {number}: {both[0]:+.1f} {both[1]:+.1f}, {held:.2f} inside", flush=True)
@@ -105,6 +108,13 @@ def people(count: int) -> None:
             f"  {name}: mean {mean[0]:+.1f}, mean size {size[0]:.1f}, calibrated {size[1]:.2f} "
             f"(largest {np.abs(found[:, 1]).max():.1f}), inside {mean[2]:.2f}"
         )
+
+
+def way_m(path: Path) -> float:
+    """Return the true way of a simulated walk, by the places told ten times a second."""
+    with Recording.open(path) as opened:
+        places = np.array([x.x_m + 1j * x.y_m for x in opened.labels if x.kind == "heading"])
+    return float(np.abs(np.diff(places)).sum())
 
 
 def walked(opened: Recording, constants: dict[str, float]) -> float:

@@ -227,7 +227,7 @@ def calibrate(
 
 
 #: What lengths that were calibrated are still off by together, as a part. Bench:
-#: pedestrian_accuracy.py -> 0.7 % on other walks of the same simulated people; real paces vary.
+#: pedestrian_accuracy.py -> 0.8 % on other walks of the same simulated people; real paces vary.
 CALIBRATED = 0.03
 
 
