@@ -4,7 +4,7 @@
 
 The folder holds ``indoor-location-20`` as published. Nothing is set but the name of the pipeline.
 Beside each error stands the part of the true places that lie within the claimed ellipse of 90 %.
-Simulated people with odd numbers chose the constant of step lengths; those with even ones report.
+Simulated people with odd numbers chose the constant of step lengths; the even ones were seen.
 
 These traces were seen while the tracker was made (docs/accuracy.md).
 """
@@ -101,7 +101,7 @@ def people(count: int) -> None:
                 both = [100 * (m / LOOP_M - 1) for m in (by_default, walked(opened, constants))]
         rows.append((number, *both, held))
         print(f"  person {number}: {both[0]:+.1f} {both[1]:+.1f}, {held:.2f} inside", flush=True)
-    for name, part in (("odd, chosen on", 1), ("even, report", 0)):
+    for name, part in (("odd, chosen on", 1), ("even, seen", 0)):
         found = np.array([row[1:] for row in rows if row[0] % 2 == part])
         mean, size = found.mean(axis=0), np.abs(found).mean(axis=0)
         print(
