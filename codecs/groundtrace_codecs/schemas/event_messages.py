@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from ..events import Event, SingleEvent
+    from ..events import Event
     from ..mcap.reader import McapFile
 
 
@@ -210,21 +210,6 @@ def _decoder_by(layout: Layout, cls: type[Any]) -> Decoder:
             raise SchemaError(f"{place}: {error}") from error
 
     return decode
-
-
-def decode_event(name: str, data: bytes | memoryview, place: str) -> SingleEvent:
-    """Decode a single event; ``name`` is its message's.
-
-    Raises
-    ------
-    SchemaError
-        Where the bytes are not one, or there is no such event.
-    """
-    kind = kind_of_message(name)
-    if kind is None:
-        raise SchemaError(f"{place}: expected an event, found {name}")
-    event: SingleEvent = decoder_of(kind.cls)(place, data)
-    return event
 
 
 def events_of(

@@ -1,16 +1,22 @@
-"""Engines that compute a fleet's tasks. Each gives the same results, in another order."""
+"""Engines that compute a fleet's tasks. Each gives the same results, in another order.
+
+Dask and Ray are imported by the engines that they run: importing them costs seconds.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
+import socket
 import threading
 from collections import deque
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing import get_context
 from multiprocessing.connection import wait
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from groundtrace_codecs.errors import MissingReaderError
 
@@ -62,24 +68,17 @@ def engine_of(text: str, workers: int) -> Engine:
     name, _, address = text.partition(":")
     if name == "local" and not address:
         return LocalEngine(workers)
-    if name == "dask":
-        return _made("distributed", "fleet", "on_dask:DaskEngine", address, workers)
-    if name == "ray":
-        return _made("ray", "ray", "on_ray:RayEngine", address, workers)
+    for known, package, extra, engine in (
+        ("dask", "distributed", "fleet", DaskEngine),
+        ("ray", "ray", "ray", RayEngine),
+    ):
+        if name == known:
+            if find_spec(package) is None:
+                raise MissingReaderError(f"--engine {package}", package, extra)
+            return engine(address, workers)
     raise RecordingError(
         f"--engine: expected local, dask, dask:ADDRESS, ray or ray:ADDRESS, found {text!r}"
     )
-
-
-def _made(package: str, extra: str, target: str, address: str, workers: int) -> Engine:
-    """Import an engine, which costs seconds, and make one."""
-    from importlib import import_module
-    from importlib.util import find_spec
-
-    if find_spec(package) is None:
-        raise MissingReaderError(f"--engine {package}", package, extra)
-    module, _, kind = target.partition(":")
-    return cast("Engine", getattr(import_module(f"{__package__}.{module}"), kind)(address, workers))
 
 
 #: What a worker exits with that ended itself because its task did not end in time. Chosen by
@@ -185,6 +184,118 @@ def _end(worker: _Worker) -> int | None:
     worker.process.join()
     worker.process.close()
     return code
+
+
+class DaskEngine:
+    """Runs tasks on a Dask cluster; what they give comes back over the network.
+
+    Parameters
+    ----------
+    address
+        Of the scheduler, as ``tcp://HOST:8786``; a cluster of this computer is started where empty.
+    workers
+        Processes of such a cluster.
+    """
+
+    def __init__(self, address: str, workers: int) -> None:
+        self.address = address
+        self.workers = workers
+
+    def run(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | None]]:
+        """Yield the number of each task and its result; None where its workers were killed.
+
+        A cluster of one's own tries a task once more after a kill, another as often as it is told.
+        """
+        from distributed.scheduler import KilledWorker
+
+        with ExitStack() as stack:
+            client = self._client(stack)
+            numbers = {client.submit(function, t, pure=False): i for i, t in enumerate(tasks)}
+            for future in _distributed().as_completed(list(numbers)):
+                number = numbers.pop(future)
+                error = future.exception() if future.status != "finished" else None
+                if error is not None and not isinstance(error, KilledWorker):
+                    raise error
+                yield number, None if error is not None else future.result()
+                future.release()
+
+    def _client(self, stack: ExitStack) -> Any:
+        import dask
+
+        distributed = _distributed()
+        if self.address:
+            with quiet(), reached(f"dask:{self.address}"):
+                return stack.enter_context(distributed.Client(self.address, timeout=REACHED_S))
+        stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 1}))
+        with quiet():
+            cluster = distributed.LocalCluster(
+                n_workers=self.workers,
+                threads_per_worker=1,
+                dashboard_address=":0",
+                silence_logs=logging.CRITICAL,
+            )
+        stack.enter_context(cluster)
+        return stack.enter_context(distributed.Client(cluster))
+
+
+def _distributed() -> Any:
+    """Return the package, which has no types."""
+    import distributed
+
+    return distributed
+
+
+class RayEngine:
+    """Runs tasks on a Ray cluster; what they give comes back over the network.
+
+    Parameters
+    ----------
+    address
+        Of the cluster, as ``ray://HOST:10001`` or ``auto``; one of this computer is started where
+        empty.
+    workers
+        Processors of such a cluster.
+    """
+
+    def __init__(self, address: str, workers: int) -> None:
+        self.address = address
+        self.workers = workers
+
+    def run(self, function: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R | None]]:
+        """Yield the number of each task and its result; None where two workers were killed."""
+        import ray
+
+        if self.address:
+            with reached(f"ray:{self.address}"):
+                _listens(self.address)
+                ray.init(address=self.address, log_to_driver=False)
+        else:
+            ray.init(
+                address="local",
+                num_cpus=self.workers,
+                include_dashboard=False,
+                log_to_driver=False,
+                logging_level="ERROR",
+            )
+        try:
+            remote = ray.remote(function).options(max_retries=1)
+            numbers = {remote.remote(task): number for number, task in enumerate(tasks)}
+            while numbers:
+                (ready,), _ = ray.wait(list(numbers), num_returns=1)
+                number = numbers.pop(ready)
+                try:
+                    yield number, ray.get(ready)
+                except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError):
+                    yield number, None
+        finally:
+            ray.shutdown()
+
+
+def _listens(address: str) -> None:
+    """Raise where nobody listens at an address: the package tries for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if port.isdecimal():
+        socket.create_connection((host, int(port)), REACHED_S).close()
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from groundtrace_codecs.events import (
     TrackPoint,
 )
 from groundtrace_codecs.mcap.reader import McapFile
-from groundtrace_codecs.schemas.event_messages import decode_event, events_of
+from groundtrace_codecs.schemas.event_messages import decoder_of, events_of
 from groundtrace_codecs.schemas.protobuf import message_class
 from groundtrace_codecs.writer import RecordingWriter
 
@@ -79,8 +79,8 @@ def test_fixes_and_disturbances_have_a_line_in_the_log_and_curves_have_none(tmp_
     assert set(topics) == {"/groundtrace/log", *(EVENTS[type(e)].topic for e in ESTIMATES)}
 
 
-@pytest.mark.parametrize("name", ["Fix", "TrackPoint"])
-def test_a_covariance_has_three_numbers(name: str) -> None:
-    data = message_class(name)(covariance=[1.0, 2.0]).SerializeToString()
+@pytest.mark.parametrize("cls", [Fix, TrackPoint])
+def test_a_covariance_has_three_numbers(cls: type) -> None:
+    data = message_class(cls.__name__)(covariance=[1.0, 2.0]).SerializeToString()
     with pytest.raises(SchemaError, match="here: covariance: expected 3 numbers, found 2"):
-        decode_event(name, data, "here")
+        decoder_of(cls)("here", data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ from groundtrace_codecs.errors import CodecError, SchemaError
 from groundtrace_codecs.events import EVENTS, GateSpec, Quantity, StageSpec
 from groundtrace_codecs.schemas.event_messages import (
     decode_candidates,
-    decode_event,
     decode_label,
     decode_trace,
+    decoder_of,
 )
 from groundtrace_codecs.schemas.protobuf import (
     field_names,
@@ -84,7 +85,7 @@ def test_any_bytes_decode_or_raise_a_schema_error(data: bytes) -> None:
         decode_label,
         lambda d: decode_candidates(d, SPEC),
         lambda d: decode_trace(d, SPEC),
-        *(lambda d, cls=cls: decode_event(cls.__name__, d, "here") for cls in EVENTS),
+        *(partial(decoder_of(cls), "here") for cls in EVENTS),
     ):
         try:
             decoded = decode(data)

@@ -19,7 +19,7 @@ from groundtrace_codecs.events import (
     quantised,
 )
 from groundtrace_codecs.mcap.reader import McapFile
-from groundtrace_codecs.schemas.event_messages import decode_event, events_of
+from groundtrace_codecs.schemas.event_messages import decoder_of, events_of
 from groundtrace_codecs.schemas.protobuf import message_class
 from groundtrace_codecs.writer import RecordingWriter
 
@@ -90,4 +90,4 @@ def test_an_even_surface_is_told_too() -> None:
 def test_a_surface_of_other_size_is_refused() -> None:
     message = message_class("LikelihoodSurface")(columns=2, rows=2, levels=b"abc")
     with pytest.raises(SchemaError, match="levels: expected 4 bytes, found 3"):
-        decode_event("LikelihoodSurface", message.SerializeToString(), "a surface")
+        decoder_of(LikelihoodSurface)("a surface", message.SerializeToString())

@@ -72,7 +72,7 @@ def test_a_missing_package_is_said_with_what_installs_it(
     monkeypatch: pytest.MonkeyPatch,
     capsys: Capture,
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("groundtrace.fleet.engines.find_spec", lambda _: None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.mcap").write_bytes(b"")
     said = run(capsys, "fleet", "a.mcap", "-o", "t.parquet", "--engine", engine).error
