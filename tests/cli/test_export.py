@@ -58,6 +58,8 @@ def event_of(kind: type, row: dict[str, str], start_ns: int) -> object:
             assert found[field.name] == int(row["time_ns"])
         elif field.type == "float":
             found[field.name] = float(row[field.name] or "nan")
+        elif field.type == "bool":
+            found[field.name] = row[field.name] == "true"
         else:
             found[field.name] = int(row[field.name]) if field.type == "int" else row[field.name]
     return kind(**found)

@@ -494,14 +494,12 @@ def _axes(quantity: str, unit: str) -> tuple[Wanted, ...]:
     return tuple(Wanted(axis, quantity, unit, axis) for axis in ("x", "y", "z"))
 
 
-def _columns(
-    tables: dict[str, AppFile], name: str, columns: tuple[Wanted, ...], part: str = ""
-) -> Sampled | None:
+def _columns(tables: dict[str, AppFile], name: str, columns: tuple[Wanted, ...]) -> Sampled | None:
     """Return the samples of one table, None where there is none with those columns."""
     file = tables.get(name)
     if file is None or not all(c.column in file.header for c in columns):
         return None
-    topic = f"{TOPICS[columns[0].quantity]}{part}/{PLACEMENT}"
+    topic = f"{TOPICS[columns[0].quantity]}/{PLACEMENT}"
     return sampled(file, topic, columns, "time", "ns")
 
 

@@ -62,9 +62,7 @@ class Truth:
     conflicts: int
 
 
-def conflicts(
-    annotations: Iterable[Annotation], tolerance_s: float = TOLERANCE_S
-) -> tuple[Conflict, ...]:
+def conflicts(annotations: Iterable[Annotation]) -> tuple[Conflict, ...]:
     """Return where authors contradict each other, by time.
 
     One says that there is a step and another, within the tolerance, that there is none; or both
@@ -75,27 +73,23 @@ def conflicts(
     ----------
     annotations
         Of all authors.
-    tolerance_s
-        Within this two people mean the same moment [s].
     """
     known = sorted(annotations, key=lambda a: (a.label.time_ns, a.id))
     steps = [a for a in known if as_truth(a.label).kind == "step"]
-    found = _step_or_not(steps, [a for a in known if a.label.kind == "false"], tolerance_s)
+    found = _step_or_not(steps, [a for a in known if a.label.kind == "false"])
     by_author: dict[str, list[Annotation]] = {}
     for step in steps:
         by_author.setdefault(step.label.author, []).append(step)
     authors = sorted(by_author)
     for i, one in enumerate(authors):
         for other in authors[i + 1 :]:
-            found += _differing(by_author[one], by_author[other], tolerance_s)
+            found += _differing(by_author[one], by_author[other])
     return tuple(sorted(found, key=lambda c: c.annotations[0].label.time_ns))
 
 
-def _step_or_not(
-    steps: Sequence[Annotation], false: Sequence[Annotation], tolerance_s: float
-) -> list[Conflict]:
+def _step_or_not(steps: Sequence[Annotation], false: Sequence[Annotation]) -> list[Conflict]:
     times = _times(steps)
-    reach = round(tolerance_s * NS_PER_S)
+    reach = round(TOLERANCE_S * NS_PER_S)
     return [
         Conflict("step or not", (step, no))
         for no in false
@@ -108,9 +102,7 @@ def _step_or_not(
     ]
 
 
-def _differing(
-    ones: Sequence[Annotation], others: Sequence[Annotation], tolerance_s: float
-) -> list[Conflict]:
+def _differing(ones: Sequence[Annotation], others: Sequence[Annotation]) -> list[Conflict]:
     """Compare the steps of two authors: those that are nearest to each other."""
     found = []
     for one in ones:
@@ -119,9 +111,9 @@ def _differing(
             continue
         apart_s = abs(one.label.time_ns - other.label.time_ns) / NS_PER_S
         words = {one.label.label, other.label.label} - {""}
-        if tolerance_s < apart_s <= ONE_STEP_S:
+        if TOLERANCE_S < apart_s <= ONE_STEP_S:
             found.append(Conflict("time", (one, other)))
-        elif apart_s <= tolerance_s and len(words) > 1:
+        elif apart_s <= TOLERANCE_S and len(words) > 1:
             found.append(Conflict("foot", (one, other)))
     return found
 

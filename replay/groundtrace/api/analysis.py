@@ -91,9 +91,9 @@ class Miss:
     text: str
 
 
-def misses_of(evidence: Evidence, tolerance_s: float = STEP_TOLERANCE_S) -> tuple[Miss, ...]:
+def misses_of(evidence: Evidence) -> tuple[Miss, ...]:
     """Return the missed steps with the reason of each, by time; no change is sought."""
-    reasons = StepReasons(evidence, tolerance_s)
+    reasons = StepReasons(evidence, STEP_TOLERANCE_S)
     matching = reasons.matching
     times = matching.truth_ns[matching.missed].tolist()
     found = [(reasons.at(time_ns), time_ns) for time_ns in times]

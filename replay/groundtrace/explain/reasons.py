@@ -485,7 +485,7 @@ def bootstrap_recordings(
     return _intervals(np.concatenate(changes)[:, None])[0]
 
 
-def bootstrap(settings: Sequence[Sequence[Verdicts]], draws: int = DRAWS) -> Confidence:
+def bootstrap(settings: Sequence[Sequence[Verdicts]]) -> Confidence:
     """Return the confidence of settings, each a sequence of verdicts, one for each recording.
 
     True steps are drawn with replacement; every false detection counts as often as a Poisson
@@ -496,9 +496,9 @@ def bootstrap(settings: Sequence[Sequence[Verdicts]], draws: int = DRAWS) -> Con
     hit = np.array([np.concatenate([v.hit for v in s]) for s in settings], np.float64)
     false = _occurrence(settings)
     n = hit.shape[1]
-    steps = rng.multinomial(n, np.full(n, 1 / n), size=draws).astype(np.float64)
+    steps = rng.multinomial(n, np.full(n, 1 / n), size=DRAWS).astype(np.float64)
     found = steps @ hit.T
-    wrong = rng.poisson(1.0, (draws, false.shape[1])).astype(np.float64) @ false.T
+    wrong = rng.poisson(1.0, (DRAWS, false.shape[1])).astype(np.float64) @ false.T
     f1 = 2 * found / (n + found + wrong)
     return Confidence(_intervals(f1), _intervals(f1[:, :1] - f1))
 

@@ -292,14 +292,12 @@ class Reference:
         return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
-def reference_of(
-    evidence: Evidence, located: Located, tolerance_s: float = STEP_TOLERANCE_S
-) -> Reference:
+def reference_of(evidence: Evidence, located: Located) -> Reference:
     """Return the truth about places, else what the track says, for each step located."""
     times = located.block.time_ns
     truth = true_places(evidence.labels)
     if len(truth):
-        return Reference("truth", true_at(truth, times, located.xy, tolerance_s))
+        return Reference("truth", true_at(truth, times, located.xy, STEP_TOLERANCE_S))
     if evidence.track:
         return Reference("track", tracked_at(evidence.track, times, located.xy))
     return Reference("none", np.full((len(times), 2), np.nan))

@@ -186,9 +186,7 @@ def _by_place(judged: Sequence[Judged], places: list[list[int]]) -> dict[tuple[i
     }
 
 
-def verdicts(
-    counted: Counted, rows: Sequence[int], jobs: int = 1, done: Callable[[], None] = lambda: None
-) -> list[list[Verdicts]]:
+def verdicts(counted: Counted, rows: Sequence[int], jobs: int = 1) -> list[list[Verdicts]]:
     """Return step by step how some settings did, and last the pipeline as it stands.
 
     One list for each setting, in it one entry for each recording.
@@ -197,7 +195,7 @@ def verdicts(
     several = range(len(subjects))
     more = [row for row in rows if any((row, r) not in counted.kept for r in several)]
     tasks, places = _tasks(subjects, counted.grid, more, tolerance_s, detailed=True)
-    found = counted.kept | _by_place(judge_all(tasks, jobs, done), places)
+    found = counted.kept | _by_place(judge_all(tasks, jobs), places)
     now = [j.verdicts[0] for j in _as_it_stands(subjects, tolerance_s)]
     return [*([found[row, r] for r in several] for row in rows), now]
 
@@ -277,7 +275,7 @@ def _as_it_stands(subjects: Sequence[Subject], tolerance_s: float) -> list[Judge
         Task(i, s.evidence, s.evidence.config, s.evidence.labels, (), ((),), tolerance_s, True)
         for i, s in enumerate(subjects)
     ]
-    return judge_all(tasks, 1, lambda: None)
+    return judge_all(tasks)
 
 
 def _rate(judged: Sequence[Judged], settings: int, recorded_s: float) -> Rate:
@@ -478,7 +476,9 @@ def in_processes(
     return [results[index] for index in range(len(arguments))]
 
 
-def judge_all(tasks: Sequence[Task], jobs: int, done: Callable[[], None]) -> list[Judged]:
+def judge_all(
+    tasks: Sequence[Task], jobs: int = 1, done: Callable[[], None] = lambda: None
+) -> list[Judged]:
     """Judge tasks: those with evidence here, the others in ``jobs`` processes at once.
 
     ``done`` is called after each one that had to be measured.
@@ -694,9 +694,7 @@ class Ranking:
     notes: tuple[str, ...]
 
 
-def rank(
-    counted: Counted, top: int = 10, jobs: int = 1, done: Callable[[], None] = lambda: None
-) -> Ranking:
+def rank(counted: Counted, top: int = 10, jobs: int = 1) -> Ranking:
     """Say which settings are best, and how sure that is.
 
     Parameters
@@ -705,13 +703,13 @@ def rank(
         Every setting's steps.
     top
         How many of the highest F1 to list.
-    jobs, done
-        As those of :func:`count`.
+    jobs
+        Processes, as of :func:`count`.
     """
     f1 = f1_of(counted.counts.sum(axis=0))
     levels = np.unique(f1)[::-1][:top]
     rows = [middle(counted.grid, f1 == level) for level in levels]
-    sure = bootstrap(verdicts(counted, rows, jobs, done))
+    sure = bootstrap(verdicts(counted, rows, jobs))
     same = [int((f1 == level).sum()) for level in levels]
     ranked = tuple(
         _ranked(counted, row, n, sure, i) for i, (row, n) in enumerate(zip(rows, same, strict=True))

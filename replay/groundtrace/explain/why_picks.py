@@ -726,12 +726,12 @@ def pick_moment(
     return PickMoment((time_ns - evidence.start_ns) / NS_PER_S, bad, kept)
 
 
-def bad_picks(evidence: Evidence, tolerance_s: float = RIGHT_S) -> int | None:
+def bad_picks(evidence: Evidence) -> int | None:
     """Return how many picks are late, early or missed; None without true arrivals or picks."""
     if not any(x.kind == "pick" for x in evidence.labels) or not _picking_parts(evidence):
         return None
     answers = pick_residuals(evidence.labels, _picking(evidence).picks())
-    return sum(state != "right" for state in answers.states(tolerance_s))
+    return sum(state != "right" for state in answers.states(RIGHT_S))
 
 
 def _picking_parts(evidence: Evidence) -> list[StageEvidence]:

@@ -457,23 +457,13 @@ def write_tables(
     return Written({kind: write(tables[0], path)})
 
 
-def iso_utc(time_ns: int, digits: int = 9) -> str | None:
-    """Return a time as ISO 8601 in UTC; None where the clock is not that of the calendar.
-
-    Parameters
-    ----------
-    time_ns
-        Since 1970 [ns].
-    digits
-        Of the second's fraction, at most 9; what is beyond is rounded.
-    """
+def iso_utc(time_ns: int) -> str | None:
+    """Return a time [ns since 1970] as ISO 8601 in UTC; None where no clock of the calendar."""
     if time_ns < FIRST_DATE_NS:
         return None
-    step = 10 ** (9 - digits)
-    rounded = (time_ns + step // 2) // step * step
-    whole, part = divmod(rounded, NS_PER_S)
+    whole, part = divmod(time_ns, NS_PER_S)
     text = datetime.fromtimestamp(whole, UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    return f"{text}.{part // step:0{digits}d}Z" if digits else f"{text}Z"
+    return f"{text}.{part:09d}Z"
 
 
 #: ``seconds`` and ``utc`` hold ns: since the recording's first sample, and since 1970.

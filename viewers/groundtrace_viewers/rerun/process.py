@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
 LOOPBACK = "127.0.0.1"
+#: How long a program that was started may take to answer [s]. Chosen by judgement.
+START_S = 20.0
 
 
 def viewer_program() -> Path:
@@ -87,7 +89,7 @@ def data_url(port: int) -> str:
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
 
 
-def connect(process: subprocess.Popen[bytes], port: int, timeout_s: float = 20.0) -> ViewerClient:
+def connect(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
     """Return a client of a viewer that was just started.
 
     Raises
@@ -98,7 +100,7 @@ def connect(process: subprocess.Popen[bytes], port: int, timeout_s: float = 20.0
     from rerun.experimental import ViewerClient
 
     reason = "no answer"
-    deadline = time.monotonic() + timeout_s
+    deadline = time.monotonic() + START_S
     while time.monotonic() < deadline and process.poll() is None:
         try:
             client = ViewerClient.connect(data_url(port))
@@ -110,7 +112,7 @@ def connect(process: subprocess.Popen[bytes], port: int, timeout_s: float = 20.0
             return client
     if process.poll() is not None:
         reason = f"it ended with {process.returncode}"
-    raise ViewerError(f"viewer: expected an answer within {timeout_s:g} s, found: {reason}")
+    raise ViewerError(f"viewer: expected an answer within {START_S:g} s, found: {reason}")
 
 
 def open_viewer(arguments: Sequence[str], port: int) -> subprocess.Popen[bytes]:
@@ -133,10 +135,9 @@ def open_viewer(arguments: Sequence[str], port: int) -> subprocess.Popen[bytes]:
 
 #: What of the viewer a page needs.
 VIEWER_FILES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
-START_S = 20.0
 
 
-def fetch(port: int, path: str, timeout_s: float = START_S) -> bytes:
+def fetch(port: int, path: str) -> bytes:
     """Return a file of a server on this machine, waiting until the server is up.
 
     Raises
@@ -147,9 +148,9 @@ def fetch(port: int, path: str, timeout_s: float = START_S) -> bytes:
     from http import HTTPStatus
     from http.client import HTTPConnection
 
-    deadline = time.monotonic() + timeout_s
+    deadline = time.monotonic() + START_S
     while True:
-        connection = HTTPConnection(LOOPBACK, port, timeout=timeout_s)
+        connection = HTTPConnection(LOOPBACK, port, timeout=START_S)
         try:
             connection.request("GET", path)
             answer = connection.getresponse()
@@ -157,7 +158,7 @@ def fetch(port: int, path: str, timeout_s: float = START_S) -> bytes:
         except OSError as error:
             if time.monotonic() > deadline:
                 raise ViewerError(
-                    f"{path}: expected a page within {timeout_s:g} s: {error}"
+                    f"{path}: expected a page within {START_S:g} s: {error}"
                 ) from error
             time.sleep(0.1)
         else:
