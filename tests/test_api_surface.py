@@ -1,4 +1,4 @@
-"""The public names of the packages, what importing them costs, and which knows which."""
+"""The public names of the packages, and what importing them costs."""
 
 from __future__ import annotations
 
@@ -45,19 +45,6 @@ SURFACE = {
         Stream TRUTH_KINDS TraceBlock TrackPoint events_of labels_of write_recording""",
     "groundtrace_recordings": "UnknownFileError bundled map_path maps path_of",
     "groundtrace_viewers": "RerunSink ViewerError screenshot serve_web show",
-}
-#: Packages that each package may import, beside itself.
-KNOWS = {
-    "groundtrace_codecs": set(),
-    "groundtrace_recordings": {"groundtrace_codecs"},
-    "groundtrace": {"groundtrace_codecs", "groundtrace_recordings"},
-    "groundtrace_viewers": {"groundtrace", "groundtrace_codecs"},
-}
-FOLDERS = {
-    "groundtrace_codecs": "codecs",
-    "groundtrace_recordings": "recordings",
-    "groundtrace": "replay",
-    "groundtrace_viewers": "viewers",
 }
 
 
@@ -113,58 +100,3 @@ def test_importing_a_package_imports_nothing_it_can_do_without(
     code = f"import sys, {module}; print(*(m for m in {heavy} if m in sys.modules))"
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == []
-
-
-def sources(package: str) -> list[Path]:
-    return sorted((ROOT / FOLDERS[package] / package).rglob("*.py"))
-
-
-def imported(path: Path) -> set[str]:
-    """Return the packages a file imports by their full names, wherever in it."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            found.add(node.module.partition(".")[0])
-    return found
-
-
-@pytest.mark.parametrize("package", sorted(KNOWS))
-def test_imports_point_one_way_only(package: str) -> None:
-    files = sources(package)
-    assert files
-    for path in files:
-        unknown = imported(path) & set(KNOWS) - KNOWS[package] - {package}
-        assert not unknown, f"{path.relative_to(ROOT)} imports {unknown}"
-
-
-def test_only_the_viewers_know_rerun() -> None:
-    for package in KNOWS.keys() - {"groundtrace_viewers"}:
-        for path in sources(package):
-            assert "rerun" not in imported(path), path.relative_to(ROOT)
-
-
-def test_no_library_imports_the_command_line_and_the_api_does_not_print() -> None:
-    for package in sorted(KNOWS):
-        for path in sources(package):
-            place = path.relative_to(ROOT).parts
-            if "commands" in place or path.name == "__main__.py":
-                continue
-            nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
-            assert "commands" not in named_by_imports(nodes), path.relative_to(ROOT)
-            if "api" in place:
-                called = [n.func for n in nodes if isinstance(n, ast.Call)]
-                names = {f.id for f in called if isinstance(f, ast.Name)}
-                assert not names & {"print", "input"}, path.relative_to(ROOT)
-
-
-def named_by_imports(nodes: list[ast.AST]) -> set[str]:
-    """Return every part of the names of modules, and every name, that is imported."""
-    found: set[str] = set()
-    for node in nodes:
-        if isinstance(node, ast.ImportFrom):
-            found |= {*(node.module or "").split("."), *(alias.name for alias in node.names)}
-        elif isinstance(node, ast.Import):
-            found |= {part for alias in node.names for part in alias.name.split(".")}
-    return found

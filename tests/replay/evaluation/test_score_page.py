@@ -68,9 +68,9 @@ def events() -> list[Event]:
     return out
 
 
-@pytest.fixture
-def results(tmp_path: Path) -> Path:
-    path = tmp_path / "walk.results.mcap"
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "walk.results.mcap"
     corners = ((0.0, 0.0), (6.0, 0.0), (6.0, 3.0), (0.0, 3.0))
     geometry = Geometry((Sensor("G<1>", "G<1>", 0.0, 0.0),), outline=corners)
     origin = Provenance(
@@ -88,6 +88,11 @@ def page_of(path: Path, tolerance_s: float = 0.12) -> str:
     result = read_results(path)
     score = score_events(result.labels, result.events, START_NS, END_NS, tolerance_s)
     return score_page(result, result.labels, score, tolerance_s)
+
+
+@pytest.fixture(scope="module")
+def page(results: Path) -> str:
+    return page_of(results)
 
 
 class Outline(HTMLParser):
@@ -125,8 +130,8 @@ def outline(page: str) -> Outline:
     return parsed
 
 
-def test_a_page_has_a_section_and_figures_for_every_part(results: Path) -> None:
-    parsed = outline(page_of(results))
+def test_a_page_has_a_section_and_figures_for_every_part(page: str) -> None:
+    parsed = outline(page)
     assert parsed.headings == [
         "Steps",
         "Positions",
@@ -149,8 +154,7 @@ def test_a_page_has_a_section_and_figures_for_every_part(results: Path) -> None:
     ]
 
 
-def test_a_page_asks_nobody_for_anything(results: Path) -> None:
-    page = page_of(results)
+def test_a_page_asks_nobody_for_anything(page: str) -> None:
     parsed = outline(page)
     assert not parsed.tags & {"script", "link", "img", "iframe", "object", "image"}
     assert not {name for name, _ in parsed.attributes} & {"src", "xlink:href", "srcset", "style"}
@@ -159,12 +163,11 @@ def test_a_page_asks_nobody_for_anything(results: Path) -> None:
     assert "default-src 'none'" in page
 
 
-def test_a_page_is_the_same_every_time(results: Path) -> None:
-    assert page_of(results) == page_of(results)
+def test_a_page_is_the_same_every_time(results: Path, page: str) -> None:
+    assert page_of(results) == page
 
 
-def test_a_page_escapes_names_and_names_no_folder(results: Path) -> None:
-    page = page_of(results)
+def test_a_page_escapes_names_and_names_no_folder(page: str) -> None:
     assert "w&lt;b&gt;&amp;.mcap" in page
     assert "&lt;script&gt;" in page
     assert "<script" not in page
@@ -174,16 +177,15 @@ def test_a_page_escapes_names_and_names_no_folder(results: Path) -> None:
     assert "/home" not in page
 
 
-def test_a_page_shows_every_step_once_and_what_became_of_it(results: Path) -> None:
-    tips = re.findall(r"<title>((?:step|detection) at [^<]*)</title>", page_of(results))
+def test_a_page_shows_every_step_once_and_what_became_of_it(page: str) -> None:
+    tips = re.findall(r"<title>((?:step|detection) at [^<]*)</title>", page)
     assert len(tips) == len(set(tips))
     ends = [tip.partition(": ")[2] for tip in tips]
     assert {word: ends.count(word) for word in ends} == {"matched": 2 * 49, "missed": 6, "false": 6}
     assert {"step at 9.000 s: missed", "detection at 9.400 s: false"} <= set(tips)
 
 
-def test_no_coordinate_is_undefined(results: Path) -> None:
-    page = page_of(results)
+def test_no_coordinate_is_undefined(page: str) -> None:
     assert not re.search(r"""="(nan|inf|-inf)"|[ ,](nan|inf)[ ,"]""", page)
 
 
@@ -217,21 +219,21 @@ def test_a_long_recording_is_drawn_in_a_few_rows(results: Path) -> None:
 
 
 def test_the_command_writes_the_page_and_keeps_an_existing_one(
-    results: Path, capsys: pytest.CaptureFixture[str]
+    results: Path, page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = results.with_name("out.html")
-    main(["score", str(results), "--html", str(page)])
+    written = tmp_path / "out.html"
+    main(["score", str(results), "--html", str(written)])
     printed = capsys.readouterr()
     assert "positions: 55 fixes of locate at 55 true places" in printed.out
     assert "NEES of fixes" in printed.out
-    assert printed.err == f"page: {page}\n"
-    assert page.read_text("utf-8") == page_of(results)
+    assert printed.err == f"page: {written}\n"
+    assert written.read_text("utf-8") == page
     with pytest.raises(SystemExit) as ended:
-        main(["score", str(results), "--html", str(page)])
+        main(["score", str(results), "--html", str(written)])
     assert ended.value.code == 1
     assert "expected a new file" in capsys.readouterr().err
-    main(["score", str(results), "--html", str(page), "--tolerance", "0.5", "--force"])
-    assert "within 500 ms" in page.read_text("utf-8")
+    main(["score", str(results), "--html", str(written), "--tolerance", "0.5", "--force"])
+    assert "within 500 ms" in written.read_text("utf-8")
 
 
 def test_errors_of_fixes_between_the_waypoints_of_a_vehicle_are_drawn() -> None:
