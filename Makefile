@@ -46,7 +46,7 @@ golden: dev ## the golden events anew, after a change that is meant to change re
 	OMP_NUM_THREADS=1 $(BIN)/python tests/golden_events.py
 
 build: dev
-	$(BIN)/python -m build --wheel --outdir dist .
+	$(BIN)/python -m build --no-isolation --wheel --outdir dist . # what builds it is in dev
 
 wheel: build ## the wheel works alone: in a fresh environment, away from the source
 	rm -rf build/wheel && mkdir -p build/wheel

@@ -7,8 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..api import files
-from ..api.files import existing
+from ..api.files import existing, recording_of
 from ..errors import RecordingError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
@@ -56,17 +55,12 @@ def share(
         raise RecordingError(f"{out}: expected a name that ends in .{form}, found {out.name}")
     existing(results, "results")
     timeline = None if rrd is None else existing(rrd, "a viewer's file")
-    found = recording_of(results, recording)
+    found = recording_of(results, recording, print_stderr)
     write = load("views", "share")
     options = {"light": light, "force": force, "report": print_stderr}
     write(results, out, form=form, recording=found, rrd=timeline, **options)
     print_warnings(read_results(results, blocks=False).warnings)
     _report(out, form)
-
-
-def recording_of(results: Path, given: Path | None = None) -> Path | None:
-    """Return the recording of results; say where one of its name has other bytes."""
-    return files.recording_of(results, given, print_stderr)
 
 
 def _report(out: Path, form: str) -> None:
