@@ -20,8 +20,9 @@ from groundtrace.vehicles import likelihood, lines, ratios
 from groundtrace.vehicles.courses import Observed, Search, fit_course
 from groundtrace.vehicles.likelihood import CyclePlace
 from groundtrace.vehicles.medium import Geophone, PowerLaw, clamped, ranges
-from groundtrace.vehicles.passes import PassFinder, Road, associate
+from groundtrace.vehicles.passes import station_peaks
 from groundtrace.vehicles.tracker import cycle_places, track, track_places
+from groundtrace.vehicles.traffic import RoadPowers, RoadVehicle, driven
 
 SENSORS = np.array([(x, y) for y in (0.0, 40.0) for x in (0.0, 20.0, 40.0)])
 MARGIN_M = 20.0
@@ -253,26 +254,41 @@ def curves(paths: int, rng: np.random.Generator) -> None:
     print("  " + ", ".join(f"{name} {np.median(errors):.1f}" for name, errors in off.items()))
 
 
+def late_by(vehicle: RoadVehicle, first_s: float) -> float:
+    """Return how far its pass at the first station is from a time [s]."""
+    times = [one.time_s for station, one in vehicle.passes if station == 0]
+    return abs(times[0] - first_s) if times else float("inf")
+
+
 def roads(pairs: int, rng: np.random.Generator) -> None:
     """Print how many of two vehicles, that meet or overtake, are found by three stations."""
     along, offsets = (0.0, 60.0, 150.0), (5.0, 6.0, 4.0)
     times = np.arange(0, 80, 0.5) + 0.25
-    finder = PassFinder(relative_sigma=1 / 18**0.5)
     found, off, ghosts = 0, [], 0
     for _ in range(pairs):
         velocity = rng.uniform(4, 20, 2) * rng.choice([-1, 1], 2)
         moment = 40 + rng.uniform(-6, 6, 2)
-        passes = []
+        powers = []
         for x, offset in zip(along, offsets, strict=True):
             late = times[:, None] - moment - (x - 75) / velocity
             mean = 0.02 + 50 * ((velocity * late) ** 2 + offset**2) ** -0.75 @ np.ones(2)
-            powers = mean * rng.gamma(18, 1 / 18, len(times))
-            passes.append(finder.find(times, powers, np.full(len(times), 0.02)))
-        left = list(associate(Road(along), passes))
+            powers.append(mean * rng.gamma(18, 1 / 18, len(times)))
+        observed = RoadPowers(
+            times,
+            np.array(powers).T,
+            np.full((len(times), 3), 0.02),
+            np.array(along),
+            np.array(offsets),
+            1.5,
+            0.5,
+        )
+        peaks = [station_peaks(times, power, power, 15.0, 4.0) for power in powers]
+        left = [v for v in driven(observed, peaks, (1.5, 45.0)) if v.prominence_db >= 14]
         for v, t in zip(velocity, moment, strict=True):
-            near = [p for p in left if p.direction == np.sign(v) and abs(p.time_at(75.0) - t) < 1]
+            first = t - 75 / v
+            near = [p for p in left if p.direction == np.sign(v) and late_by(p, first) < 1]
             if near:
-                best = min(near, key=lambda p: abs(p.time_at(75.0) - t))
+                best = min(near, key=lambda p: late_by(p, first))
                 left.remove(best)
                 found += 1
                 off.append(abs(best.speed_mps / abs(v) - 1))

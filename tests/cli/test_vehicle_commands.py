@@ -45,9 +45,9 @@ def test_cars_beside_stations_pass_and_a_threshold_that_hides_them_is_named(
     assert checked(capsys, "replay", "road.mcap", "--no-viewer")["pipeline"] == "vehicle-passes"
     assert checked(capsys, "score", "road.results.mcap")["passes"]["matched"] == 3
     assert "direction" in done(capsys, "score", "road.results.mcap").out
-    high = ("road.mcap", "--no-viewer", "--out", "high.mcap", "--set", "passes.over_floor=60")
+    high = ("road.mcap", "--no-viewer", "--out", "high.mcap", "--set", "passes.prominence=60")
     done(capsys, "replay", *high)
     why = checked(capsys, "why", "high.mcap")
     assert why["missed"] == 3
-    assert all(reason["change"].startswith("passes.over_floor=") for reason in why["reasons"])
-    assert "over_floor" in done(capsys, "why", "high.mcap").out
+    assert all(reason["change"].startswith("passes.prominence=") for reason in why["reasons"])
+    assert "prominence" in done(capsys, "why", "high.mcap").out

@@ -45,4 +45,4 @@ def drive(
     """Return a way that passes the road's zero at 10 s; a change of speed lasts from 5 to 15 s."""
     end = speed_mps if end_speed_mps is None else end_speed_mps
     road = road or Road.straight(np.zeros(2), 0.0)
-    return Drive(road, 10.0, 0.0, speed_mps, end, 5.0, 15.0)
+    return Drive(road, 10.0, 0.0, (5.0, 15.0), (speed_mps, end))

@@ -317,7 +317,7 @@ def vehicle(
     geometry: Path | None = None,
     stations: int | None = None,
     spacing_m: float | None = None,
-    components: int = 1,
+    components: int | None = None,
     passes: int = 1,
     overlap: Annotated[bool, FLAG] = False,
     speed_mps: float | None = None,
@@ -339,6 +339,8 @@ def vehicle(
     geophone_hz: float | None = None,
     walkers: int = 0,
     impacts: int = 0,
+    swells: int | None = None,
+    stops: int | None = None,
     force: Force = False,
 ) -> None:
     """Make vehicles that pass sensors beside a road; passes, ways, speeds and levels known.
@@ -354,15 +356,16 @@ def vehicle(
     rate_hz
         Sampling rate, 50 to 1000 Hz.
     layout
-        antennas: two lines of three geophones that the road crosses; stations: beside the road.
+        antennas: two lines of three geophones that the road crosses; stations: beside the road;
+        nodes: a row of nodes whose ground, vehicles and noise the seed draws.
     geometry
         Geometry TOML with sensors, and the road where it has one, in place of a layout.
     stations
-        How many, 2 to 4; 3.
+        How many, 2 to 4 (3), nodes 1 to 16 (3 to 5 drawn).
     spacing_m
         Between stations (20) or the geophones of an antenna (10) [m].
     components
-        1: vertical, or 3: channels S1x, S1y and S1z of every sensor S1.
+        1: vertical, or 3: channels S1x, S1y and S1z of every sensor S1; 1, nodes 3.
     passes
         How many vehicles pass; several come at random times, from both sides, on two lanes.
     overlap
@@ -404,7 +407,11 @@ def vehicle(
     walkers
         How many people walk by.
     impacts
-        How many single impacts there are.
+        How many single impacts there are; of nodes, doors that slam.
+    swells
+        How many gusts and trucks far away nodes feel.
+    stops
+        How many of the vehicles stop on their way past nodes.
     """
     options = VehicleOptions(
         seed=seed,
@@ -436,6 +443,8 @@ def vehicle(
         geophone_hz=geophone_hz,
         walkers=walkers,
         impacts=impacts,
+        swells=swells,
+        stops=stops,
     )
     store(simulate_vehicle(options), out, force=force)
 

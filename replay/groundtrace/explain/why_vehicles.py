@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 #: Candidates of a course lie within this of the vehicle's first and last pass [s]. Chosen by
 #: judgement: stations lie within 100 m, and vehicles drive at 10 m/s and faster.
 _COURSE_S = 10.0
+#: By this part of a value a remedy lies beyond it. Chosen by judgement: more than its six digits
+#: and a float of 32 bits leave open.
+_BEYOND = 1e-4
 #: And those that tell why there is none at a station [s]. Chosen by judgement: three tolerances of
 #: a pass.
 _ABOUT_S = 3.0
@@ -48,7 +51,9 @@ class VehicleReason:
     text
         Why.
     change
-        The setting of one gate that alone would mend it; empty where there is none.
+        The setting of one gate that alone would mend it; empty where there is none. What it does
+        to others is for ``sweep`` to tell; of a false one the text says how many right ones it
+        costs.
     """
 
     state: str
@@ -118,7 +123,8 @@ def vehicle_account(evidence: Evidence) -> VehicleAccount:
     told = np.flatnonzero(part.accepted)
     pairs = _matched(part, truth, told)
     missed = [_missed(evidence, part, truth[i]) for i in set(range(len(truth))) - set(pairs)]
-    false = [_false(evidence, part, int(row)) for row in set(told) - set(pairs.values())]
+    right = sorted(pairs.values())
+    false = [_false(evidence, part, int(row), right) for row in set(told) - set(right)]
     reasons = sorted([*missed, *false], key=lambda r: (r.time_s, r.station))
     counts = len(pairs), len(missed), len(false)
     return VehicleAccount(evidence.name, part.spec.stage, *counts, tuple(reasons))
@@ -226,16 +232,29 @@ def _unheard(evidence: Evidence, one: _True, middle_ns: int) -> tuple[str, str, 
     return stage, f"{heard}: {text}", change
 
 
-def _false(evidence: Evidence, part: StageEvidence, row: int) -> VehicleReason:
-    gates = readings(part, row)
-    narrow = min(gates, key=lambda r: abs(r.margin) / max(abs(r.threshold), 1e-9))
-    unit = "" if narrow.unit == "1" else f" {narrow.unit}"
+def _false(
+    evidence: Evidence, part: StageEvidence, row: int, right: Sequence[int]
+) -> VehicleReason:
+    """Say which gate alone rejects a false pass or course at the loss of the fewest right ones."""
+    kept: dict[str, list[float]] = {r.gate: [] for r in readings(part, row)}
+    for other in right:
+        for r in readings(part, other):
+            kept[r.gate].append(r.margin)
+    gates = [r for r in readings(part, row) if np.isfinite(r.value)]
+    lost = {r.gate: sum(margin <= r.margin for margin in kept[r.gate]) for r in gates}
+    best = min(gates, key=lambda r: (lost[r.gate], r.margin / max(abs(r.threshold), 1e-9)))
+    unit = "" if best.unit == "1" else f" {best.unit}"
+    # just beyond what it has, on the side that the margin comes from
+    step = np.sign(best.value - best.threshold) or 1.0
+    value = best.value + step * max(abs(best.value), 1e-3) * _BEYOND
+    change = f"{part.spec.stage}.{best.parameter}={value:.6g}"
     text = (
-        f"narrowest gate {narrow.gate} {narrow.value:.4g}{unit}, threshold {narrow.threshold:.4g}"
+        f"passed all gates; {best.gate} {best.value:.4g}{unit}, threshold {best.threshold:.4g}: "
+        f"the setting loses {lost[best.gate]} of {len(right)} right ones"
     )
     time_s = (int(part.candidates.time_ns[row]) - evidence.start_ns) / NS_PER_S
     name = part.spec.channels[int(part.candidates.channel[row])]
-    return VehicleReason("false", time_s, "", name, part.spec.stage, text, "")
+    return VehicleReason("false", time_s, "", name, part.spec.stage, text, change)
 
 
 def _stations(evidence: Evidence) -> dict[str, str]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LayoutName = Literal["antennas", "stations"]
+LayoutName = Literal["antennas", "stations", "nodes"]
 
 #: Of the fastest vehicle, and of the slowest wave [m/s]: nobody drives faster than sound. Chosen by
 #: judgement: 108 km/h, and no ground is softer.
@@ -37,6 +37,14 @@ def refused(option: str, expected: str, found: object) -> SimulationError:
     return SimulationError(f"simulate vehicle: {option}: expected {expected}, found {found}")
 
 
+#: Options that a site of nodes draws by itself, or does not have. Source: definition.
+_NOT_OF_NODES = (
+    *("geometry", "end_speed_mps", "heading_deg", "radius_m", "waypoints", "velocity_mps"),
+    *("exponent", "loss_spm", "coherence_m", "band_hz", "engine_hz", "snr", "level_spread_db"),
+    *("wind", "gain_spread", "geophone_hz"),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class VehicleOptions:
     """What to simulate beside a road. None leaves a choice open: see each.
@@ -51,17 +59,19 @@ class VehicleOptions:
         Sampling rate [Hz], 50 to 1000.
     layout
         ``antennas``: two lines of three geophones that the road crosses, as in the paper's
-        experiment; ``stations``: beside the road.
+        experiment; ``stations``: beside the road; ``nodes``: in a row beside a road, the ground,
+        the vehicles and the noise drawn by the seed: options that are None or 0 are, too.
     geometry
         Sensors, and the road where it has one, in place of a layout.
     stations
-        How many, 2 to 4; None: 3.
+        How many, 2 to 4, nodes 1 to 16; None: 3, nodes 3 to 5.
     spacing_m
         Between stations or the geophones of an antenna [m], 2 to 100; None: 20, antennas 10.
     components
-        1: vertical, or 3: x, y and z of every sensor.
+        1: vertical, or 3: x, y and z of every sensor; None: 1, nodes 3.
     passes
-        How many vehicles pass; several come at random times, from both sides, on two lanes.
+        How many vehicles pass, nodes 0 too; several come at random times, from both sides, on two
+        lanes.
     overlap
         True: the second and the first of several pass within two seconds, against each other.
     speed_mps
@@ -99,7 +109,10 @@ class VehicleOptions:
     geophone_hz
         Natural frequency of the geophones (damping 0.7); None: they feel all frequencies alike.
     walkers, impacts
-        How many people walk by, and how many single impacts there are.
+        How many people walk by, and how many single impacts there are; of nodes, doors that slam.
+    swells, stops
+        Of nodes: how many gusts and trucks far away, and how many vehicles stop on their way; None:
+        none.
     """
 
     seed: int = 1
@@ -109,7 +122,7 @@ class VehicleOptions:
     geometry: Geometry | None = None
     stations: int | None = None
     spacing_m: float | None = None
-    components: int = 1
+    components: int | None = None
     passes: int = 1
     overlap: bool = False
     speed_mps: float | None = None
@@ -131,11 +144,13 @@ class VehicleOptions:
     geophone_hz: float | None = None
     walkers: int = 0
     impacts: int = 0
+    swells: int | None = None
+    stops: int | None = None
 
     @property
     def length_s(self) -> float:
         """Length of the recording [s]."""
-        return 30.0 * self.passes if self.duration_s is None else self.duration_s
+        return 30.0 * max(self.passes, 1) if self.duration_s is None else self.duration_s
 
     @property
     def source_hz(self) -> tuple[float, float]:
@@ -163,9 +178,10 @@ class VehicleOptions:
     def _ranges(self) -> Iterator[tuple[str, float | None, float, float]]:
         yield "duration_s", self.duration_s, 2, 86400
         yield "rate_hz", self.rate_hz, 50, 1000
-        yield "stations", self.stations, 2, 4
+        nodes = self.layout == "nodes"
+        yield "stations", self.stations, *((1, 16) if nodes else (2, 4))
         yield "spacing_m", self.spacing_m, 2, 100
-        yield "passes", self.passes, 1, 1000
+        yield "passes", self.passes, 0 if nodes else 1, 1000
         yield "speed_mps", self.speed_mps, 2, FASTEST_MPS
         yield "end_speed_mps", self.end_speed_mps, 2, FASTEST_MPS
         yield "offset_m", self.offset_m, -1000, 1000
@@ -180,11 +196,13 @@ class VehicleOptions:
         yield "geophone_hz", self.geophone_hz, 0.5, 0.3 * self.rate_hz
         yield "walkers", self.walkers, 0, 10
         yield "impacts", self.impacts, 0, 1000
+        yield "swells", self.swells, 0, 1000
+        yield "stops", self.stops, 0, self.passes
 
     def _others(self) -> Iterator[tuple[str, bool, str, Any]]:
         yield "seed", self.seed >= 0, "0 or more", self.seed
         yield "rate_hz", self.rate_hz == round(self.rate_hz), "a whole number", self.rate_hz
-        yield "components", self.components in (1, 3), "1 or 3", self.components
+        yield "components", self.components in (None, 1, 3), "1 or 3", self.components
         yield "overlap", not self.overlap or self.passes > 1, "2 passes or more", self.passes
         low, high = self.source_hz
         top = self._top_hz
@@ -203,6 +221,13 @@ class VehicleOptions:
             yield "stations and spacing_m", "a geometry"
         if self.layout == "antennas" and self.stations:
             yield "stations", "the layout antennas"
+        if self.layout == "nodes":
+            usual = VehicleOptions()
+            for name in _NOT_OF_NODES:
+                if getattr(self, name) != getattr(usual, name):
+                    yield name, "the layout nodes"
+        elif self.swells or self.stops:
+            yield "swells and stops", f"the layout {self.layout}"
         drawn = (self.offset_m, self.heading_deg, self.radius_m)
         if self.waypoints and any(x is not None for x in drawn):
             yield "waypoints", "offset, heading or radius"
@@ -210,12 +235,13 @@ class VehicleOptions:
             yield "end_speed_mps", "several passes"
 
 
-_AXES = ("x", "y", "z")
+#: Names of components. Source: definition.
+AXES = ("x", "y", "z")
 #: Side of an antenna and distance of stations where nobody says them [m]. Chosen by judgement: some
 #: cycles of a vehicle.
 _ANTENNA_M, _STATION_M = 10.0, 20.0
 #: Chosen by judgement: as far as stations hear.
-_ROAD_M = 100.0  # of a straight road that the geometry tells, either way from the sensors
+ROAD_M = 100.0  # of a straight road that the geometry tells, either way from the sensors
 
 
 def site_of(options: VehicleOptions) -> Geometry:
@@ -233,17 +259,17 @@ def site_of(options: VehicleOptions) -> Geometry:
         raise refused("geometry", "1 to 64 sensors", f"{len(site.sensors)}")
     if options.components == 3:
         upright = {s.name: s for s in site.sensors}.values()
-        sensors = tuple(replace(s, channel=f"{s.name}{a}", axis=a) for s in upright for a in _AXES)
+        sensors = tuple(replace(s, channel=f"{s.name}{a}", axis=a) for s in upright for a in AXES)
         site = replace(site, sensors=sensors)
     for sensor in site.sensors:
-        if sensor.axis not in _AXES:
+        if sensor.axis not in AXES:
             raise refused(f"axis of {sensor.name}", "x, y or z", repr(sensor.axis))
     if len({s.channel for s in site.sensors}) < len(site.sensors):
         raise refused("geometry", "another channel for every sensor", "one used twice")
     road = road_of(options, site)
     corners = road.corners
     if len(corners) == 2 and not options.waypoints and not site.road:
-        corners = road.places(np.array([-_ROAD_M, _ROAD_M]))
+        corners = road.places(np.array([-ROAD_M, ROAD_M]))
     line = tuple((round(float(x), 3), round(float(y), 3)) for x, y in corners)
     return replace(site, medium=Medium(velocity_mps=options.velocity_mps), road=line)
 
@@ -375,7 +401,7 @@ class Road:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """One vehicle's way along a road, its speed constant or changing evenly with time.
+    """One vehicle's way along a road, its speed constant or changing evenly between some times.
 
     Attributes
     ----------
@@ -383,10 +409,9 @@ class Drive:
         Its lane.
     pass_s, along_m
         When it is at which distance along the road [s, m].
-    speed_mps, end_speed_mps
-        Until ``start_s`` and from ``end_s`` on; between them it changes evenly [m/s].
-    start_s, end_s
-        Between which the speed changes [s].
+    knots_s, speeds_mps
+        Times, increasing, and the speeds then; between them it changes evenly, before the first
+        and after the last it stays [s, m/s].
     forward
         Whether it goes as the road is drawn.
     """
@@ -394,16 +419,13 @@ class Drive:
     road: Road
     pass_s: float
     along_m: float
-    speed_mps: float
-    end_speed_mps: float
-    start_s: float
-    end_s: float
+    knots_s: tuple[float, ...]
+    speeds_mps: tuple[float, ...]
     forward: bool = True
 
     def speeds(self, time_s: Array) -> Array:
         """Return the speed at times of any shape [m/s]."""
-        part = np.clip((time_s - self.start_s) / (self.end_s - self.start_s), 0, 1)
-        return self.speed_mps + part * (self.end_speed_mps - self.speed_mps)
+        return np.asarray(np.interp(time_s, self.knots_s, self.speeds_mps))
 
     def travelled(self, time_s: Array) -> Array:
         """Return the way since ``pass_s`` at times of any shape, negative before [m]."""
@@ -471,8 +493,12 @@ class Drive:
         return self.along_m + (1 if self.forward else -1) * self.travelled(time_s)
 
     def _way(self, time_s: Array) -> Array:
-        inside = np.clip(time_s, self.start_s, self.end_s) - self.start_s
-        gain = (self.end_speed_mps - self.speed_mps) / (self.end_s - self.start_s)
-        way: Array = self.speed_mps * inside + gain * inside**2 / 2
-        way = way + self.speed_mps * np.minimum(time_s - self.start_s, 0)
-        return way + self.end_speed_mps * np.maximum(time_s - self.end_s, 0)
+        knots, speeds = np.array(self.knots_s), np.array(self.speeds_mps)
+        steps = np.diff(knots)
+        reached = np.append(0.0, np.cumsum(steps * (speeds[1:] + speeds[:-1]) / 2))
+        gains = np.append(np.diff(speeds) / steps, 0.0)
+        last = np.searchsorted(knots, time_s, side="right") - 1
+        k = np.maximum(last, 0)
+        since = time_s - knots[k]
+        gain = np.where(last < 0, 0.0, gains[k])
+        return np.asarray(reached[k] + speeds[k] * since + gain * since**2 / 2)

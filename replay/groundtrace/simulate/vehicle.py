@@ -18,6 +18,7 @@ import numpy as np
 from groundtrace_codecs.events import Label
 from groundtrace_codecs.signals import NS_PER_S, Channel, Stream
 
+from .nodes import nodes_of
 from .recording import AUTHOR, START_NS, Simulation, described
 from .road import VehicleOptions, places_of, site_of
 from .vehicle_signal import (
@@ -59,7 +60,8 @@ def simulate_vehicle(options: VehicleOptions | None = None) -> Simulation:
     is within 100 m of a station; ``step`` and one ``walking`` span per walker, ``impact``.
     ``target`` says who: V1, V2 are vehicles, W1, W2 walkers. All are times of the source; waves are
     felt r / c later. The metadata record ``vehicle_mu`` holds each vehicle's energy parameter
-    [(m/s)^2 m^n], ``sensor_gain`` gains that are not 1.
+    [(m/s)^2 m^n], ``sensor_gain`` gains that are not 1. Beside nodes, ``vehicle_kind`` tells what
+    each vehicle is and ``site`` what was drawn; of gusts and of trucks far away there is no truth.
 
     Raises
     ------
@@ -68,6 +70,8 @@ def simulate_vehicle(options: VehicleOptions | None = None) -> Simulation:
     """
     options = options or VehicleOptions()
     options.check()
+    if options.layout == "nodes":
+        return _beside_nodes(options)
     site = site_of(options)
     vehicles, bursts = vehicles_of(options, site), bursts_of(options, site)
     gains = _gains(options, site)
@@ -76,9 +80,26 @@ def simulate_vehicle(options: VehicleOptions | None = None) -> Simulation:
         sources=[(signal.stream, "i16le", signal)],
         geometry=site,
         labels=labels_of(vehicles, bursts, site, options.length_s),
-        metadata=described("vehicle", replace(options, geometry=None))
+        metadata=described(
+            "vehicle", replace(options, geometry=None, components=options.components or 1)
+        )
         | {"vehicle_mu": {v.name: repr(v.mu) for v in vehicles}}
         | _gains_said(options, site, gains),
+    )
+
+
+def _beside_nodes(options: VehicleOptions) -> Simulation:
+    signal = nodes_of(options)
+    vehicles, site = [ride.vehicle for ride in signal.rides], signal.site
+    return Simulation(
+        sources=[(signal.stream, "i32le", signal)],
+        geometry=site.geometry,
+        labels=labels_of(vehicles, signal.bursts, site.geometry, options.length_s),
+        metadata=described("vehicle", options)
+        | {
+            "vehicle_kind": {ride.vehicle.name: ride.kind for ride in signal.rides},
+            "site": site.said(),
+        },
     )
 
 

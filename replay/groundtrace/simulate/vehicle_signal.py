@@ -431,10 +431,8 @@ def vehicles_of(options: VehicleOptions, site: Geometry) -> tuple[Vehicle, ...]:
             lane,
             pass_s=time_s,
             along_m=lane.nearest_m(middle),
-            speed_mps=speed_mps,
-            end_speed_mps=options.end_speed_mps or speed_mps,
-            start_s=0.0,
-            end_s=options.length_s,
+            knots_s=(0.0, options.length_s),
+            speeds_mps=(speed_mps, options.end_speed_mps or speed_mps),
             forward=ahead,
         )
         mu = LEVEL_MPS**2 * 10 ** (spread_db * rng.standard_normal() / 10)

@@ -60,6 +60,8 @@ class StationPowers:
     powers, floors, floor_sigmas
         Shape (n,): sums over the channels of a station, noise included, of the noise, and the
         standard deviation of that [unit^2]; NaN where nothing was recorded.
+    steady
+        Shape (n,): of the running medians of powers [unit^2].
     present
         Shape (n,): whether any channel of the station hears a vehicle.
     """
@@ -68,6 +70,7 @@ class StationPowers:
     powers: Array
     floors: Array
     floor_sigmas: Array
+    steady: Array
     present: NDArray[np.bool_]
 
 
@@ -108,7 +111,7 @@ class StationJoin:
     def add(self, block: CandidateBlock) -> Iterator[StationPowers]:
         """Take the cycles of one topic; yield those that are complete."""
         names = [c.name for c in block.spec.columns]
-        columns = [names.index(name) for name in ("power", "floor", "floor_sigma")]
+        columns = [names.index(name) for name in ("power", "floor", "floor_sigma", "steady")]
         stations = [self.site.of_channel.get(name) for name in block.spec.channels]
         for row in range(len(block)):
             channel = int(block.channel[row])
@@ -135,7 +138,7 @@ class StationJoin:
     ) -> None:
         if time_ns not in self._waiting:
             n = len(self.site.names)
-            self._waiting[time_ns] = np.full((3, n), np.nan), np.zeros(n, np.bool_)
+            self._waiting[time_ns] = np.full((4, n), np.nan), np.zeros(n, np.bool_)
         sums, heard = self._waiting[time_ns]
         sums[:, station] = np.where(np.isnan(sums[:, station]), 0, sums[:, station]) + values
         heard[station] |= present
@@ -145,7 +148,8 @@ class StationJoin:
             if time_ns <= last_ns:
                 sums, present = self._waiting.pop(time_ns)
                 self._past = time_ns
-                yield StationPowers(time_ns, sums[0], sums[1], np.sqrt(sums[2]), present)
+                power, floor, variance, steady = sums
+                yield StationPowers(time_ns, power, floor, np.sqrt(variance), steady, present)
 
 
 class CycleStage(Stage):
@@ -187,10 +191,14 @@ class CycleStage(Stage):
         """Yield the events of the candidates just returned, by whether they were accepted."""
         raise NotImplementedError
 
+    def stations_of(self, context: Context) -> Stations:
+        """Return the stations: those that have places."""
+        return context.geometry.stations()
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin where there are stations enough; what was learnt before a clock step stays."""
         if self._join is None:
-            site = context.geometry.stations()
+            site = self.stations_of(context)
             if len(site.names) < self.least_stations:
                 raise CannotStart(
                     f"no {EVENTS[self.gives[0]].name}: expected a geometry with places of "

@@ -53,7 +53,7 @@ def test_what_is_counted_follows_the_pipeline() -> None:
     assert (scored_event(passes), scored_event(tracks)) == ("pass", "presence")
     assert parse_axis("presence.over_floor=3:9:3", passes).remeasure
     assert not parse_axis("presence.over_floor=3:9:3", tracks).remeasure
-    assert not parse_axis("passes.presence=0,1", passes).remeasure
+    assert not parse_axis("passes.prominence=6,8", passes).remeasure
 
 
 def test_gates_of_passes_are_swept_from_results_and_those_of_presence_measured_anew(
@@ -63,11 +63,11 @@ def test_gates_of_passes_are_swept_from_results_and_those_of_presence_measured_a
     options = ("--layout", "stations", "--duration-s", "30", "--rate-hz", "100")
     done(capsys, "simulate", "vehicle", "-o", "road.mcap", *options)
     done(capsys, "replay", "road.mcap", "--no-viewer")
-    grid = ("--grid", "passes.over_floor=6,60", "--grid", "presence.over_floor=5,60")
+    grid = ("--grid", "passes.prominence=6,60", "--grid", "presence.over_floor=5,60")
     swept = done(capsys, "sweep", "road.results.mcap", *grid, "--jobs", "1", "--json").document
     check_schema("sweep", swept)
     assert (swept["counted"], swept["truth"], swept["rate"]["measurements"]) == ("passes", 3, 1)
     best, now = swept["best"], swept["now"]
-    assert best["settings"] == {"passes.over_floor": 6, "presence.over_floor": 5}
+    assert best["settings"] == {"passes.prominence": 6, "presence.over_floor": 5}
     assert (best["tp"], best["fp"], best["fn"]) == (now["tp"], now["fp"], now["fn"]) == (3, 0, 0)
     assert "3 true passes" in done(capsys, "sweep", "road.results.mcap", *grid[:2]).out

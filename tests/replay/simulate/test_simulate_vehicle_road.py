@@ -52,7 +52,7 @@ def test_a_bend_turns_to_the_side_of_its_radius_about_the_place_given(radius_m):
 @pytest.mark.parametrize("forward", [True, False])
 def test_places_speeds_and_headings_agree(speeds, forward):
     bend = Road.bend(np.zeros(2), 0.3, 80.0)
-    way = Drive(bend, 10.0, bend.nearest_m(np.zeros(2)), *speeds, 5.0, 15.0, forward)
+    way = Drive(bend, 10.0, bend.nearest_m(np.zeros(2)), (5.0, 15.0), speeds, forward)
     velocity = np.gradient(way.places(TIME_S), TIME_S, axis=0)[1:-1]
     # The chords of the bend are 0.8 m: heading steps by 0.01 rad from one to the next; a speed
     # that begins to grow by 2.1 m/s2 is between two times off by half of 10 ms of it.

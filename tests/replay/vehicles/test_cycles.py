@@ -36,6 +36,7 @@ def joined(parts: list[CyclePowers]) -> CyclePowers:
     return CyclePowers(
         np.concatenate([p.time_ns for p in parts]),
         np.concatenate([p.power for p in parts], axis=1),
+        np.concatenate([p.steady for p in parts], axis=1),
         np.concatenate([p.freedom for p in parts], axis=1),
     )
 
@@ -54,6 +55,7 @@ def test_powers_of_cycles_do_not_depend_on_the_blocks(sizes: list[int]) -> None:
     found = joined([*(parts.add(times[s], x[:, s]) for s in in_blocks(x, sizes)), parts.flush()])
     assert np.array_equal(found.time_ns, expected.time_ns)
     assert np.array_equal(found.power, expected.power)
+    assert np.array_equal(found.steady, expected.steady)
     assert np.array_equal(found.freedom, expected.freedom)
 
 

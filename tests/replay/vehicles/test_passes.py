@@ -1,129 +1,117 @@
-"""Passes by stations, and vehicles on a road."""
+"""What stands out at stations, and chains of it along a road."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
-from vehicle_powers import fluctuating
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from groundtrace.vehicles.passes import PassFinder, Road, RoadPass, StationPass, associate, smoothed
+from groundtrace.vehicles.passes import Chain, Peak, chains, prominences, station_peaks
+from groundtrace.vehicles.traffic import PlaceCheck
 
-ALONG, OFFSETS = (0.0, 60.0, 150.0), (5.0, 6.0, 4.0)
-FLOOR, FREEDOM = 0.02, 36
-TIMES = np.arange(0, 240, 0.5) + 0.25
-FINDER = PassFinder(relative_sigma=(2 / FREEDOM) ** 0.5)
-
-
-@dataclass(frozen=True)
-class Vehicle:
-    """It is in the middle of the road, at 75 m, at a time [s] and has a velocity [m/s]."""
-
-    time_s: float
-    velocity_mps: float
-
-    def at(self, along_m: float) -> float:
-        return self.time_s + (along_m - 75) / self.velocity_mps
+ALONG = np.array([0.0, 20.0, 40.0])
+TIMES = np.arange(0, 60, 0.2) + 0.1
+SPEEDS = (1.5, 45.0)
 
 
-def passes_of(vehicles: list[Vehicle], seed: int = 0) -> list[tuple[StationPass, ...]]:
-    rng = np.random.default_rng(seed)
-    found = []
-    for along, offset in zip(ALONG, OFFSETS, strict=True):
-        mean = np.full(len(TIMES), FLOOR)
-        for v in vehicles:
-            fine = TIMES[:, None] + np.linspace(-0.225, 0.225, 10) - v.at(along)
-            mean += (50 * ((v.velocity_mps * fine) ** 2 + offset**2) ** -0.75).mean(axis=1)
-        powers = fluctuating(mean, rng, FREEDOM)
-        found.append(FINDER.find(TIMES, powers, np.full(len(TIMES), FLOOR)))
-    return found
+def peak(time_s: float, db: float = 20.0, sigma_s: float = 0.15) -> Peak:
+    return Peak(time_s, sigma_s, 0.3, db, 1.0)
 
 
-def vehicles_of(vehicles: list[Vehicle], seed: int = 0, offsets: bool = False) -> list[RoadPass]:
-    road = Road(ALONG, OFFSETS if offsets else ())
-    return list(associate(road, passes_of(vehicles, seed)))
+def linked(*times_s: list[float], along: np.ndarray = ALONG, least_db: float = 4.0) -> list[Chain]:
+    return list(chains(along, [[peak(t) for t in those] for those in times_s], SPEEDS, least_db))
 
 
-def assert_found(found: list[RoadPass], vehicles: list[Vehicle]) -> None:
-    order = sorted(vehicles, key=lambda v: v.time_s)
-    assert [p.direction for p in found] == [np.sign(v.velocity_mps) for v in order]
-    for one, v in zip(found, order, strict=True):
-        assert one.time_at(75.0) == pytest.approx(v.time_s, abs=0.6)
-        error = abs(one.speed_mps - abs(v.velocity_mps))
-        assert error < 4 * max(one.speed_sigma_mps, 0.01)
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.integers(0, 6), min_size=3, max_size=40), st.integers(1, 40))
+def test_prominences_are_those_of_the_definition(heights: list[int], reach: int) -> None:
+    level = np.array(heights, float)
+    found = prominences(level, np.arange(len(level)), reach)
+    for i, height in enumerate(heights):
+        lowest = []
+        for side in (heights[max(0, i - reach) : i][::-1], heights[i + 1 : i + 1 + reach]):
+            after, low = len(lowest) == 1, height
+            for other in side:
+                if other > height or (after and other == height and low < height):
+                    break
+                low = min(low, other)
+            lowest.append(low)
+        assert found[i] == height - max(lowest)
 
 
-def test_a_pass_has_its_moment_and_width_with_their_errors() -> None:
-    off = []
-    for seed in range(20):
-        for station, those in enumerate(passes_of([Vehicle(100.0, 8.0)], seed)):
-            assert len(those) == 1
-            moment = Vehicle(100.0, 8.0).at(ALONG[station])
-            width = OFFSETS[station] / 8
-            off.append(
-                (
-                    (those[0].time_s - moment) / those[0].time_sigma_s,
-                    np.log(those[0].half_width_s / width) / those[0].log_width_sigma,
-                )
-            )
-    assert np.std(off, axis=0) == pytest.approx([1, 1], abs=0.25)
-
-
-def test_noise_has_no_passes() -> None:
-    assert [len(those) for those in passes_of([])] == [0, 0, 0]
-    assert PassFinder().find(TIMES[:3], np.full(3, np.nan), np.ones(3)) == ()
-
-
-@pytest.mark.parametrize("offsets", [True, False])
-def test_vehicles_of_both_directions_have_their_speeds(offsets: bool) -> None:
-    vehicles = [Vehicle(25, 12), Vehicle(60, -9), Vehicle(110, 20), Vehicle(180, 1.5)]
-    assert_found(vehicles_of(vehicles, offsets=offsets), vehicles)
-
-
-def test_vehicles_that_meet_are_kept_apart() -> None:
-    vehicles = [Vehicle(60, -9), Vehicle(66, 14)]
-    found = vehicles_of(vehicles)
-    assert_found(found, vehicles)
-    assert [len(p.passes) for p in found] == [3, 3]
-
-
-def test_a_vehicle_that_overtakes_is_kept_apart() -> None:
-    vehicles = [Vehicle(120, 8), Vehicle(122.5, 15)]
-    found = vehicles_of(vehicles)
-    assert_found(found, vehicles)
-
-
-def test_passes_a_second_apart_are_fitted_jointly() -> None:
+def test_a_vehicle_is_a_peak_with_its_moment_and_noise_has_none() -> None:
     rng = np.random.default_rng(1)
-    times = np.arange(0, 40, 0.25)
-    mean = np.full(len(times), FLOOR)
-    for moment, peak in ((18.0, 1.0), (21.0, 3.0)):
-        mean += peak * (1 + ((times - moment) / 0.8) ** 2) ** -0.75
-    found = FINDER.find(times, fluctuating(mean, rng, FREEDOM), np.full(len(times), FLOOR))
-    assert [p.time_s for p in found] == pytest.approx([18, 21], abs=0.4)
-    assert [p.together for p in found] == [2, 2]
-    assert [p.peak for p in found] == pytest.approx([1, 3], rel=0.4)
+    off = []
+    for moment in np.linspace(20, 40, 20):
+        mean = 1 + 100 * (1 + ((TIMES - moment) / 0.5) ** 2) ** -0.75
+        powers = mean * rng.gamma(20, 1 / 20, len(TIMES))
+        (one,) = station_peaks(TIMES, powers, powers, 15.0, 8.0)
+        off.append((one.time_s - moment) / one.sigma_s)
+    assert np.abs(off).max() < 2.5
+    noise = rng.gamma(20, 1 / 20, len(TIMES))
+    assert station_peaks(TIMES, noise, noise, 15.0, 8.0) == ()
+    assert station_peaks(TIMES, np.full(len(TIMES), np.nan), noise, 15.0, 8.0) == ()
 
 
-def test_two_that_meet_at_a_station_lose_one_pass_and_no_vehicle() -> None:
-    vehicles = [Vehicle(120, 8), Vehicle(123.98, 15)]  # 0.5 s apart at 150 m
-    found = vehicles_of(vehicles)
-    assert sorted(len(p.passes) for p in found) in ([2, 3], [3, 3])
-    assert_found(found, vehicles)
+def test_a_vehicle_of_either_direction_is_a_chain_with_its_speed() -> None:
+    ahead, back = linked([10.0, 34.1], [12.0, 32.0], [14.1, 30.0])
+    assert (ahead.direction, back.direction) == (1, -1)
+    assert 1 / ahead.slowness == pytest.approx(10, rel=0.05)
+    assert -1 / back.slowness == pytest.approx(10, rel=0.05)
+    assert ahead.prominence_db == 20
+    assert [station for station, _ in back.members] == [2, 1, 0]
 
 
-def test_a_time_that_fits_no_speed_is_no_vehicle() -> None:
-    def at(time_s: float) -> StationPass:
-        return StationPass(time_s, 0.1, 0.5, 0.1, 1.0, 0.1, 50.0, 1)
-
-    assert associate(Road((0.0, 100.0)), [[at(10)], [at(10.5)]]) == ()
-    (vehicle,) = associate(Road((0.0, 100.0)), [[at(10)], [at(20), at(500)]])
-    assert (vehicle.speed_mps, vehicle.direction) == (pytest.approx(10), 1)
-    assert vehicle.passes == ((0, 0), (1, 0))
-    assert vehicle.speed_sigma_mps == pytest.approx(10 * np.sqrt(2 * (0.01 + 0.01)) / 10)
+def test_what_shakes_all_at_once_or_goes_at_walking_pace_is_no_vehicle() -> None:
+    for chain in linked([10.0], [10.0], [10.0]):
+        assert chain.legs_mps[1] > 30
+    assert linked([10.0], [25.0], [40.0]) == []
 
 
-def test_smoothing_keeps_a_constant() -> None:
-    assert smoothed(np.full(9, 2.0), 5) == pytest.approx(2)
-    assert smoothed(np.array([1.0, 5.0]), 7) == pytest.approx([1, 5])
+def test_moments_that_places_contradict_are_a_chain_and_its_legs_say_so() -> None:
+    (chain,) = linked([10.0], [11.9], [16.8])
+    assert chain.legs_mps[0] == pytest.approx(20 / 4.4, abs=0.3)
+    assert 1.5 < chain.ratio < 3
+    assert chain.slowness_sigma > 0.1 * chain.slowness
+
+
+def test_a_station_of_four_may_miss_a_pass_and_one_of_three_may_not() -> None:
+    along = np.array([0.0, 20.0, 40.0, 60.0])
+    (chain,) = linked([10.0], [], [14.0], [16.0], along=along)
+    assert [station for station, _ in chain.members] == [0, 2, 3]
+    assert chain.prominence_db == 15
+    assert linked([10.0], [], [14.0]) == []
+
+
+def test_a_peak_belongs_to_one_chain_and_the_usual_one_goes_first() -> None:
+    found = linked([10.0], [12.0], [14.0, 22.0])
+    assert [chain.moments().tolist() for chain in found] == [[10.0, 12.0, 14.0]]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.lists(st.floats(0, 60), max_size=5), min_size=2, max_size=6))
+def test_chains_of_any_peaks_have_speeds_and_share_none(times: list[list[float]]) -> None:
+    along = 15.0 * np.arange(len(times))
+    found = linked(*times, along=along)
+    members = [(station, id(one)) for chain in found for station, one in chain.members]
+    assert len(set(members)) == len(members)
+    for chain in found:
+        assert np.isfinite([*chain.legs_mps, chain.slowness, chain.slowness_sigma]).all()
+        assert chain.legs_mps[0] > 0
+
+
+def test_places_that_contradict_the_speeds_are_said_once() -> None:
+    check = PlaceCheck(("A", "B", "C"), ALONG)
+    for start in (0.0, 30.0, 60.0, 90.0, 120.0):
+        assert check.text() == ""
+        (chain,) = linked([start], [start + 1.9], [start + 6.8 + 0.01 * start])
+        check.update(chain)
+    text = check.text()
+    assert "5 vehicles take 2.9 times as long for a metre from B to C as from A to B" in text
+    assert check.text() == ""
+    even = PlaceCheck(("A", "B", "C"), ALONG)
+    for start in (0.0, 30.0, 60.0, 90.0, 120.0):
+        (chain,) = linked([start], [start + 2.0], [start + 4.2])
+        even.update(chain)
+    assert even.text() == ""

@@ -7,7 +7,7 @@ import pytest
 from vehicle_powers import fluctuating
 
 from groundtrace.vehicles.medium import Scatter, cube_root_normalised, scatter_of
-from groundtrace.vehicles.passes import PassFinder, Road
+from groundtrace.vehicles.passes import station_peaks
 from groundtrace.vehicles.traffic import RoadPowers, RoadVehicle, Stretch, Vehicle, driven
 
 TIMES = np.arange(0, 40, 0.25)
@@ -32,12 +32,9 @@ def road_powers(vehicles: tuple[tuple[float, float], ...], seed: int) -> RoadPow
 
 
 def found(observed: RoadPowers) -> tuple[RoadVehicle, ...]:
-    finder = PassFinder(least_over_floor=2.0)
-    alone = [
-        finder.find(TIMES, power, floor)
-        for power, floor in zip(observed.powers.T, observed.floors.T, strict=True)
-    ]
-    return driven(observed, alone, Road(tuple(ALONG), speeds_mps=(2.0, 45.0)))
+    peaks = [station_peaks(TIMES, power, power, 15.0, 4.0) for power in observed.powers.T]
+    vehicles = driven(observed, peaks, (1.5, 45.0))
+    return tuple(v for v in vehicles if v.prominence_db > 10)
 
 
 def test_two_within_a_second_at_stations_ten_metres_apart_are_two() -> None:
@@ -93,7 +90,7 @@ def test_a_cube_root_of_fading_is_nearly_normal() -> None:
 
 def test_no_vehicle_explains_powers_of_nobody() -> None:
     observed = road_powers((), 3)
-    assert driven(observed, [[], []], Road(tuple(ALONG))) == ()
+    assert driven(observed, [(), ()], (1.5, 45.0)) == ()
     stretch = Stretch(observed, slice(0, 80), np.full((80, 2), FLOOR), Scatter())
     nobody = stretch.fit((), 5)
     more = stretch.fit((Vehicle(observed.usual + np.array([10.0, 0, 0, 0, 0, 0]), 1),), 25)

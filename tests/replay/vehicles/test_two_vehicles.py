@@ -104,7 +104,7 @@ def followed(stage: type[RunWorker], parameters: object, powers: Observed) -> li
     worker.begin(Geometry(sensors=sensors).stations(), "course")
     for time_s, power in zip(powers.times_s, powers.powers, strict=True):
         floors = np.full(len(power), FLOOR)
-        cycle = StationPowers(round(time_s * 1e9), power, floors, 0 * floors, floors > 0)
+        cycle = StationPowers(round(time_s * 1e9), power, floors, 0 * floors, power, floors > 0)
         worker.take(cycle)
     events = list(worker.follow(np.ones(len(worker.finish()), np.bool_)))
     assert any(isinstance(e, TrackPoint) for e in events)

@@ -86,7 +86,7 @@ def test_places_along_a_bent_road_are_along_its_corners() -> None:
 
 def cycle(second: float, present: bool) -> StationPowers:
     one = np.ones(1)
-    return StationPowers(round(second * 1e9), one, one, np.zeros(1), np.array([present]))
+    return StationPowers(round(second * 1e9), one, one, np.zeros(1), one, np.array([present]))
 
 
 def test_a_run_has_its_lead_and_ends_after_quiet() -> None:

@@ -126,7 +126,9 @@ def test_a_run_of_any_powers_at_a_row_ends_without_an_error(seed: int) -> None:
     ):
         worker.begin(nodes(*map(tuple, PLACES.tolist())).stations(), "course")
         for time_s, power, floor in zip(times, powers, floors, strict=True):
-            worker.take(StationPowers(round(time_s * 1e9), power, floor, 0 * floor, floor > 0))
+            worker.take(
+                StationPowers(round(time_s * 1e9), power, floor, 0 * floor, power, floor > 0)
+            )
         found = worker.finish()
         points = [
             e for e in worker.follow(np.ones(len(found), np.bool_)) if isinstance(e, TrackPoint)
