@@ -14,7 +14,6 @@ OUT = Parameter(name=["--out", "-o"])
 POSITIVE = Parameter(validator=validators.Number(gt=0, lt=math.inf))
 NOT_NEGATIVE = Parameter(validator=validators.Number(gte=0, lt=math.inf))
 AT_LEAST_ONE = Parameter(validator=validators.Number(gte=1))
-POSITIVE = Parameter(validator=validators.Number(gt=0))
 
 Force = Annotated[bool, Parameter(negative="", help="Overwrite an existing file.")]
 ForceOutput = Annotated[bool, Parameter(negative="", help="Overwrite an existing output.")]
