@@ -112,8 +112,8 @@ def test_a_fleet_s_table_and_page_carry_warnings(
 
 def test_a_pipeline_for_other_quantities_is_one_line_with_those_that_fit(capsys: Capture) -> None:
     error = run(capsys, "replay", "room.mcap", "--pipeline", "waist-steps", "--no-viewer").error
-    assert error.startswith("room.mcap: pipeline waist-steps: expected acceleration or ")
-    assert "found /seismic (ground_velocity); pipelines that fit: " in error
+    assert error.startswith("waist-steps needs acceleration or acceleration magnitude; room.mcap ")
+    assert "seismic channels, " in error
     assert "room-footsteps" in error
     assert not list(Path().glob("*.results.mcap*"))
 

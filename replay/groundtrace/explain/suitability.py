@@ -1,7 +1,7 @@
 """Whether a recording and a pipeline suit each other, checked before the replay.
 
-- A pipeline is refused if none of its stages finds a signal that it wants; those that fit are
-  listed.
+- A pipeline is refused if none of its stages finds a signal that it wants, or what it states as its
+  needs is not there; those that fit are listed.
 - Where a stage asks for the placement of a sensor and nobody states it, it is guessed from the
   first minutes of walking. A sure guess is written into the pipeline, and so into the results,
   where a later measurement reads it. An unsure one leaves the stages their defaults.
@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.events import Note
 from groundtrace_codecs.geometry import geometry_warnings
-from groundtrace_codecs.signals import SignalBlock
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from ..errors import PipelineError
 from ..pipeline.config import (
     Pipeline,
     PipelineConfig,
+    PipelineNeeds,
     build_pipeline,
     load_pipeline,
     named_pipelines,
@@ -32,6 +33,7 @@ from ..pipeline.stage import StageConfig, allows
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from groundtrace_codecs.geometry import Geometry
     from groundtrace_codecs.recording import Recording
     from groundtrace_codecs.signals import Stream
 
@@ -77,8 +79,9 @@ def prepared(config: PipelineConfig, recording: Recording) -> Prepared:
     """
     # what is wrong with the pipeline itself is said first
     build_pipeline(config, recording.geometry, recording.labels)
-    refuse_unsuitable(config, recording.streams, recording.name)
+    refuse_unsuitable(config, recording.streams, recording.geometry, recording.name)
     placed, told, looked_at = with_placements(config, recording)
+    told += _worn_elsewhere(config, recording)
     chain = build_pipeline(placed, recording.geometry, recording.labels)
     texts = [(GEOMETRY, text) for text in geometry_warnings(recording.geometry, recording.streams)]
     texts += [(PLACEMENT, text) for text in told]
@@ -87,25 +90,76 @@ def prepared(config: PipelineConfig, recording: Recording) -> Prepared:
     return Prepared(chain, config, notes, looked_at)
 
 
-def refuse_unsuitable(config: PipelineConfig, streams: Sequence[Stream], name: str) -> None:
-    """Refuse a pipeline of which no stage finds a signal that it wants.
+def refuse_unsuitable(
+    config: PipelineConfig, streams: Sequence[Stream], geometry: Geometry | None, name: str
+) -> None:
+    """Refuse a pipeline that does not fit what a recording has, whose file is ``name``.
 
     Raises
     ------
     PipelineError
-        Naming what it wants, what there is, and the shipped pipelines that fit.
+        Naming what it needs, what there is, and the shipped pipelines that fit.
     """
+    lacking = _unmet(config, streams, geometry)
     wanted = _wanted(config)
-    if not wanted or any(_heard(each, streams) for each in wanted):
+    if not lacking and (not wanted or any(_heard(each, streams) for each in wanted)):
         return
-    fitting = [key for key in named_pipelines() if _fits(load_pipeline(key), streams)]
-    there = [
-        f"{s.topic} ({', '.join(dict.fromkeys(c.quantity for c in s.channels))})" for s in streams
-    ]
+    fitting = ", ".join(fitting_pipelines(streams, geometry)) or SIGNALS
     raise PipelineError(
-        f"{name}: pipeline {config.name}: expected {' or '.join(_words(wanted))}, found "
-        f"{', '.join(there) or 'no signals'}; pipelines that fit: {', '.join(fitting) or SIGNALS}"
+        f"{config.name} needs {lacking or ' or '.join(_words(wanted))}; "
+        f"{name} has {_what_there_is(streams, geometry)}. Fitting: {fitting}."
     )
+
+
+def fitting_pipelines(streams: Sequence[Stream], geometry: Geometry | None) -> list[str]:
+    """Return the shipped pipelines whose needs a recording meets; no stage is loaded for that."""
+    named = {key: load_pipeline(key) for key in named_pipelines()}
+    return [key for key, config in named.items() if _fits(config, streams, geometry)]
+
+
+def _fits(config: PipelineConfig, streams: Sequence[Stream], geometry: Geometry | None) -> bool:
+    there = {c.quantity for s in streams for c in s.channels}
+    if not all(there.intersection(each) for each in config.needs.signals):
+        return False
+    return config.needs != PipelineNeeds() and not _unmet(config, streams, geometry)
+
+
+def _unmet(config: PipelineConfig, streams: Sequence[Stream], geometry: Geometry | None) -> str:
+    """Return what of a pipeline's ``needs`` is not there, in words; nothing where all is."""
+    needs = config.needs
+    worn = [s.placement for s in streams if needs.placement and _taken_in(config, s)]
+    if worn and not any(needs.placement in (place or needs.placement) for place in worn):
+        return f"a sensor on the {needs.placement}"
+    channels, placed = _seismic(streams, geometry)
+    if (placed if needs.positions else channels) >= needs.seismic_channels:
+        return ""
+    least = f"{needs.seismic_channels} or more seismic channels"
+    return least + (" with positions" if needs.positions else "")
+
+
+def _taken_in(config: PipelineConfig, stream: Stream) -> bool:
+    """Whether a stream has a signal that the pipeline states to need, and a stage may hear it."""
+    needed = any(stream.columns_of(set(each)) for each in config.needs.signals)
+    return needed and any(allows(stage.topics, stream.topic) for stage in config.stage)
+
+
+def _seismic(streams: Sequence[Stream], geometry: Geometry | None) -> tuple[int, int]:
+    """Return how many seismic channels there are, and how many of them have positions."""
+    names = [s.channels[i].name for s in streams for i in s.columns_of(SEISMIC_QUANTITIES)]
+    places = {} if geometry is None else {sensor.channel for sensor in geometry.sensors}
+    return len(names), sum(name in places for name in names)
+
+
+def _what_there_is(streams: Sequence[Stream], geometry: Geometry | None) -> str:
+    """Return the quantities of a recording in words, and where its sensors are."""
+    quantities = dict.fromkeys(c.quantity for s in streams for c in s.channels)
+    found = [each.replace("_", " ") for each in quantities if each not in SEISMIC_QUANTITIES]
+    channels, placed = _seismic(streams, geometry)
+    if channels:
+        plural = "" if channels == 1 else "s"
+        found.append(f"{channels} seismic channel{plural}, {placed or 'none'} with positions")
+    worn = " and ".join(dict.fromkeys(s.placement for s in streams if s.placement))
+    return (", ".join(found) or "no signals") + (f" (worn: {worn})" if worn else "")
 
 
 #: What one stage wants: the stage, and sets of quantities of each of which it needs one.
@@ -135,18 +189,20 @@ def _heard(wanted: _Wanted, streams: Sequence[Stream]) -> bool:
     return all(any(s.columns_of(each) for s in heard) for each in quantities)
 
 
-def _fits(config: PipelineConfig, streams: Sequence[Stream]) -> bool:
-    wanted = _wanted(config)
-    return bool(wanted) and all(_heard(each, streams) for each in wanted)
-
-
 def _words(wanted: Iterable[_Wanted]) -> list[str]:
     """Return what stages want in words, each once."""
     told = []
     for stage, quantities in wanted:
-        text = " and ".join(" or ".join(sorted(each)) for each in quantities)
+        text = " and ".join(_plain(each) for each in quantities)
         told.append(text + (f" on {' or '.join(stage.topics)}" if stage.topics else ""))
     return list(dict.fromkeys(told))
+
+
+def _plain(quantities: frozenset[str]) -> str:
+    """Return quantities of which one is enough in words."""
+    seismic = ["seismic channels"] if quantities >= SEISMIC_QUANTITIES else []
+    others = quantities - SEISMIC_QUANTITIES if seismic else quantities
+    return " or ".join([*seismic, *(each.replace("_", " ") for each in sorted(others))])
 
 
 def with_placements(
@@ -185,6 +241,23 @@ def with_placements(
     return replace(config, placements=placements), told, tuple(unstated)
 
 
+def _worn_elsewhere(config: PipelineConfig, recording: Readable) -> list[str]:
+    """Return a line for each sensor that nobody states, unless it is surely worn as is needed."""
+    place = config.needs.placement
+    streams = recording.streams if place else ()
+    unstated = [s.topic for s in streams if not s.placement and _taken_in(config, s)]
+    told = []
+    for topic, guess in _guesses(recording, unstated).items():
+        taken, words = _taken(guess)
+        if taken != place:
+            words = words.removesuffix(_DEFAULT)
+            told.append(
+                f"placement of {topic} not stated: {words}; {config.name} is for a sensor on the "
+                f"{place}: its results may be wrong; placement in the map states it"
+            )
+    return told
+
+
 def _asks(stage: StageConfig) -> bool:
     """Return whether a stage takes a placement and is told none."""
     kind = stage_named(stage.use)
@@ -207,11 +280,15 @@ def _guesses(recording: Readable, topics: Sequence[str]) -> dict[str, PlacementG
     return guessed_placements(recording, topics)
 
 
+#: What becomes of stages that ask for a placement that is not known.
+_DEFAULT = ", default timing"
+
+
 def _taken(guess: PlacementGuess | None) -> tuple[str, str]:
     """Return the placement that a guess stands for, empty where it is not sure, and words."""
     if guess is None:
-        return "", "too little walking on three axes of acceleration to guess it, default timing"
+        return "", f"too little walking on three axes of acceleration to guess it{_DEFAULT}"
     words = f"{guess.words} ({guess.confidence:.2f})"
     if not guess.sure:
-        return "", f"a guess, {words}, is not sure, default timing"
+        return "", f"a guess, {words}, is not sure{_DEFAULT}"
     return guess.placement, f"taken for {words}"

@@ -335,7 +335,7 @@ def measure_evidence(
     config = resolved(config)
     sink = EventList()
     with Recording.open(path) as recording:
-        refuse_unsuitable(config, recording.streams, recording.name)
+        refuse_unsuitable(config, recording.streams, recording.geometry, recording.name)
         # places take long, and no step depends on them, as passes do
         geometry = None if scored_event(config) == "step" else recording.geometry
         config, told, _ = with_placements(config, recording)

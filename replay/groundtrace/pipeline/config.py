@@ -35,6 +35,29 @@ PLACEMENTS = "placements"
 
 
 @dataclass(frozen=True, slots=True)
+class PipelineNeeds:
+    """What a recording must have for a pipeline.
+
+    Attributes
+    ----------
+    signals
+        Sets of quantities of each of which a channel must be there, so that no stage is silent.
+    seismic_channels
+        So many at least.
+    positions
+        Whether those channels need positions in the geometry.
+    placement
+        Where the sensor must be worn, of which a recording may state no other place; a stated
+        placement that has this word in it is right.
+    """
+
+    signals: tuple[tuple[str, ...], ...] = ()
+    seismic_channels: int = 0
+    positions: bool = False
+    placement: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class PipelineConfig:
     """A pipeline as written.
 
@@ -49,6 +72,8 @@ class PipelineConfig:
     placements
         By topic, where a sensor is worn whose recording does not say so: asked for by detectors
         that take a placement. Empty text where it was looked for and is not known.
+    needs
+        What a recording must have.
     """
 
     name: str
@@ -56,6 +81,7 @@ class PipelineConfig:
     application: str = "room"
     stage: tuple[StageConfig, ...] = ()
     placements: dict[str, str] = field(default_factory=dict)
+    needs: PipelineNeeds = PipelineNeeds()
 
 
 def named_pipelines() -> dict[str, Path]:
@@ -89,6 +115,8 @@ def parse_pipeline(text: bytes, place: str) -> PipelineConfig:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise PipelineError(f"{place}: expected TOML, found: {error}") from None
     _known_keys(table, PipelineConfig, place)
+    if isinstance(table.get("needs"), dict):
+        _known_keys(table["needs"], PipelineNeeds, f"{place}: needs")
     for index, stage in enumerate(_tables(table.get("stage", []), place)):
         _known_keys(stage, StageConfig, f"{place}: stage {index + 1}")
     try:
@@ -271,6 +299,8 @@ def build_pipeline(
             tracked.append(tracking(stage.key, kind, sources))
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
     lines += [f"{PLACEMENTS} = {_toml(config.placements)}"] if config.placements else []
+    needs = {key: value for key, value in asdict(config.needs).items() if value}
+    lines += [f"needs = {_toml(needs)}"] if needs else []
     lines += [] if config.stage else ["stage = []"]
     for stage, kind, parameters in zip(config.stage, kinds, given, strict=True):
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))

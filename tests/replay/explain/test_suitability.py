@@ -12,18 +12,28 @@ from groundtrace.errors import PipelineError
 from groundtrace.evaluation.steps import score_steps
 from groundtrace.explain.suitability import prepared, refuse_unsuitable, with_placements
 from groundtrace.explain.sweep import measure_evidence
-from groundtrace.pipeline.config import build_pipeline, load_pipeline, parse_pipeline, with_settings
+from groundtrace.pipeline.config import (
+    build_pipeline,
+    load_pipeline,
+    named_pipelines,
+    parse_pipeline,
+    with_settings,
+)
 from groundtrace.pipeline.conformance import rechunked
 from groundtrace.pipeline.engine import EventList, replay
+from groundtrace.pipeline.plugins import stage_named
 from groundtrace.pipeline.source import Source
 from groundtrace_codecs.events import StepEvent
+from groundtrace_codecs.geometry import Geometry, Sensor
 from groundtrace_codecs.importers.run import import_recording
 from groundtrace_codecs.recording import Recording
-from groundtrace_codecs.signals import Channel, SignalBlock, Stream
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, Channel, SignalBlock, Stream
 from groundtrace_codecs.writer import write_recording
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from groundtrace.pipeline.config import PipelineConfig
 
 NS = 10**9
 RATE_HZ = 50.0
@@ -61,41 +71,94 @@ def steps(path: Path, config) -> list[int]:
     return [event.time_ns for event in sink.events if isinstance(event, StepEvent)]
 
 
-def geophones() -> Stream:
-    return Stream("/geo", (Channel("G1", "ground_velocity", "m/s", "z"),), 500.0)
+def geophones(count: int = 1) -> Stream:
+    channels = [Channel(f"G{i}", "ground_velocity", "m/s", "z") for i in range(1, count + 1)]
+    return Stream("/geo", tuple(channels), 500.0)
+
+
+def refused(pipeline: str | PipelineConfig, streams: list[Stream], site: Geometry | None) -> str:
+    config = load_pipeline(pipeline) if isinstance(pipeline, str) else pipeline
+    with pytest.raises(PipelineError) as error:
+        refuse_unsuitable(config, streams, site, "r.mcap")
+    return str(error.value)
+
+
+def placed(count: int) -> Geometry:
+    return Geometry(tuple(Sensor(f"G{i}", f"G{i}", float(i), 0.0) for i in range(1, count + 1)))
 
 
 def test_a_pipeline_that_fits_no_quantity_is_refused_with_those_that_fit() -> None:
-    with pytest.raises(PipelineError) as error:
-        refuse_unsuitable(WALKER, [geophones()], "r.mcap")
-    text = str(error.value)
+    text = refused(WALKER, [geophones()], None)
     assert text.startswith(
-        "r.mcap: pipeline waist-steps: expected acceleration or acceleration_magnitude, found "
-        "/geo (ground_velocity); pipelines that fit: "
+        "waist-steps needs acceleration or acceleration magnitude; r.mcap has 1 seismic channel, "
+        "none with positions. Fitting: "
     )
-    fitting = text.rpartition(": ")[2].split(", ")
-    assert {"hammer-shots", "room-footsteps", "vehicle-passes"} <= set(fitting)
+    fitting = text.rpartition(": ")[2].removesuffix(".").split(", ")
+    assert {"hammer-shots", "room-steps"} <= set(fitting)
     assert not {"waist-steps", "pedestrian", "foot-inertial", "signals"} & set(fitting)
     for name in fitting:
-        refuse_unsuitable(load_pipeline(name), [geophones()], "r.mcap")
+        refuse_unsuitable(load_pipeline(name), [geophones()], None, "r.mcap")
+
+
+def test_a_pipeline_for_seismic_channels_says_how_many_and_whether_with_positions() -> None:
+    text = refused("room-footsteps", [stream("waist")], None)
+    assert text.startswith(
+        "room-footsteps needs 3 or more seismic channels with positions; r.mcap has acceleration, "
+        "angular velocity (worn: waist). Fitting: "
+    )
+    assert "waist-steps" in text
+    assert "foot-inertial" not in text
+    needs = "needs 3 or more seismic channels with positions; r.mcap has"
+    assert f"{needs} 3 seismic channels, none" in refused("vehicle-tracks", [geophones(3)], None)
+    assert f"{needs} 3 seismic channels, 2 with positions" in refused(
+        "room-bearings", [geophones(3)], placed(2)
+    )
+    refuse_unsuitable(load_pipeline("room-footsteps"), [geophones(3)], placed(3), "r.mcap")
+    refuse_unsuitable(load_pipeline("vehicle-passes"), [geophones()], placed(1), "r.mcap")
+
+
+def test_a_pipeline_for_a_foot_is_refused_where_the_sensor_is_stated_to_be_elsewhere() -> None:
+    text = refused("foot-inertial", [stream("waist")], None)
+    assert text.startswith("foot-inertial needs a sensor on the foot; r.mcap has acceleration, ")
+    for worn in ("foot", "left foot", ""):  # nobody stated it: it is guessed, and warned of
+        refuse_unsuitable(load_pipeline("foot-inertial"), [stream(worn)], None, "r.mcap")
 
 
 def test_a_pipeline_that_finds_something_or_wants_nothing_is_taken() -> None:
-    refuse_unsuitable(WALKER, [geophones(), stream()], "r.mcap")
-    refuse_unsuitable(load_pipeline("signals"), [geophones()], "r.mcap")
+    refuse_unsuitable(WALKER, [geophones(), stream()], None, "r.mcap")
+    refuse_unsuitable(load_pipeline("signals"), [geophones()], None, "r.mcap")
+
+
+@pytest.mark.parametrize("name", sorted(named_pipelines()))
+def test_a_shipped_pipeline_states_the_signals_that_its_stages_take(name: str) -> None:
+    config = load_pipeline(name)
+    kinds = [stage_named(stage.use) for stage in config.stage]
+    needs = [need for kind in kinds for need in kind.takes if need.kind is SignalBlock]
+    taken = {need.quantities for need in needs if need.required and need.quantities}
+    least = {each for each in taken if not any(other < each for other in taken)}
+    stated = {frozenset(each) for each in config.needs.signals}
+    if config.needs.seismic_channels:
+        stated.add(SEISMIC_QUANTITIES)
+    assert stated == least
+
+
+def test_what_a_pipeline_needs_is_kept_in_its_recipe_and_its_keys_are_checked() -> None:
+    config = load_pipeline("vehicle-tracks")
+    assert parse_pipeline(build_pipeline(config).recipe().encode(), "again").needs == config.needs
+    with pytest.raises(PipelineError, match="found an unknown key; did you mean positions"):
+        parse_pipeline(b'name = "x"\nstage = []\n[needs]\nposition = true\n', "x.toml")
 
 
 def test_an_accelerometer_alone_does_not_suit_what_needs_a_gyroscope_too() -> None:
     force = stream().select([0, 1, 2])
-    with pytest.raises(PipelineError, match="expected angular_velocity and acceleration"):
-        refuse_unsuitable(load_pipeline("heading"), [force], "r.mcap")
-    refuse_unsuitable(load_pipeline("pedestrian"), [force], "r.mcap")  # its steps are found
+    assert "needs angular velocity and acceleration; " in refused("heading", [force], None)
+    # its steps are found
+    refuse_unsuitable(load_pipeline("pedestrian"), [force], None, "r.mcap")
 
 
 def test_topics_that_match_nothing_are_named() -> None:
     other = replace(WALKER, stage=(replace(WALKER.stage[0], topics=("/wrist*",)),))
-    with pytest.raises(PipelineError, match=r"acceleration_magnitude on /wrist\*, found /imu"):
-        refuse_unsuitable(other, [stream()], "r.mcap")
+    assert "acceleration magnitude on /wrist*; r.mcap has" in refused(other, [stream()], None)
 
 
 def test_a_sure_guess_decides_as_the_placement_stated_would(tmp_path: Path) -> None:
@@ -126,6 +189,22 @@ def test_an_unsure_guess_and_too_little_walking_leave_the_defaults(tmp_path: Pat
         assert topics == ("/imu",)
         assert said in line
         assert steps(path, WALKER) == steps(path, with_settings(WALKER, ["steps.placement=phone"]))
+
+
+def test_a_pipeline_for_a_foot_warns_where_a_guess_says_that_the_sensor_is_elsewhere(
+    tmp_path: Path,
+) -> None:
+    def told(path: Path, pipeline: str) -> list[str]:
+        with Recording.open(path) as opened:
+            return [note.text for note in prepared(load_pipeline(pipeline), opened).notes]
+
+    unstated = written(tmp_path / "unstated.mcap", body())
+    (text,) = told(unstated, "foot-inertial")
+    assert text.startswith("placement of /imu not stated: taken for waist or trunk (0.")
+    assert "; foot-inertial is for a sensor on the foot: its results may be wrong; " in text
+    (text,) = told(written(tmp_path / "short.mcap", body(8.0)), "foot-stances")
+    assert ": too little walking on three axes of acceleration to guess it; foot-stances " in text
+    assert told(written(tmp_path / "stated.mcap", body(), "left foot"), "foot-inertial") == []
 
 
 def test_without_a_gyroscope_a_guess_must_be_surer() -> None:
