@@ -16,6 +16,7 @@ from groundtrace_codecs.schemas.event_messages import TRUTH_TOPIC
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
 from ..pipeline.source import Source
+from .pipelines import suggested_pipelines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -132,6 +133,7 @@ class RecordingInfo:
     axes: list[AxisCheck] = field(default_factory=list)
     clocks: list[str] = field(default_factory=list)
     signals_read: bool = True
+    pipelines: list[str] = field(default_factory=list)
 
 
 def summary(recording: Recording, size: int, *, labels: bool = True) -> RecordingInfo:
@@ -160,6 +162,7 @@ def summary(recording: Recording, size: int, *, labels: bool = True) -> Recordin
         clocks=clock_lines(recording),
         unit_warnings=list(recording.assumed),
         signals_read=False,
+        pipelines=suggested_pipelines(recording),
     )
 
 

@@ -11,7 +11,7 @@ import msgspec
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import RecordingError
-from ..explain.suitability import SIGNALS
+from ..explain.suitability import SIGNALS, fitting_pipelines
 from ..pipeline.config import (
     PipelineConfig,
     build_pipeline,
@@ -41,6 +41,13 @@ def fitting_pipeline(recording: Recording) -> str | None:
     if any(s.columns_of({"acceleration", "acceleration_magnitude"}) for s in recording.streams):
         return "waist-steps"
     return None
+
+
+def suggested_pipelines(recording: Recording) -> list[str]:
+    """Return the shipped pipelines that fit a recording; the one taken by default comes first."""
+    fitting = fitting_pipelines(recording.streams, recording.geometry)
+    first = fitting_pipeline(recording)
+    return sorted(fitting, key=lambda name: name != first)
 
 
 def _beside_a_road(geometry: Geometry) -> str:

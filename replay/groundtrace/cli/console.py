@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -153,6 +154,23 @@ def truth_of_recording(
 def annotations_to_show(recording: Recording, path: Path) -> tuple[Annotation, ...]:
     """Return what people marked; a sidecar that is of no use is said, and the replay goes on."""
     return known_truth.annotations_to_show(recording, path, print_stderr)
+
+
+def counted(count: int, noun: str, plural: str = "") -> str:
+    """Return a count with its noun, which agrees: ``1 place``, ``2 places``."""
+    return f"{count} {noun if count == 1 else plural or f'{noun}s'}"
+
+
+def lost_messages(count: int | None) -> str:
+    """Return how many messages are lost, with a space behind; nothing where none is."""
+    if count is None:
+        return "unknown number of messages lost "
+    return f"{counted(count, 'message')} lost " if count else ""
+
+
+def quoted(path: Path) -> str:
+    """Return a path as one types it in a shell."""
+    return shlex.quote(str(path))
 
 
 def has_display() -> bool:

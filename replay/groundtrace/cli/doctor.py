@@ -14,7 +14,15 @@ from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.parameters import describe
 from ..pipeline.plugins import GROUPS, load
 from ..pipeline.plugins import plugins as installed_plugins
-from .console import print_json, print_line, print_stderr, print_table, progress
+from .console import (
+    counted,
+    lost_messages,
+    print_json,
+    print_line,
+    print_stderr,
+    print_table,
+    progress,
+)
 from .options import FLAG, Json, Quiet
 
 
@@ -70,7 +78,8 @@ def doctor(
 def _print_health(found: Health) -> None:
     state = "sound" if found.sound else "damaged"
     print_line(
-        f"{found.recording}: {state}, {found.bytes} bytes, {found.messages} messages can be read"
+        f"{found.recording}: {state}, {found.bytes} bytes, "
+        f"{counted(found.messages, 'message')} can be read"
     )
     for place in found.damage:
         print_line(f"damage: {_place_text(place)}")
@@ -83,21 +92,23 @@ def _print_health(found: Health) -> None:
             print_line(f"attachment: {attachment.fault}")
     if found.lost or found.lost_uncounted:
         more = " at least" if found.lost_uncounted else ""
-        print_line(f"lost:{more} {found.lost} messages")
+        print_line(f"lost:{more} {counted(found.lost, 'message')}")
     print_table(("topic", "messages"), [(t.topic, str(t.messages)) for t in found.topics])
     if found.repair is not None:
-        print_line(f"wrote {found.repair.path}: {found.repair.messages} messages")
+        print_line(f"wrote {found.repair.path}: {counted(found.repair.messages, 'message')}")
         for fault in found.repair.left_out:
             print_line(f"left out: {fault}")
 
 
 def _place_text(place: Place) -> str:
-    lost = "?" if place.messages is None else str(place.messages)
+    lost = lost_messages(place.messages).rstrip()
     span = ""
     if place.start_s is not None and place.end_s is not None:
-        span = f", {place.start_s:.3f} to {place.end_s:.3f} s"
+        span = f"{place.start_s:.3f} to {place.end_s:.3f} s"
     stop = place.offset + place.length
-    return f"bytes {place.offset} to {stop}: {lost} messages lost{span}: {place.reason}"
+    return (
+        f"bytes {place.offset} to {stop}: {', '.join(filter(None, (lost, span)))}: {place.reason}"
+    )
 
 
 def _print_installation(found: Installation) -> None:

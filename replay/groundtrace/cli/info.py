@@ -13,7 +13,16 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import existing
 from ..api.inspection import examine, summary
-from .console import annotations_to_show, print_json, print_line, print_table, progress
+from ..explain.suitability import SIGNALS
+from .console import (
+    annotations_to_show,
+    lost_messages,
+    print_json,
+    print_line,
+    print_table,
+    progress,
+    quoted,
+)
 from .options import FLAG, Json
 
 if TYPE_CHECKING:
@@ -54,10 +63,10 @@ def info(
     if json:
         print_json(found)
         return
-    _print(found)
+    _print(found, recording)
 
 
-def _print(found: RecordingInfo) -> None:
+def _print(found: RecordingInfo, recording: Path) -> None:
     when = f", began {found.start}" if found.start else ""
     print_line(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
     rows = [stream_row(s) for s in found.streams]
@@ -80,8 +89,8 @@ def _print(found: RecordingInfo) -> None:
             "signals: not read, so nothing about gaps, units, faults (without --quick they are)"
         )
     for damage in found.damage:
-        lost = "?" if damage.messages is None else damage.messages
-        print_line(f"damage: {lost} messages lost at byte {damage.offset}: {damage.reason}")
+        lost = lost_messages(damage.messages)
+        print_line(f"damage: {lost}at byte {damage.offset}: {damage.reason}")
     if found.truth:
         print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
     if found.annotations:
@@ -92,6 +101,9 @@ def _print(found: RecordingInfo) -> None:
         print_line(
             "geometry: " + ", ".join(f"{n} {kind}" for kind, n in found.geometry.items()) + unit
         )
+    fitting = found.pipelines or [SIGNALS]
+    print_line(f"fitting pipelines: {', '.join(fitting)}")
+    print_line(f"next: groundtrace replay {quoted(recording)} --pipeline {fitting[0]}")
 
 
 #: So many channels with one kind of fault are told one by one.
