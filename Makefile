@@ -99,7 +99,7 @@ proto: dev ## the committed descriptors, from the .proto
 screenshot: $(VENV)/installed ## the picture in the README
 	mkdir -p build
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
-	$(BIN)/python -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
+	$(BIN)/python -P -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
 
 clean:
 	find . -name "kernels-*" -path "*/__pycache__/*" -prune -exec rm -rf {} +

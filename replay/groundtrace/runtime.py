@@ -1,5 +1,8 @@
 """The process: threads of matrix libraries, freed memory, its end; the installed version.
 
+The folder that a user works in may be a stranger's, with recordings and whatever else. Nothing in
+it is to be executed or to configure anything, neither here nor in processes that are started.
+
 Matrices here are small. Shared between threads a product of them gains nothing, and threads that
 wait for the next one keep their cores busy: a replay with locations took up to a third more CPU
 time.
@@ -17,6 +20,71 @@ import os
 import signal
 import sys
 import threading
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+#: What keeps Python from looking for modules in the working folder (3.11 and newer).
+SAFE_PATH = "PYTHONSAFEPATH"
+
+
+def leave_working_folder() -> None:
+    """Look for no module in the working folder, here and in processes started from here.
+
+    Python itself puts it in front with ``-m`` and ``-c``, and where ``PYTHONPATH`` has an empty
+    entry. What is named there, or is installed from there, stays.
+    """
+    os.environ[SAFE_PATH] = "1"
+    named = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    places = [""]
+    with suppress(FileNotFoundError):  # a folder that was removed holds no module
+        places.append(str(Path.cwd()))
+    if not sys.flags.safe_path and sys.path[:1] and sys.path[0] in places:
+        del sys.path[0]
+    if any(named):
+        os.environ["PYTHONPATH"] = os.pathsep.join(name for name in named if name)
+        if "" in named and places[-1] not in named and places[-1] in sys.path:
+            sys.path.remove(places[-1])
+    sys.path[:] = [place for place in sys.path if place]
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Let processes of Python start without the working folder among the places of modules."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
+
+
+#: By what numba and matplotlib configure themselves in the working folder, while they are imported.
+_CONFIGURATIONS = (".numba_config.yaml", "matplotlibrc")
+_IMPORTING = threading.RLock()
+
+
+@contextmanager
+def unconfigured() -> Iterator[None]:
+    """Let what is imported meanwhile find no configuration in the working folder.
+
+    Neither package can be told to look elsewhere first, so that the question whether there is such
+    a file is answered here.
+    """
+    with _IMPORTING:
+        exists = os.path.exists
+        os.path.exists = lambda path: path not in _CONFIGURATIONS and exists(path)
+        try:
+            yield
+        finally:
+            os.path.exists = exists
+
 
 #: What says how many threads such a library starts for each process.
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

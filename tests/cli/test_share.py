@@ -73,7 +73,7 @@ def test_a_folder_has_everything_and_says_how_to_open_it(walk: Walk, capsys: Cap
     assert set(found) == CONTENT
     size = sum(map(len, found.values()))
     assert f"shared: out, {len(found)} files, {size / 1e6:.1f} MB" in said
-    assert "python -m http.server 8000 --bind 127.0.0.1 --directory out" in said
+    assert "python -I -m http.server 8000 --bind 127.0.0.1 --directory out" in said
     assert b'name = "waist-steps"' in found["pipeline.toml"]
     assert (
         found["walk.annotations.mcap"]

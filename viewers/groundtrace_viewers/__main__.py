@@ -1,4 +1,7 @@
-"""``python -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` draws a moment of a replay."""
+"""``python -P -m groundtrace_viewers REPLAY.rrd PICTURE.png --at 3.62`` draws a moment of a replay.
+
+Without ``-P`` Python would look for modules in the working folder.
+"""
 
 from __future__ import annotations
 

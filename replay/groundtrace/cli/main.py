@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError
 
-from ..runtime import end_as_interrupted, limit_blas_threads, raise_malloc_trim
+from ..runtime import (
+    end_as_interrupted,
+    leave_working_folder,
+    limit_blas_threads,
+    raise_malloc_trim,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -211,6 +216,7 @@ def _version() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
+    leave_working_folder()
     end_as_interrupted()
     limit_blas_threads()  # before a command imports numpy
     raise_malloc_trim()

@@ -72,7 +72,9 @@ def _report(out: Path, form: str) -> None:
         print_line(
             f"shared: {out}, {len(files)} files, {_mb(size)} ({_mb(replay)} of it the replay)"
         )
-        print_line(f"open it with: python -m http.server 8000 --bind 127.0.0.1 --directory {out}")
+        print_line(
+            f"open it with: python -I -m http.server 8000 --bind 127.0.0.1 --directory {out}"
+        )
         print_line(
             f"then http://localhost:8000 in a browser; {out / 'summary.html'} opens by itself"
         )
@@ -80,7 +82,7 @@ def _report(out: Path, form: str) -> None:
     print_line(f"shared: {out}, {_mb(out.stat().st_size)}")
     if form == "zip":
         print_line(
-            "unpack it, run python -m http.server 8000 in its folder, open http://localhost:8000"
+            "unpack it, run python -I -m http.server 8000 in its folder, open http://localhost:8000"
         )
     else:
         print_line("open it by a double click: it needs no server and no network")

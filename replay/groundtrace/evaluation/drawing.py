@@ -16,6 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 from markupsafe import Markup
 
+from ..runtime import unconfigured
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
@@ -70,7 +72,8 @@ _LEFT_OUT = ("font-family", "stroke-dashoffset", "stroke-linejoin", "stroke-line
 @contextmanager
 def style(**more: Any) -> Iterator[None]:
     """Let matplotlib draw in this style inside a ``with``, and as before after it."""
-    from matplotlib import rc_context
+    with unconfigured():
+        from matplotlib import rc_context
 
     with rc_context(_STYLE | more):
         yield
@@ -100,11 +103,11 @@ class Drawing:
         height: float = HEIGHT,
         panels: int = 1,
     ) -> None:
-        from matplotlib.figure import Figure
-
         self.title = title
         self._tips: dict[str, Sequence[str]] = {}
         with style():
+            from matplotlib.figure import Figure
+
             self.figure = Figure((width / 72, height / 72), layout="constrained")
             self.figure.patch.set_visible(False)
             self.panels = [self.figure.add_subplot(1, panels, i + 1) for i in range(panels)]

@@ -24,6 +24,7 @@ from ..pipeline.engine import EventList, replay
 from ..pipeline.results import Evidence, recording_in, stage_evidence
 from ..pipeline.source import Source
 from ..pipeline.warned import warnings_of
+from ..runtime import safe_path
 from .reasons import Interval, bootstrap, event_noun, scored_event, truth_for
 from .redecide import Grid, StepChain, make_grid
 from .suitability import PLACEMENT, refuse_unsuitable, with_placements
@@ -465,7 +466,8 @@ def in_processes(
             done()
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            futures = {pool.submit(function, a): i for i, a in enumerate(arguments)}
+            with safe_path():
+                futures = {pool.submit(function, a): i for i, a in enumerate(arguments)}
             try:
                 for future in as_completed(futures):
                     results[futures[future]] = future.result()

@@ -11,7 +11,7 @@ import signal
 import socket
 import threading
 from collections import deque
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, chdir, contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from multiprocessing import get_context
@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from groundtrace_codecs.errors import MissingReaderError
 
 from ..errors import RecordingError
-from ..runtime import limit_blas_threads, raise_malloc_trim
+from ..runtime import limit_blas_threads, raise_malloc_trim, safe_path
+from ..scratch import scratch_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -265,6 +266,26 @@ class RayEngine:
         """Yield the number of each task and its result; None where two workers were killed."""
         import ray
 
+        with scratch_folder() as empty:
+            # workers look for modules where this process is while it makes contact
+            with chdir(empty), quiet():
+                self._begin()
+            try:
+                remote = ray.remote(function).options(max_retries=1)
+                numbers = {remote.remote(task): number for number, task in enumerate(tasks)}
+                while numbers:
+                    (ready,), _ = ray.wait(list(numbers), num_returns=1)
+                    number = numbers.pop(ready)
+                    try:
+                        yield number, ray.get(ready)
+                    except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError):
+                        yield number, None
+            finally:
+                ray.shutdown()
+
+    def _begin(self) -> None:
+        import ray
+
         if self.address:
             with reached(f"ray:{self.address}"):
                 _listens(self.address)
@@ -275,20 +296,8 @@ class RayEngine:
                 num_cpus=self.workers,
                 include_dashboard=False,
                 log_to_driver=False,
-                logging_level="ERROR",
+                logging_level=logging.ERROR,
             )
-        try:
-            remote = ray.remote(function).options(max_retries=1)
-            numbers = {remote.remote(task): number for number, task in enumerate(tasks)}
-            while numbers:
-                (ready,), _ = ray.wait(list(numbers), num_returns=1)
-                number = numbers.pop(ready)
-                try:
-                    yield number, ray.get(ready)
-                except (ray.exceptions.WorkerCrashedError, ray.exceptions.OutOfMemoryError):
-                    yield number, None
-        finally:
-            ray.shutdown()
 
 
 def _listens(address: str) -> None:
@@ -316,12 +325,16 @@ def reached(address: str) -> Iterator[None]:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Let processes start with one thread of their own, deaf to Ctrl-C, which is ours to answer."""
+    """Let processes start with one thread of their own, deaf to Ctrl-C, which is ours to answer.
+
+    They do not look for modules in the working folder.
+    """
     unset = limit_blas_threads()
     ours = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if ours else None
     try:
-        yield
+        with safe_path():
+            yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)

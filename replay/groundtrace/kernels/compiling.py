@@ -7,7 +7,8 @@ lies in ``NUMBA_CACHE_DIR``, beside the source, or, where neither can be written
 
 Before its first function, numba imports what it can use of scipy's linear algebra, C declarations,
 settings in YAML and the coverage of tests, where they are installed: a quarter of what it takes to
-load. Nothing here needs any, so that it is told they are absent, as they may be.
+load. Nothing here needs any, so that it is told they are absent, as they may be. Nor does it read
+settings in the working folder.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
+
+from ..runtime import unconfigured
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,7 +57,8 @@ def _loading() -> Iterator[None]:
     sys.meta_path.insert(0, absent)
     gc.disable()
     try:
-        yield
+        with unconfigured():
+            yield
     finally:
         sys.meta_path.remove(absent)
         if collected:

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 
 from ..pipeline.results import atomic_write
+from ..runtime import unconfigured
 from .analysis import MIRRORED, SMALL_M, region_at
 
 if TYPE_CHECKING:
@@ -347,8 +348,9 @@ class _Sheet:
     """Two rows of three maps of equal scale, each with room for a title, a scale and a key."""
 
     def __init__(self, found: RoomAnalysis) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        with unconfigured():
+            from matplotlib.backends.backend_agg import FigureCanvasAgg
+            from matplotlib.figure import Figure
 
         self.found = found
         every = np.vstack([found.layout.outline, found.layout.positions])

@@ -20,13 +20,15 @@ def _run(code: str, **environment: str) -> str:
 
 
 def _folder_of(kernels: Path, **environment: str) -> Path:
-    code = "from kernels.compiling import FOLDER; print(FOLDER)"
-    return Path(_run(code, PYTHONPATH=str(kernels.parent), **environment).strip())
+    code = "from groundtrace.kernels.compiling import FOLDER; print(FOLDER)"
+    return Path(_run(code, PYTHONPATH=str(kernels.parents[1]), **environment).strip())
 
 
 def _copied(tmp_path: Path) -> Path:
-    kernels = tmp_path / "kernels"
+    kernels = tmp_path / "groundtrace" / "kernels"
     shutil.copytree(FOLDER, kernels, ignore=shutil.ignore_patterns("__pycache__"))
+    for alone in ("__init__.py", "runtime.py"):
+        shutil.copy(FOLDER.parent / alone, kernels.parent)
     return kernels
 
 

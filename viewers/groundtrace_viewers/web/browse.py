@@ -62,9 +62,11 @@ def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subpro
     ViewerError
         Where the page does not come up.
     """
+    server = ["-P", "-m", "groundtrace_viewers.web.server"]
+    places = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
     process = subprocess.Popen(
-        [sys.executable, "-m", "groundtrace_viewers.web.server", str(path.resolve()), str(port)],
-        env={**quiet_environment(), "PYTHONPATH": os.pathsep.join(sys.path)},
+        [sys.executable, *server, str(path.resolve()), str(port)],
+        env={**quiet_environment(), "PYTHONPATH": places},
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -194,7 +194,7 @@ def _readme(sources: Sources) -> str:
         f"A replay of {sources.name}, shared by groundtrace.\n\n"
         "summary.html opens by a double click, report.html (where there is truth) too.\n"
         "The replay: open a terminal in this folder, run\n\n"
-        "    python -m http.server 8000\n\n"
+        "    python -I -m http.server 8000\n\n"
         "and open http://localhost:8000 in a browser (Chrome, Edge or Firefox of 2024 or later).\n"
         "Nothing is asked of the internet. Marks made there are kept in that browser; its button\n"
         "'download' gives them as a file, which whoever shared this takes in with\n\n"
