@@ -111,9 +111,7 @@ def room_session(name: str = "room.mcap") -> ReplaySession:
     sensors = tuple(Sensor(n, n, x, y) for n, (x, y) in zip(NAMES, CORNERS, strict=True))
     geometry = Geometry(sensors, CORNERS, (1.0, 2.0), (("S1", 3.0, 2.5),))
     end = at(SECONDS) - round(SEISMIC.period_ns)
-    return ReplaySession(
-        name, "room", START_NS, end, (SEISMIC, IMU), geometry, truth(), 'use = "sta-lta"'
-    )
+    return ReplaySession(name, "room", START_NS, end, (SEISMIC, IMU), geometry, truth(), "")
 
 
 def walker_session(name: str = "waist.mcap") -> ReplaySession:

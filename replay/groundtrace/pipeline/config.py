@@ -228,7 +228,7 @@ class Pipeline:
     def go_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:
         """Feed an item, and what the first stage made of it, to the others; return all events."""
         found = begun if len(self.stages) < 2 else self._passed_on(item, begun)
-        self._check.update(found)
+        self._check.update(found, item.start_ns if isinstance(item, SignalBlock) else 0)
         return found
 
     def _passed_on(self, item: SignalBlock | Event, begun: list[Event]) -> list[Event]:

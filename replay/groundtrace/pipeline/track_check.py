@@ -68,6 +68,7 @@ class _State:
     worst: dict[str, _Worst] = field(default_factory=dict)
     given: Counter[tuple[str, str]] = field(default_factory=Counter)
     last_ns: int = 0
+    fed_ns: int = 0
 
 
 class TrackCheck:
@@ -88,11 +89,12 @@ class TrackCheck:
         self._fastest = FASTEST_MPS.get(application) if metric else None
         self._state = _State()
 
-    def update(self, events: Iterable[Event]) -> None:
-        """Take the events that came of an item, in their order."""
+    def update(self, events: Iterable[Event], time_ns: int = 0) -> None:
+        """Take the events that came of an item, in their order, and when the item was [ns]."""
         if not self._tracking:
             return
         state = self._state
+        state.fed_ns = max(state.fed_ns, time_ns)
         for event in events:
             if isinstance(event, TrackPoint):
                 state.last_ns = event.time_ns
@@ -107,7 +109,8 @@ class TrackCheck:
         """Say what is wrong with the tracks."""
         state = self._state
         if self._tracking and not state.worst:
-            yield Note(state.last_ns, self._none_text(), "WARN", self._tracking[-1].stage)
+            time_ns = state.last_ns or state.fed_ns
+            yield Note(time_ns, self._none_text(), "WARN", self._tracking[-1].stage)
         for stage, worst in state.worst.items():
             if worst.impossible and self._fastest is not None:
                 limit_mps, who = self._fastest

@@ -83,6 +83,14 @@ def test_no_track_where_one_was_asked_for_is_told_with_what_it_takes() -> None:
     assert note.text.endswith("t takes the fixes of near, which found 1")
 
 
+def test_where_nothing_was_found_the_end_of_the_signal_is_when_that_is_told() -> None:
+    check = TrackCheck("room", [Tracking("t", "fixes", "near")], metric=True)
+    for time_ns in (10 * NS, 12 * NS, 11 * NS):
+        check.update([], time_ns)
+    (note,) = check.flush()
+    assert note.time_ns == 12 * NS
+
+
 def test_where_no_track_was_asked_for_nothing_is_missed() -> None:
     check = TrackCheck("walker", [], metric=True)
     check.update(points(60.0))

@@ -51,6 +51,8 @@ LANE_HEADING, LANE = 0.065, 0.048
 MOST_LANES, MOST_ON_ROAD = 8, 6
 #: Share of texts below a map, and width of that column as a part of the window's height.
 TEXTS, LEFT_WIDTH = 2.0, 0.8
+#: Share of the decision at the cursor, above a map.
+DECIDED = 1.9
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
 #: of a vehicle.
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
@@ -81,12 +83,15 @@ def blueprint(
 
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
-    detail = [] if on_road else _detail(session.application, entities, legend=not mapped)
+    # Bands over the samples would double the legend; its colours stand in the overview's too.
+    named = not mapped and not _of(entities, "card")
+    detail = [] if on_road else _detail(session.application, entities, legend=named)
     below = detail if mapped else []
     overview = _overview(session, entities)
     most = MOST_ON_ROAD if on_road else MOST_LANES
     stack = overview + _lanes(entities, overview + below, most) + below
     side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
+    side = [*_decided(entities), *side]
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
     shares = [2.2, 3.0] if mapped else [1.0, 2.0]
     return rrb.Blueprint(
@@ -158,6 +163,17 @@ def _share(site: Bounds) -> float:
     return TEXTS * height / (1.0 - height)
 
 
+def _decided(entities: Sequence[Entity]) -> list[Part]:
+    """Show the decision at the cursor, where one is wrong: in words, and gate by gate."""
+    import rerun.blueprint as rrb
+
+    parts: list[Any] = [text(e) for e in _of(entities, "card")]
+    parts += [bars(e) for e in _of(entities, "bars")]
+    return (
+        [(rrb.Horizontal(*parts, column_shares=[1.0, 1.1][: len(parts)]), DECIDED)] if parts else []
+    )
+
+
 def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     """Everything on the common time axis, from signals to decisions."""
     overview, finest = _of(entities, "overview"), _of(entities, "envelope")
@@ -175,6 +191,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     tonal += [fixed(e, e.path, follow) for e in _of(entities, "tones")]
     tonal += [fixed(e, e.path, around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
     decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
+    decisions += [(bounded(e), 1.8) for e in _of(entities, "margins")]
     if session.application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
     if session.application == "walker":
@@ -218,7 +235,7 @@ def _walked(entities: Sequence[Entity], others: Sequence[rrb.View]) -> list[Part
     signals = [e for e in signals if e.quantity not in ON_MAP]
     signals.sort(key=lambda e: e.quantity not in ACCELERATIONS)
     worn = [plot_view(e) for e in signals]
-    crowded = any(e.role in ("masses", "heading") for e in entities)
+    crowded = any(e.role in ("masses", "heading", "margins") for e in entities)
     first = [] if crowded else worn[:1]
     return [*_parts(first, 1.9), *_parts([*worn[len(first) :], *others], 1.9)]
 
@@ -233,7 +250,7 @@ def _believed(entities: Sequence[Entity]) -> list[Part]:
 def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]:
     """Show powers, their ratios, and the way along the road."""
     ratios = _parts([plot_view(e, legend_shown=False) for e in _of(entities, "ratio")], 2.0)
-    return [*decisions, *ratios, *((road_view(e), 2.6) for e in _of(entities, "road"))]
+    return [*decisions, *ratios, *((bounded(e), 2.6) for e in _of(entities, "road"))]
 
 
 def _decision(entity: Entity) -> rrb.View:
@@ -410,8 +427,8 @@ def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
     )
 
 
-def road_view(entity: Entity) -> rrb.View:
-    """Return the way along a road over time."""
+def bounded(entity: Entity) -> rrb.View:
+    """Return curves between values that are known."""
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(
@@ -447,6 +464,19 @@ def headings_view(entities: Sequence[Entity]) -> rrb.View:
         name=f"Heading [°], counter-clockwise from east, ± 1 σ: {curves}; disturbed shaded",
         axis_x=linked(),
         plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def bars(entity: Entity) -> rrb.View:
+    """Return the gates of the candidate at the cursor as bars."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=entity.path,
+        name=entity.title,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-135.0, 135.0), y_range=(-16.0, entity.top + 8.0)
+        ),
     )
 
 

@@ -105,7 +105,7 @@ class ViewContext:
     replayed_ns
         First and last sample so far [ns]; None before the first.
     opens_ns
-        The first event, where a viewer opens [ns]; None before it.
+        Where a viewer opens: the first event, in the end the first wrong step [ns]; None before.
     answers_ns
         Detected steps, or picks where no stage finds steps, that no close-up knows yet [ns].
     drawn, told

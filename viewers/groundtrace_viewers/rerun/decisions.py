@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from groundtrace.detectors.trace import FRAME_S
-from groundtrace.evaluation.matching import answers_text, found_text, match_steps, timing_pairs
 from groundtrace.pipeline.parameters import describe
 from groundtrace.pipeline.stage import StageConfig, StageRunner
 from groundtrace_codecs.events import (
@@ -36,21 +35,18 @@ from .timeline import (
     DISAGREEMENT,
     DISTURBED,
     EITHER,
-    FALSE,
     GAPS,
     IGNORED,
     IMPACT,
     LAST,
     LOSS,
     MARK_NS,
-    MISSED,
     NO_PEAK,
     PEAK,
     PLACING,
     REFUSED,
     REJECTED,
     REJECTION_COLOURS,
-    SCORE,
     SPAN,
     STEP,
     STEP_COLOURS,
@@ -73,7 +69,7 @@ if TYPE_CHECKING:
     from groundtrace.pipeline.stage import Curve
     from groundtrace_codecs.events import GateSpec, Label
 
-    from .context import LogLines, ViewContext
+    from .context import ViewContext
     from .samples import Piece
     from .timeline import SensorColours, StageLanes, Timeline
 
@@ -871,14 +867,13 @@ class PickView(View):
 
 
 class StepView(View):
-    """Steps and impacts: lanes; of the stage with the last word marks, rows, lines and verdicts."""
+    """Steps and impacts: lanes; of the stage with the last word marks, rows and lines."""
 
     def __init__(self, context: ViewContext) -> None:
         self._context = context
         self._timeline = context.timeline
         self._lines = context.lines
         self._pending: list[tuple[StepEvent, float]] = []
-        self._steps_ns: list[int] = []
 
     def step(self, step: StepEvent) -> None:
         """Take a step."""
@@ -889,21 +884,12 @@ class StepView(View):
             return
         context.opens(step.time_ns)
         context.answers_ns.append(step.time_ns)
-        self._steps_ns.append(step.time_ns)
         self._pending.append((step, context.traces.of_step(step)))
         what = " ".join(filter(None, (step.type or step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
         text = f"{where}  {what}, peak {readable(step.value)}{seen} ({step.stage})"
         self._lines.add("steps", step.time_ns, text, "INFO")
-
-    def close(self) -> None:
-        """Log what became of every true step, where a stage finds steps."""
-        context = self._context
-        truth = any(x.kind == "step" for x in context.session.labels)
-        if truth and context.stages.last("step") is not None and context.replayed_ns is not None:
-            found = verdicts(context.session, self._steps_ns, context.replayed_ns)
-            log_verdicts(self._timeline, self._lines, found)
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
@@ -1059,73 +1045,6 @@ def _resume(lane: Lane, ignored: Label, labels: Iterable[Label]) -> None:
     for label in labels:
         if label.kind == "walking" and label.time_ns <= ignored.end_ns < (label.end_ns or 0):
             lane.add(ignored.end_ns, "walking", label.end_ns)
-
-
-#: Largest distance between a step and its detection, as the score has it.
-TOLERANCE_S = 0.12
-VERDICT_COLOURS = {"hit": ACCEPTED, "missed": MISSED, "false": FALSE}
-
-
-class Verdict(NamedTuple):
-    """What became of a step: when it was [ns], and in a word; of a wrong time, what it is.
-
-    ``text`` is ``found 126 ms late, tolerance 120 ms`` of a missed step that has a false one near
-    it, and ``answers step 12, 126 ms late`` of that one; else empty.
-    """
-
-    time_ns: int
-    verdict: str
-    text: str = ""
-
-
-def verdicts(
-    session: ReplaySession, steps_ns: Sequence[int], replayed_ns: tuple[int, int]
-) -> list[Verdict]:
-    """Return what became of every true step, and which detections answer none.
-
-    Parameters
-    ----------
-    session
-        Its labels are the truth.
-    steps_ns
-        Detected steps [ns], any order.
-    replayed_ns
-        First and last sample that was replayed [ns]: what lies outside was never looked at.
-
-    Returns
-    -------
-    list
-        ``hit``, ``missed`` (at times of true steps) or ``false`` (of detections), in the spans
-        that the score looks at.
-    """
-    first, last = replayed_ns
-    labels = [x for x in session.labels if x.kind != "step" or first <= x.time_ns <= last]
-    detected = np.array(steps_ns, np.int64)
-    found = match_steps(labels, detected, session.start_ns, session.end_ns, TOLERANCE_S)
-    named = (
-        ("hit", found.truth_ns[found.pairs[:, 0]]),
-        ("missed", found.truth_ns[found.missed]),
-        ("false", found.found_ns[found.false]),
-    )
-    pairs = timing_pairs(found)
-    texts = {p.truth_ns: found_text(p, TOLERANCE_S) for p in pairs}
-    texts |= {p.found_ns: answers_text(p, TOLERANCE_S) for p in pairs}
-    return sorted(
-        Verdict(int(t), verdict, "" if verdict == "hit" else texts.get(int(t), ""))
-        for verdict, times in named
-        for t in times
-    )
-
-
-def log_verdicts(timeline: Timeline, lines: LogLines, found: Sequence[Verdict]) -> None:
-    """Log the lane, and a line for every step that was missed or is false."""
-    lane = Lane(timeline, SCORE, VERDICT_COLOURS)
-    for time_ns, verdict, why in found:
-        lane.add(time_ns, verdict)
-        if verdict != "hit":
-            text = f"{verdict} step at {timeline.seconds(time_ns)}{f': {why}' if why else ''}"
-            lines.add("score", time_ns, text, "ERROR" if verdict == "missed" else "WARN")
-    lane.flush()
 
 
 #: A plot's source, and the columns of its masses: on peak, no peak, either; combined also K.

@@ -32,7 +32,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import ViewerError
 from .blueprint import linked
-from .decisions import VERDICT_COLOURS, DetectorView, ceiling, decision_gate, log_truth
+from .decisions import DetectorView, ceiling, decision_gate, log_truth
 from .process import connect, data_url, free_port, open_viewer
 from .sink import Outlet, RerunSink
 from .timeline import (
@@ -53,6 +53,7 @@ from .timeline import (
     coincident,
     heat,
 )
+from .wrong_steps import VERDICT_COLOURS
 
 if TYPE_CHECKING:
     import subprocess

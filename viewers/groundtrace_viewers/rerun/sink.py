@@ -26,11 +26,12 @@ from ..errors import ViewerError
 from .annotations import log_annotations
 from .blueprint import blueprint
 from .context import ViewContext
-from .decisions import PlainView, lane_labels, log_truth, verdicts
+from .decisions import PlainView, lane_labels, log_truth
 from .process import connect, data_url, free_port, open_viewer
 from .samples import REACH_NS, FullRate, planned
 from .timeline import PAGE, SPAN, TIMELINE, TRUTH_LANES, Lane, about, stream_of
 from .views import VIEWS
+from .wrong_steps import verdicts
 
 if TYPE_CHECKING:
     import subprocess
@@ -211,7 +212,7 @@ class RerunSink:
         return None
 
     def _go_to_first_event(self) -> None:
-        """Pause at the first event; a file's layout cannot hold a cursor, a viewer's can be set."""
+        """Pause where it opens; a file's layout cannot hold a cursor, a viewer's can be set."""
         first_ns = self._replay.context.opens_ns if self._replay is not None else None
         if self.viewer is None or self._session is None or first_ns is None:
             return

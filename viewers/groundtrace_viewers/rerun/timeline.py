@@ -59,7 +59,7 @@ class Entity:
         What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``detector``, ``decision``, ``masses``,
         ``heading``, ``ratio``, ``road``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``,
-        ``table``, ``page``, ``map``.
+        ``table``, ``page``, ``map``, ``card``, ``bars``, ``margins``.
     title
         Heading of its view.
     series
@@ -798,6 +798,9 @@ the waveform at the cursor follows it.
 * Envelopes are the largest |x| of each bucket, so that no impact is lost: per 10 ms; in \
 recordings longer than a minute per 50 ms, with 10 ms and the whole recording in the tabs beside. \
 Spectrograms: time to the right, frequency upwards, lighter is louder.
+* Where a step is missed or false, the upper left says what was decided at the cursor, why, and \
+what mends it; bars show how far each gate was from its threshold. Missed steps are red bands, \
+false ones pink.
 * Samples of fast signals that are not everywhere are where the lane `full-rate` says; there the \
 decision functions and the spectrogram of 3 ms are too. Elsewhere those plots are empty: \
 everything is in the recording, and `groundtrace replay --full-rate FROM-TO` shows another part.

@@ -22,7 +22,6 @@ from groundtrace_codecs.events import (
 from groundtrace_codecs.signals import NS_PER_S
 
 from .context import View
-from .decisions import VERDICT_COLOURS
 from .places import ellipses
 from .site import SITE, bounds, signs_of
 from .timeline import (
@@ -46,6 +45,7 @@ from .timeline import (
     used,
     vehicle_colour,
 )
+from .wrong_steps import VERDICT_COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

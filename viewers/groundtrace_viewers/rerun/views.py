@@ -24,6 +24,7 @@ from .site import SectionViews, SensorMap
 from .spectrogram import FineSpectrograms, SpectrogramViews
 from .vehicles import CourseView, LikelihoodView, PassView, PresenceLanes, RatioViews
 from .walk import AzimuthView, HeadingView, StreetMap, WalkMap
+from .wrong_steps import WrongSteps
 
 if TYPE_CHECKING:
     from .context import View
@@ -54,6 +55,7 @@ _ORDER: tuple[type[View], ...] = (
     DetectorViews,  # draws what no view before it has taken
     PickView,
     StepView,
+    WrongSteps,
     LossView,
     NoteView,
 )

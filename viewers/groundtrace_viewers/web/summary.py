@@ -37,8 +37,8 @@ from groundtrace_codecs.errors import CodecError
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
-from ..rerun.decisions import TOLERANCE_S
 from ..rerun.moments import moments_of_results
+from ..rerun.wrong_steps import TOLERANCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import rerun as rr
+from viewer_sessions import STEPS_S, at, read_back, room_session, write_room, write_walker
+
+from groundtrace.api.replay import PlannedReplay
+from groundtrace.evaluation.steps import score_steps
+from groundtrace.explain.suitability import prepared
+from groundtrace.explain.why import explain_steps
+from groundtrace.pipeline.config import checked_pipeline
+from groundtrace.pipeline.results import ResultsSink, evidence_of, read_results
+from groundtrace_codecs.events import Label
+from groundtrace_codecs.recording import Recording
+from groundtrace_recordings import path_of
+from groundtrace_viewers.rerun.sink import RerunSink
+from groundtrace_viewers.rerun.timeline import MISSED
+from groundtrace_viewers.rerun.wrong_steps import (
+    BARS,
+    CARD,
+    MARGINS,
+    REACH,
+    Verdict,
+    doublings,
+    verdicts,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from groundtrace.explain.why import StepExplanation
+
+WALK = path_of("waist-walk.mcap")
+#: So high that 21 of the 74 true steps of the bundled walk are missed.
+HEIGHT = 2.0
+
+WHOLE = (at(0.0), at(6.0))
+
+
+def names(found: list[Verdict]) -> list[str]:
+    return [one.verdict for one in found]
+
+
+def bare(found: list[Verdict]) -> list[tuple[int, str]]:
+    return [(one.time_ns, one.verdict) for one in found]
+
+
+def test_a_step_within_the_tolerance_is_a_hit_and_lies_at_the_truth() -> None:
+    session = room_session()
+    found = verdicts(session, [at(s + 0.1) for s in STEPS_S], WHOLE)
+    assert found == [(at(s), "hit", "", at(s + 0.1)) for s in STEPS_S]
+
+
+def test_what_is_not_found_is_missed_and_what_is_not_there_is_false() -> None:
+    found = verdicts(room_session(), [at(STEPS_S[0]), at(1.1)], WHOLE)
+    assert bare(found[:2]) == [(at(STEPS_S[0]), "hit"), (at(1.1), "false")]
+    assert names(found[2:]) == ["missed"] * (len(STEPS_S) - 1)
+
+
+def test_nothing_is_said_of_what_is_ignored_or_was_not_replayed() -> None:
+    session = room_session()
+    ignore = Label(at(1.9), "ignore", end_ns=at(2.1))
+    ignoring = replace(session, labels=(*session.labels, ignore))
+    assert len(verdicts(ignoring, [], WHOLE)) == len(STEPS_S) - 1
+    replayed = verdicts(session, [], (at(1.9), at(2.7)))
+    assert bare(replayed) == [(at(2.0), "missed"), (at(2.6), "missed")]
+
+
+def test_a_step_found_late_is_one_with_the_false_one_in_the_log() -> None:
+    session = room_session()
+    steps = [at(s) for s in STEPS_S]
+    steps[2] += 140_000_000
+    wrong = [one for one in verdicts(session, steps, WHOLE) if one.verdict != "hit"]
+    assert wrong == [
+        (at(STEPS_S[2]), "missed", "found 140 ms late, tolerance 120 ms", None),
+        (steps[2], "false", "answers step 3, 140 ms late", None),
+    ]
+
+
+def test_verdicts_count_as_the_score_does() -> None:
+    session = room_session()
+    rng = np.random.default_rng(5)
+    steps = [at(s) for s in rng.uniform(0.0, 6.0, 30)]
+    said = names(verdicts(session, steps, WHOLE))
+    score = score_steps(session.labels, np.array(steps, np.int64), session.start_ns, session.end_ns)
+    assert score is not None
+    assert said.count("hit") == score.matched
+    assert said.count("missed") == score.truth - score.matched
+    assert said.count("false") == score.detected - score.matched
+
+
+def test_the_lane_and_the_log_lead_to_the_missed_step(tmp_path: Path) -> None:
+    path = write_room(tmp_path / "room.rrd")
+    times, states = read_back(path, "/state/2-score", "StateChange:state")
+    shown = [(t, s) for t, [s] in zip(times.tolist(), states, strict=True) if s]
+    expected = ["missed" if k == 2 else "hit" for k in range(len(STEPS_S))]
+    assert shown == [(round(t * 1e9), s) for t, s in zip(STEPS_S, expected, strict=True)]
+    times, lines = read_back(path, "/log/score", "TextLog:text")
+    assert (times.tolist(), lines) == ([2_000_000_000], [["+2.000 s  missed step"]])
+    assert read_back(path, "/log/score", "TextLog:level")[1] == [["ERROR"]]
+
+
+def test_a_replay_without_a_stage_for_steps_has_no_verdict(tmp_path: Path) -> None:
+    paths = rr.chunk.RrdReader(str(write_walker(tmp_path / "w.rrd"))).store().schema()
+    assert "/state/2-score" not in paths.entity_paths()
+
+
+def test_a_gate_s_distance_is_told_in_doublings_whatever_its_side() -> None:
+    assert doublings(1.0, 2.0, passed=False) == -1.0
+    assert doublings(0.5, 2.0, passed=True) == 2.0, "an upper limit"
+    assert doublings(1e9, 2.0, passed=True) == REACH
+    for value, threshold in ((np.inf, 1.0), (np.nan, 1.0), (-1.0, 2.0), (1.0, 0.0), (0.0, 1.0)):
+        assert doublings(value, threshold, passed=True) == REACH
+        assert doublings(value, threshold, passed=False) == -REACH
+
+
+def replay_walk(folder: Path, *settings: str) -> tuple[Path, Path]:
+    """Replay the bundled walk; return the viewer's file and the results."""
+    rrd, results = folder / "walk.rrd", folder / "walk.results.mcap"
+    with Recording.open(WALK) as recording:
+        asked = checked_pipeline("waist-peaks", settings)
+        plan = PlannedReplay.of(recording, WALK, prepared(asked, recording))
+        plan.run([ResultsSink(results, plan.provenance()), RerunSink(rrd)])
+    return rrd, results
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StepExplanation]:
+    """Return a replay with missed steps, and what why says of its results."""
+    rrd, results = replay_walk(tmp_path_factory.mktemp("walk"), f"steps.height={HEIGHT}")
+    return rrd, explain_steps(evidence_of(read_results(results, evidence=True)))
+
+
+def test_at_every_miss_the_card_says_what_why_and_what_mends_it(
+    walk: tuple[Path, StepExplanation],
+) -> None:
+    rrd, explained = walk
+    times, texts = read_back(rrd, CARD, "TextDocument:text")
+    cards = {round(t / 1e9, 3): text for t, [text] in zip(times.tolist(), texts, strict=True)}
+    assert len(explained.missed) == 21
+    for missed in explained.missed:
+        card = cards[round(missed.time_s, 3)]
+        assert f"Missed: step {missed.step}," in card
+        assert missed.reason.text in card
+        assert missed.remedy is not None
+        assert f"`--set {missed.remedy.settings[0]}`" in card
+        assert f"missed 21 → {missed.remedy.after.fn}," in card
+    right = [text for text in cards.values() if text.startswith("**Right")]
+    assert len(right) == explained.counts.tp
+    numbers = [re.match(r"\*\*(?:Right|Missed): step (\d+),", text) for text in cards.values()]
+    assert sorted(int(found[1]) for found in numbers if found) == list(range(1, 75))
+
+
+def test_at_every_decision_there_is_a_bar_for_each_gate(walk: tuple[Path, StepExplanation]) -> None:
+    rrd, explained = walk
+    times, bars = read_back(rrd, f"{BARS}/bar", "LineStrips2D:strips")
+    _, colours = read_back(rrd, f"{BARS}/bar", "LineStrips2D:colors")
+    assert len(bars[0]) == 0, "before the first decision"
+    first = explained.missed[0]
+    row = [round(t / 1e9, 3) for t in times.tolist()].index(round(first.time_s, 3))
+    lengths = [strip[1][0] for strip in bars[row]]
+    assert [length < 0 for length in lengths] == [not g.passed for g in first.reason.readings]
+    assert [c == MISSED for c in colours[row]] == [not g.passed for g in first.reason.readings]
+
+
+def test_the_log_names_cause_and_remedy_of_every_wrong_step(
+    walk: tuple[Path, StepExplanation],
+) -> None:
+    rrd, explained = walk
+    _, lines = read_back(rrd, "/log/score", "TextLog:text")
+    for [line], missed in zip(lines, explained.missed, strict=True):
+        assert f"missed step: threshold: {missed.reason.text}; --set steps.height=" in line
+
+
+def test_misses_are_bands_as_wide_as_the_tolerance(walk: tuple[Path, StepExplanation]) -> None:
+    rrd, explained = walk
+    for path in ("/missed/imu/waist", f"{MARGINS}/missed", "/detector/steps/imu/waist/missed"):
+        times, _ = read_back(rrd, path, "Measurements:values")
+        spans = times.reshape(-1, 3)
+        assert len(spans) == len(explained.missed)
+        assert np.allclose(spans[:, 1] - spans[:, 0], 240e6)
+
+
+def test_where_no_step_is_wrong_there_is_no_card(tmp_path: Path) -> None:
+    rrd, _ = replay_walk(tmp_path)
+    paths = rr.chunk.RrdReader(str(rrd)).store().schema().entity_paths()
+    assert "/state/2-score" in paths
+    assert CARD not in paths
