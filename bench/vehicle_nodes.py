@@ -2,10 +2,10 @@
 
 Nothing of the simulator follows the law that the detector fits. Each site is 240 s with six
 vehicles, three walkers, eight doors and six swells (gusts, trucks on a far road); then 180 s
-without vehicles. The settings of ``vehicle-passes`` were chosen on seeds 1 to 10; 11 to 20 are for
-the report. The rival is the simplest that one would do: smoothed power 10 dB over its low quantile
-is a pass at its highest, and the passes next to each other in time, station after station, are a
-vehicle.
+without vehicles. The settings of ``vehicle-passes`` were chosen on seeds 1 to 10; 21 to 30 are for
+the report, 11 to 20 were looked at. The rival is the simplest that one would do: smoothed power
+10 dB over its low quantile is a pass at its highest, and the passes next to each other in time,
+station after station, are a vehicle.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def rival(simulation: Simulation) -> list[Found]:
 def main() -> None:
     """Print both, over the seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=int, default=11, help="seed; 1 to 10 chose the settings")
+    parser.add_argument("--first", type=int, default=21, help="seed; 1 to 10 chose the settings")
     parser.add_argument("--sites", type=int, default=10)
     parser.add_argument("--components", type=int, default=3, choices=(1, 3))
     parser.add_argument("--stops", type=int, default=0, help="vehicles that stop, of six")

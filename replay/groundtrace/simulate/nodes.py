@@ -50,13 +50,13 @@ _CAR_DB, _COLOUR = (12.0, 32.0), (0.0, 2.0)
 _RADIAL, _TRANSVERSE = (0.3, 1.2), (0.2, 1.0)
 #: Bands that are damped and delayed each for itself [Hz]. Chosen by judgement.
 _EDGES_HZ = (3.0, 6.0, 10.0, 15.0, 22.0, 32.0, 45.0, 65.0)
-#: Vehicles: name, share, level over a car's, places of axles [m], resonances of body and wheels
-#: [Hz], speed over the site's. Chosen by judgement.
+#: Vehicles: name, share, level over a car's, axles behind its middle [m], resonances of body and
+#: wheels [Hz], speed over the site's. Chosen by judgement.
 _KINDS: tuple[tuple[str, float, float, tuple[float, ...], float, float, float], ...] = (
-    ("scooter", 0.12, 0.35, (0.0, 1.3), 2.5, 14.0, 0.8),
-    ("car", 0.58, 1.0, (0.0, 2.7), 1.4, 11.0, 1.0),
-    ("van", 0.2, 1.6, (0.0, 3.3), 1.6, 10.0, 0.95),
-    ("truck", 0.1, 3.5, (0.0, 4.4, 5.7), 2.2, 12.0, 0.8),
+    ("scooter", 0.12, 0.35, (-0.65, 0.65), 2.5, 14.0, 0.8),
+    ("car", 0.58, 1.0, (-1.35, 1.35), 1.4, 11.0, 1.0),
+    ("van", 0.2, 1.6, (-1.65, 1.65), 1.6, 10.0, 0.95),
+    ("truck", 0.1, 3.5, (-3.4, 1.0, 2.4), 2.2, 12.0, 0.8),
 )
 #: Speed of a site and its spread among vehicles, as a logarithm; by what part one changes on its
 #: way; and the limits [m/s]. Chosen by judgement.

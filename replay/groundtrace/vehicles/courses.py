@@ -26,11 +26,11 @@ from .medium import (
     EXPONENT,
     Fitted,
     PowerLaw,
-    autocorrelation,
     cube_root_normalised,
     deviance,
     fit_powers,
     ranges,
+    repeated,
     usable,
 )
 
@@ -56,7 +56,7 @@ APART, TURNED_RAD = 1.1, 0.5
 #: than by the vehicles (docs/vehicles.md).
 _FACTOR_WEIGHT = 0.2
 #: Log-likelihood that a rival may lack. Source: definition: 22000 times less likely.
-_MOST_LOST = 10.0
+MOST_LOST = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +112,7 @@ class CourseFit:
     rivals
         Other courses that are maxima too, and by how much their log-likelihood is lower, at most
         10; sensors in a line cannot tell a course from its mirror image, and few cycles at times
-        not on which side of a sensor it went.
+        not on which side of a sensor it went. Fits of other laws, too, where some were tried.
     """
 
     course: Course
@@ -123,6 +123,15 @@ class CourseFit:
     relative_sigma: float
     samples: int
     rivals: tuple[tuple[Course, float], ...] = ()
+
+    def tempered(self, factor: float) -> CourseFit:
+        """Return the fit as if its powers told so many times less: rivals are less behind, too."""
+        course, *others = (
+            replace(one, covariance=factor * one.covariance)
+            for one in (self.course, *(rival for rival, _ in self.rivals))
+        )
+        rivals = zip(others, (lost / factor for _, lost in self.rivals), strict=True)
+        return replace(self, course=course, rivals=tuple(rivals))
 
     @property
     def cautious(self) -> Course:
@@ -187,7 +196,7 @@ def fit_course(
             fit.relative_sigma**2 / best.relative_sigma**2
         )
         known = [best.course, *(course for course, _ in rivals)]
-        if lost < _MOST_LOST and all(_differ(fit.course, other) for other in known):
+        if lost < MOST_LOST and all(_differ(fit.course, other) for other in known):
             rivals.append((fit.course, lost))
     return replace(best, rivals=tuple(rivals))
 
@@ -291,12 +300,10 @@ class _Model:
         return CYCLE_POINTS * self.observed.cycle_s / 2, CYCLE_WEIGHTS
 
     def _repeated(self, fit: Fitted) -> float:
-        """Return of how many cycles one tells as much as an independent one: a fade may last."""
         mean, _ = self(fit.values)
         off = np.full(self.used.shape, np.nan)
         off[self.used] = cube_root_normalised(self.powers / mean[: self.samples])
-        lasting = autocorrelation(off)
-        return (1 + lasting) / (1 - lasting)
+        return repeated(off)
 
     def result(self, fit: Fitted) -> CourseFit:
         """Return a fit in words of a course."""

@@ -346,6 +346,15 @@ def autocorrelation(off: Array) -> float:
     return float(np.clip(_alike(off[1:].ravel(), off[:-1].ravel()), 0, _MOST_LASTING))
 
 
+def repeated(off: Array) -> float:
+    """Return of how many cycles one tells as much as an independent one, shape (c, n); 1 to 9.
+
+    What is off the mean may stay so for some cycles, as under fading.
+    """
+    lasting = autocorrelation(off)
+    return (1 + lasting) / (1 - lasting)
+
+
 def _spread(values: Array) -> float:
     low, high = np.percentile(values, [16, 84])
     return float(high - low) / 2

@@ -18,7 +18,7 @@ from ..trackers.kalman import Motion as Step
 from ..trackers.kalman import smoothed
 from .likelihood import CyclePlace, noise_subtracted
 from .lines import Course
-from .medium import autocorrelation, cube_root_normalised, ranges, usable
+from .medium import cube_root_normalised, ranges, repeated, usable
 from .presence import RELATIVE_SIGMA
 
 if TYPE_CHECKING:
@@ -229,8 +229,7 @@ def scatter_about(observed: Observed, path: Path) -> float:
     off = np.where(
         used, cube_root_normalised(np.where(used, observed.powers, 1.0) / np.exp(mean)), np.nan
     )
-    lasting = autocorrelation(off)
-    found = float(np.nanvar(off)) * (1 + lasting) / (1 - lasting)
+    found = float(np.nanvar(off)) * repeated(off)
     return float(np.clip(np.sqrt(found), RELATIVE_SIGMA, _MOST_SIGMA))
 
 

@@ -93,7 +93,7 @@ def test_two_that_stay_one_course_are_doubted_and_one_is_not(
     # powers that scatter by a third: fit_two takes these two for one
     (note,) = followed(stage, parameters, observed(2, 18, 2))
     assert note.level == "WARN"
-    assert re.search(r"is 0\.\d\d where 0\.4?5 at most is expected: perhaps two", note.text)
+    assert re.search(r"is 0\.\d\d where 0\.(43|45|5) at most is expected: perhaps two", note.text)
     assert not followed(stage, parameters, observed(1, 18, 1))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from vehicle_powers import ANTENNAS, FLOOR, LAW, MU, straight
 
+from groundtrace.vehicles.course_stages import direct_rides, search_bounds
 from groundtrace.vehicles.courses import Observed, Search, fit_course
 from groundtrace.vehicles.medium import ranges
 
@@ -40,3 +41,26 @@ def test_errors_of_a_course_are_about_what_its_covariance_says(alike: float) -> 
     # closely, the likelihood is not a normal law's, and 90 % are not within 7.78 (see the docs)
     assert 2.3 < np.median(squares) < 5.0
     assert 0.6 <= np.mean(np.array(squares) < 7.78) <= 0.96
+
+
+def test_courses_over_grounds_that_no_fit_knows_err_as_they_say() -> None:
+    rng = np.random.default_rng(12)
+    off, far = [], []
+    for _ in range(6):
+        place, heading = 15 + rng.uniform(-12, 12, 2), rng.uniform(0, 2 * np.pi)
+        speed = rng.uniform(4, 12)
+        velocity = speed * np.array([np.cos(heading), np.sin(heading)])
+        way = straight(TIMES, place, velocity)
+        gains = np.exp(rng.normal(0, 0.3, len(ANTENNAS)))
+        mean = MU * gains * ranges(way, ANTENNAS) ** -rng.uniform(1.0, 2.4)
+        powers = (mean + FLOOR) * rng.gamma(9, 1 / 9, mean.shape)
+        observed = Observed(TIMES, powers, np.full(mean.shape, FLOOR), ANTENNAS, LAW)
+        (ride,) = direct_rides(observed, search_bounds(ANTENNAS, (1.0, 30.0)), float("inf"))
+        at = np.array([TIMES.mean()])
+        across = np.array([-velocity[1], velocity[0]]) / speed
+        spread = across @ ride.courses[0].spread_at(at)[0] @ across
+        far.append(abs(across @ (ride.courses[0].at(at)[0] - straight(at, place, velocity)[0])))
+        off.append(far[-1] / np.sqrt(spread))
+    assert np.mean(np.array(off) <= 1.0) >= 0.5
+    assert max(off) < 2.5
+    assert np.median(far) <= 2.0
