@@ -15,7 +15,7 @@ from plain_python import inputs
 from groundtrace.dsp.filters import bandpass
 from groundtrace.dsp.noise import SignalFrames
 from groundtrace.dsp.spectral import WindowPower
-from groundtrace.kernels import frames, grid, locate, picker
+from groundtrace.kernels import frames, grid, locate, maxima, picker
 
 RNG = np.random.default_rng(22)
 COLUMNS = 3
@@ -211,7 +211,7 @@ def test_the_trace_has_the_quietest_of_the_last_frames_that_are_not_dead(history
 def test_a_window_has_the_maximum_of_its_numbers_and_none_where_one_is_none(width):
     line = hostile(3, 70)
     line[1, 40] = np.nan
-    found = frames.window_maxima(line, width)
+    found = maxima.window_maxima(line, width)
     windows = [[row[k : k + width] for k in range(70 - width + 1)] for row in line.tolist()]
     expected = [[math.nan if any(map(math.isnan, w)) else max(w) for w in row] for row in windows]
     assert np.array_equal(found, expected, equal_nan=True)

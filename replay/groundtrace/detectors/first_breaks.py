@@ -388,7 +388,7 @@ class FirstBreaks(Stage):
         rises[:, : round(AHEAD_S * self.rate_hz / self.cell)] = 0.0  # too little is before
         if rises.shape[1] <= width:
             return None
-        together = kernels.frames.window_maxima(rises, width).mean(axis=0)
+        together = kernels.maxima.window_maxima(rises, width).mean(axis=0)
         found = np.flatnonzero(together >= self.parameters.share)
         return int(found[0] + width - 1) * self.cell if len(found) else None
 
@@ -610,7 +610,7 @@ def rise_over_all_before(x: Array, length: int, lead: int) -> Array:
 def _local_maxima(line: Array, reach: int) -> NDArray[np.bool_]:
     """Return where a line is the largest within a reach on both sides, shape of the line."""
     padded = np.pad(line, ((0, 0), (reach, reach)), constant_values=-np.inf)
-    highest: NDArray[np.bool_] = line >= kernels.frames.window_maxima(padded, 2 * reach + 1)
+    highest: NDArray[np.bool_] = line >= kernels.maxima.window_maxima(padded, 2 * reach + 1)
     highest[:, 1:] &= line[:, 1:] > line[:, :-1]
     return highest
 

@@ -46,7 +46,7 @@ class RunningMaximum:
             self._tail = np.zeros((level.shape[0], self.cells - 1))
         line = np.ascontiguousarray(np.concatenate([self._tail, level], axis=1))
         self._tail = line[:, level.shape[1] :]
-        return kernels.frames.window_maxima(line, self.cells)
+        return kernels.maxima.window_maxima(line, self.cells)
 
 
 class SignalFrames:

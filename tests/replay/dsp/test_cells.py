@@ -16,7 +16,7 @@ from groundtrace.dsp.noise import (
     RunningMaximum,
     SignalFrames,
 )
-from groundtrace.kernels.frames import window_maxima
+from groundtrace.kernels.maxima import window_maxima
 
 N = 203
 RNG = np.random.default_rng(10)
