@@ -70,7 +70,7 @@ def test_a_replay_that_is_stopped_leaves_outputs_of_before_as_they_were(
     assert {name: Path(name).read_bytes() for name in before} == before
     assert left() == ["r.mcap", "r.mcap.partial", "r.rrd", "r.rrd.partial"]
     done(capsys, *replay, "--force")  # asked to stop once only
-    assert left() == ["r.mcap", "r.rrd"]
+    assert left() == ["r.mcap", "r.previous.mcap", "r.rrd"]
 
 
 @pytest.mark.parametrize("asked", [signal.SIGINT, signal.SIGTERM])

@@ -1,14 +1,26 @@
-"""Input and output files: whether inputs exist, and whether outputs may be replaced."""
+"""Input and output files: whether inputs exist, and whether outputs may be replaced.
+
+What was derived from a recording can be made again, and is replaced where it is of the same one:
+results by the SHA-256 in their metadata; timelines and pages by the mark at their beginning. What
+people made or recorded stays.
+"""
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from groundtrace_codecs.location import is_url
 
 from ..errors import RecordingError
-from ..pipeline.results import file_sha256, read_results
+from ..pipeline.results import (
+    file_sha256,
+    is_result_of,
+    previous_results,
+    read_results,
+    timeline_id,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,14 +48,62 @@ def existing(path: Path, what: str = "a recording") -> Path:
     return path
 
 
-def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
+class Origin(Protocol):
+    """The recording that outputs are derived from."""
+
+    @property
+    def recording(self) -> str:
+        """Its file name."""
+
+    @property
+    def sha256(self) -> str:
+        """Of its bytes."""
+
+
+class OriginFile:
+    """A recording that outputs are derived from; its bytes are looked at when asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.recording = path.name
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of its bytes."""
+        return file_sha256(self.path)
+
+
+#: Bytes at the beginning of a file in which a mark is looked for. Chosen by judgement: a timeline
+#: has it in the first 100 (rerun 0.41), a page in the first 500.
+_HEAD = 4096
+
+
+def writable(
+    path: Path,
+    *,
+    force: bool,
+    sources: Sequence[Path] = (),
+    of: Callable[[], Origin] | None = None,
+) -> Path:
     """Return a path that may be written while ``sources`` are read.
+
+    Parameters
+    ----------
+    path
+        The output.
+    force
+        Whether any existing file may be replaced.
+    sources
+        What is read, and never replaced.
+    of
+        Where it is derived from, asked where the file exists: what was derived from the same
+        recording may be replaced.
 
     Raises
     ------
     RecordingError
-        Where the file exists and ``force`` is not given, it is a folder or one of ``sources``, or
-        its folder does not exist.
+        Where the file exists and may not be replaced, it is a folder or one of ``sources``, or its
+        folder does not exist.
     """
     if not path.resolve().parent.is_dir():
         raise RecordingError(f"{path}: expected an existing folder, found none")
@@ -51,9 +111,33 @@ def writable(path: Path, *, force: bool, sources: Sequence[Path] = ()) -> Path:
         raise RecordingError(f"{path}: expected a file to write, found a folder")
     if path.resolve() in (source.resolve() for source in sources):
         raise RecordingError(f"{path}: expected a new file, found the one that is read")
-    if path.exists() and not force:
+    if path.exists() and not (force or (of is not None and _derived_from(path, of()))):
         raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
     return path
+
+
+def results_writable(path: Path, source: OriginFile, *, force: bool) -> Path:
+    """Return a path where results of a recording may be written, and those there be kept.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`writable` does; of the place where those are kept, too.
+    """
+    writable(path, force=force, sources=[source.path], of=lambda: source)
+    if path.exists():
+        writable(previous_results(path), force=force, sources=[source.path], of=lambda: source)
+    return path
+
+
+def _derived_from(path: Path, origin: Origin) -> bool:
+    """Whether a file is results, a timeline or a page of a recording."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    marks = (timeline_id(origin.recording), origin.sha256)
+    if b"groundtrace" in head and any(mark.encode() in head for mark in marks):
+        return True
+    return is_result_of(path, origin.sha256)
 
 
 def recording_of(results: Path, given: Path | None = None, report: Report = unheard) -> Path | None:

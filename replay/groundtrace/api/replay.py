@@ -190,12 +190,20 @@ class PlannedReplay:
         )
         return replace(self, ready=Prepared(chain, self.ready.asked, (), ()))
 
-    def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
-        """Return where its results come from; ``arguments`` are those of the command."""
+    def provenance(self, arguments: tuple[str, ...] = (), sha256: str = "") -> Provenance:
+        """Return where its results come from.
+
+        Parameters
+        ----------
+        arguments
+            Those of the command.
+        sha256
+            Of the recording's bytes, where it is known already.
+        """
         session = self.session
         return Provenance(
             recording=session.name,
-            sha256=file_sha256(self.path),
+            sha256=sha256 or file_sha256(self.path),
             start_ns=session.start_ns,
             end_ns=session.end_ns,
             pipeline=session.pipeline,

@@ -22,7 +22,7 @@ from ..pipeline.engine import EventList
 from ..pipeline.results import Results as Decided
 from ..pipeline.results import ResultsSink, given_to, read_results, replayed_labels
 from .analysis import Explanation, Miss, evidence_with, misses_of
-from .files import existing, writable
+from .files import OriginFile, existing, results_writable
 from .known_truth import scored_truth_of
 from .pipelines import Pipeline, default_pipeline, with_parameters
 from .recording import Recording, open_recording, recordings
@@ -369,7 +369,7 @@ def replay(
     from_s, to_s
         Replay from <= time < to alone [s since the first sample].
     force
-        Replace ``out`` where it exists.
+        Replace ``out`` where it is anything but results of the same recording, too.
     progress
         Called now and then with the part that is done, 0 to 1.
 
@@ -392,11 +392,12 @@ def replay(
     with recording.opened() as file:
         config = asked or with_parameters(load_pipeline(default_pipeline(file)), set or {})
         ready = prepared(config, file)
+        source = OriginFile(recording.path)
         if target is not None:
-            writable(target, force=force, sources=[recording.path])
+            results_writable(target, source, force=force)
         plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
-        origin, kept = plan.provenance(), EventList()
-        written = [] if target is None else [ResultsSink(target, origin, force=force)]
+        origin, kept = plan.provenance(sha256=source.sha256), EventList()
+        written = [] if target is None else [ResultsSink(target, origin, force=True)]
         plan.run([kept, *written], progress=progress)
     name = f"{recording.path.stem}.results.mcap" if target is None else target.name
     return Results(_decided(name, plan, origin, tuple(kept.events)), recording.path, target)

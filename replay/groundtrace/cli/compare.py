@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from ..api.files import writable
+from ..errors import RecordingError
 from ..pipeline.plugins import load
-from ..pipeline.results import evidence_of, read_results
+from ..pipeline.results import evidence_of, previous_results, provenance_of, read_results
 from .console import print_json, print_line, print_stderr, print_table, truth_of, where_to_show
-from .options import FLAG, ForceOutput, Json, Tolerance, Truth
+from .options import FLAG, ForceOthers, Json, Tolerance, Truth
 
 if TYPE_CHECKING:
     from ..explain.compare import ComparedResult, Comparison, Decision, PlaceComparison
@@ -16,13 +19,13 @@ if TYPE_CHECKING:
 
 def compare(
     a: Path,
-    b: Path,
+    b: Path | None = None,
     *,
     truth: Truth = None,
     tolerance: Tolerance = 0.12,
     rrd: Path | None = None,
     spawn: Annotated[bool, FLAG] = False,
-    force: ForceOutput = False,
+    force: ForceOthers = False,
     json: Json = False,
 ) -> None:
     """Compare two results of one recording, decision by decision.
@@ -32,7 +35,8 @@ def compare(
     a
         Results MCAP that groundtrace replay wrote.
     b
-        Another one, of the same recording.
+        Another one, of the same recording. Without it, ``a`` is compared with the results that it
+        replaced, which a replay keeps as NAME.previous.results.mcap.
     rrd
         Write a viewer's file with the decisions of both.
     spawn
@@ -40,8 +44,11 @@ def compare(
     """
     from ..explain.compare import compare as compared
 
+    if b is None:
+        a, b = _replaced_by(a), a
     fallback = Path(f"{a.stem}-{b.stem}.compare.rrd")
-    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[a, b])
+    checked = partial(writable, force=force, sources=[a, b], of=lambda: provenance_of(a))
+    spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
     one, other = read_results(a), read_results(b)
     labels = truth_of(one, a, truth) or truth_of(other, b, truth)
     places = [one.provenance.beside(path) for path in (a, b)]
@@ -55,6 +62,17 @@ def compare(
         load("views", "compare")(*sides, found, _page(found), path=rrd, spawn=spawn)
     if rrd is not None:
         print_stderr(f"timeline: {rrd} (open it with: rerun {rrd})")
+
+
+def _replaced_by(results: Path) -> Path:
+    """Return the results that a replay replaced."""
+    previous = previous_results(results)
+    if results.is_file() and not previous.is_file():
+        raise RecordingError(
+            f"{previous}: expected the results that {results.name} replaced, found no such file; "
+            "replay again with another --set, or name two results"
+        )
+    return previous
 
 
 def _print_comparison(found: Comparison) -> None:

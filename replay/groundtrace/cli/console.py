@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from ..api import known_truth
-from ..api.files import writable
 from ..api.progress import unseen
 from ..api.tables import plain_document
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from groundtrace_codecs.annotations import Annotation
     from groundtrace_codecs.events import Label
@@ -181,7 +180,7 @@ def has_display() -> bool:
 
 
 def where_to_show(
-    rrd: Path | None, fallback: Path, *, spawn: bool, force: bool, sources: list[Path]
+    rrd: Path | None, fallback: Path, checked: Callable[[Path], Path], *, spawn: bool
 ) -> tuple[bool, Path | None]:
     """Return whether to open the viewer, and which file to write.
 
@@ -191,16 +190,14 @@ def where_to_show(
         The file asked for.
     fallback
         The file that is written where a viewer was asked for and there is no display.
+    checked
+        Returns a path that may be written, or raises.
     spawn
         Whether a viewer was asked for.
-    force
-        Overwrite an existing file.
-    sources
-        What is read, and never overwritten.
     """
     if rrd is not None:
-        writable(rrd, force=force, sources=sources)
+        checked(rrd)
     if spawn and not has_display():
         print_stderr("no display: the viewer's file is written instead")
-        return False, rrd or writable(fallback, force=force, sources=sources)
+        return False, rrd or checked(fallback)
     return spawn, rrd

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -71,7 +72,8 @@ def room(
     if png is not None:
         writable(png, force=force, sources=[geometry])
     fallback = Path(f"{geometry.stem}.analysis.rrd")
-    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[geometry])
+    checked = partial(writable, force=force, sources=[geometry])
+    spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
     site = Geometry.from_toml(existing(geometry, "a geometry"))
     layout, remarks = layout_of(site, geometry.name, sigma_ms * 1e-3, theta_s)
     how = Settings(lattice, draws, seed, localizer)

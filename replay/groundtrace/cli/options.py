@@ -18,6 +18,10 @@ AT_LEAST_ONE = Parameter(validator=validators.Number(gte=1))
 Force = Annotated[bool, Parameter(negative="", help="Overwrite an existing file.")]
 ForceOutput = Annotated[bool, Parameter(negative="", help="Overwrite an existing output.")]
 ForceOutputs = Annotated[bool, Parameter(negative="", help="Overwrite existing outputs.")]
+ForceOthers = Annotated[
+    bool,
+    Parameter(negative="", help="Overwrite files that are no outputs of the same recording, too."),
+]
 Json = Annotated[bool, Parameter(negative="", help="Print one JSON document.")]
 Quiet = Annotated[bool, Parameter(negative="", help="Show no progress bar.")]
 Spawn = Annotated[bool, Parameter(negative="", help="Open the viewer with the same.")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.files import existing, writable
+from ..api.files import OriginFile, existing, results_writable, writable
 from ..api.replay import (
     PlannedReplay,
     TimeWindowSink,
@@ -25,7 +26,7 @@ from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, public_arguments
 from .console import print_json, print_line, print_stderr, print_warnings, progress, where_to_show
-from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOutputs, Json, Quiet
+from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +55,7 @@ def replay(
     map_tiles: Annotated[bool, FLAG] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
     strict: Annotated[bool, FLAG] = False,
-    force: ForceOutputs = False,
+    force: ForceOthers = False,
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
@@ -110,12 +111,13 @@ def replay(
         opened.geometry = site or opened.geometry
         ready = configured_for(opened, asked, settings)
         results = out or Path(f"{_stem(path, at_miss)}.results.mcap")
-        writable(results, force=force, sources=[path])
+        origin = OriginFile(path)
+        results_writable(results, origin, force=force)
         viewer = {"spawn": spawn, "web": web, "no_viewer": no_viewer}
-        spawn, rrd = _where_to_show((path, results), rrd, force=force, **viewer)
+        spawn, rrd = _where_to_show(origin, results, rrd, force=force, **viewer)
         plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr)
-        provenance = plan.provenance(public_arguments(sys.argv[1:]))
-        sinks: list[Sink] = [ResultsSink(results, provenance, force=force)]
+        provenance = plan.provenance(public_arguments(sys.argv[1:]), origin.sha256)
+        sinks: list[Sink] = [ResultsSink(results, provenance, force=True)]
         if at_miss is None and (rrd is not None or spawn or web):
             shown = load("sinks", "rerun")(
                 rrd, spawn=spawn, web=web, full_rate=full_rate, map_tiles=map_tiles
@@ -147,7 +149,8 @@ def _stem(path: Path, at_miss: int | None) -> str:
 
 
 def _where_to_show(
-    files: tuple[Path, Path],
+    origin: OriginFile,
+    results: Path,
     rrd: Path | None,
     *,
     spawn: bool,
@@ -155,13 +158,12 @@ def _where_to_show(
     no_viewer: bool,
     force: bool,
 ) -> tuple[bool, Path | None]:
-    """Return whether to open the viewer, and which file to write; ``files``: recording, results."""
-    path, results = files
+    """Return whether to open the viewer, and which file to write."""
     name = results.with_name(f"{results.stem.removesuffix('.results')}.rrd")
-    spawned = spawn and not no_viewer
-    shown, rrd = where_to_show(rrd, name, spawn=spawned, force=force, sources=[path])
+    checked = partial(writable, force=force, sources=[origin.path], of=lambda: origin)
+    shown, rrd = where_to_show(rrd, name, checked, spawn=spawn and not no_viewer)
     if rrd is None and not (spawn or web or no_viewer):
-        rrd = writable(name, force=force, sources=[path])
+        rrd = checked(name)
     if rrd is not None and rrd.resolve() == results.resolve():
         raise RecordingError(f"{rrd}: expected another file than the results, found the same")
     return shown, rrd

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..api.files import writable
 from ..api.scores import numbers_of, score_document, scored
 from ..evaluation.picks import RIGHT_S
-from ..pipeline.results import read_results, write_text
+from ..pipeline.results import provenance_of, read_results, write_text
 from .console import (
     print_json,
     print_line,
@@ -58,10 +58,11 @@ def score(
     html
         Write the score with figures as a page that opens in any browser, offline.
     force
-        Overwrite an existing page.
+        Overwrite an existing file that is no page of this recording.
     """
     if html is not None:
-        writable(html, force=force, sources=[results, *([truth] if truth is not None else [])])
+        sources = [results, *([truth] if truth is not None else [])]
+        writable(html, force=force, sources=sources, of=lambda: provenance_of(results))
     result = read_results(results, blocks=html is not None)
     known = scored_truth_of(result, results, truth, author)
     stages = tuple(stage or ())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,13 +10,14 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 from ..api.analysis import evidence_with
+from ..api.files import writable
 from ..explain.questions import Kind, Question, explained
 from ..explain.why import Moment, StepExplanation
 from ..explain.why_picks import PickAccount, PickMoment
 from ..explain.why_places import FixMoment, PlaceAccount
 from ..explain.why_vehicles import VehicleAccount, VehicleMoment
 from ..pipeline.plugins import load
-from ..pipeline.results import read_results
+from ..pipeline.results import provenance_of, read_results
 from .console import (
     print_json,
     print_line,
@@ -25,7 +27,7 @@ from .console import (
     truth_of,
     where_to_show,
 )
-from .options import AT_LEAST_ONE, FLAG, ForceOutput, Json, Results, Truth
+from .options import AT_LEAST_ONE, FLAG, ForceOthers, Json, Results, Truth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +62,7 @@ def why(
     stage: str = "",
     rrd: Path | None = None,
     spawn: Annotated[bool, FLAG] = False,
-    force: ForceOutput = False,
+    force: ForceOthers = False,
     json: Json = False,
 ) -> None:
     """Explain every missed and false step, bad pick or bad place, and the change that mends it.
@@ -98,7 +100,8 @@ def why(
     asked = Question(kind, step, fix, pick, at, tolerance, tolerance_m, tolerance_ms / 1e3, stage)
     asked.checked_kind()
     fallback = Path(f"{results.stem}.why.rrd")
-    spawn, rrd = where_to_show(rrd, fallback, spawn=spawn, force=force, sources=[results])
+    checked = partial(writable, force=force, sources=[results], of=lambda: provenance_of(results))
+    spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
     evidence = _evidence(results, truth, recording or [])
     if not json:
         print_warnings(evidence.warnings)

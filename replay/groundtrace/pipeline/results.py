@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import msgspec
 import numpy as np
 
-from groundtrace_codecs.errors import NoRoomError
+from groundtrace_codecs.errors import Error, NoRoomError
 from groundtrace_codecs.events import CandidateBlock, Gap, StageSpec, TraceBlock, TrackPoint
 from groundtrace_codecs.location import Location, is_url
 from groundtrace_codecs.mcap.byte_source import RemoteBytes
@@ -107,6 +107,29 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def timeline_id(name: str) -> str:
+    """Return the id of a recording in the viewer, by its file name."""
+    return hashlib.sha256(name.encode()).hexdigest()[:16]
+
+
+def is_result_of(path: Path, sha256: str) -> bool:
+    """Whether a file is results, and nothing else, of a recording with these bytes."""
+    from groundtrace_codecs.recording import Recording
+
+    try:
+        with Recording.open(path) as opened:
+            return not opened.streams and provenance_in(opened, path.name).sha256 == sha256
+    except Error:
+        return False
+
+
+def previous_results(path: Path) -> Path:
+    """Return where a replay keeps the results that it replaces: NAME.previous.results.mcap."""
+    name = path.name.removesuffix(path.suffix)
+    kind = ".results" if name.endswith(".results") else ""
+    return path.with_name(f"{name.removesuffix(kind)}.previous{kind}{path.suffix}")
+
+
 def recording_in(places: Sequence[Path], sha256: str = "") -> Path | None:
     """Return the first of some places where a recording is, by its SHA-256 where that is given."""
     for path in places:
@@ -169,10 +192,23 @@ class ResultsSink:
             writer.__exit__(RuntimeError, error, None)
 
     def close(self) -> None:
-        """Finish the file and give it its name."""
+        """Finish the file and give it its name; results of the recording it had are kept."""
         if self._writer is not None:
+            if self.path.exists() and is_result_of(self.path, self.provenance.sha256):
+                _keep(self.path)
             self._writer.__exit__(None, None, None)
             self._writer = None
+
+
+def _keep(path: Path) -> None:
+    """Keep results that are about to be replaced; until then they have both names."""
+    previous = previous_results(path)
+    fresh = previous.with_name(f".{previous.name}.{secrets.token_hex(4)}")
+    try:
+        fresh.hardlink_to(path)
+    except OSError:  # of file systems without hard links
+        shutil.copyfile(path, fresh)
+    fresh.replace(previous)
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +293,22 @@ def given_to(pipeline: str, labels: Sequence[Label]) -> tuple[Label, ...]:
         return ()  # who asks for the pipeline says it
     updates = [str(stage.get("parameters", {}).get("updates", "")) for stage in stages]
     return max((tuple(given_waypoints(labels, each)) for each in updates), key=len, default=())
+
+
+def provenance_of(path: Path) -> Provenance:
+    """Return where results come from.
+
+    Raises
+    ------
+    RecordingError
+        Where the file is not a groundtrace result.
+    CodecError
+        Where it is not a readable MCAP.
+    """
+    from groundtrace_codecs.recording import Recording
+
+    with Recording.open(path) as opened:
+        return provenance_in(opened, path.name)
 
 
 def provenance_in(recording: Recording, name: str) -> Provenance:

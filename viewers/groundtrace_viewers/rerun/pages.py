@@ -6,7 +6,6 @@ A recording about one moment opens there, with the cursor on it. A file cannot h
 
 from __future__ import annotations
 
-import hashlib
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -26,7 +25,7 @@ from groundtrace.layout.report import (
     sign_words,
 )
 from groundtrace.pipeline.engine import ReplaySession
-from groundtrace.pipeline.results import atomic_write, step_times
+from groundtrace.pipeline.results import atomic_write, step_times, timeline_id
 from groundtrace_codecs.events import CandidateBlock, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S
 
@@ -188,8 +187,9 @@ def recording_at(
 
     if path is None and not spawn:
         raise ViewerError("viewer: expected a file or spawn, found none of them")
-    identity = hashlib.sha256(name.encode()).hexdigest()[:16]
-    recording = rr.RecordingStream(application, recording_id=identity, send_properties=False)
+    recording = rr.RecordingStream(
+        application, recording_id=timeline_id(name), send_properties=False
+    )
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
     shown = [rr.GrpcSink(data_url(port))] if spawn else []

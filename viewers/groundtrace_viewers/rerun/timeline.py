@@ -12,7 +12,6 @@ row every twenty seconds.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -23,6 +22,7 @@ from groundtrace.errors import PipelineError, PluginError
 from groundtrace.pipeline.config import parse_pipeline
 from groundtrace.pipeline.parameters import build
 from groundtrace.pipeline.plugins import stage_named
+from groundtrace.pipeline.results import timeline_id
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 if TYPE_CHECKING:
@@ -252,9 +252,8 @@ def stream_of(name: str, application: str) -> rr.RecordingStream:
     """
     import rerun as rr
 
-    digest = hashlib.sha256(name.encode()).hexdigest()[:16]
     return rr.RecordingStream(
-        f"groundtrace-{application}", recording_id=digest, send_properties=False
+        f"groundtrace-{application}", recording_id=timeline_id(name), send_properties=False
     )
 
 
