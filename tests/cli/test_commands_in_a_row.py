@@ -225,6 +225,10 @@ def test_a_printed_pipeline_is_a_pipeline_that_decides_the_same(
     name: str, room: Path, capsys: Capture
 ) -> None:
     recording = {"walker": WALK, "vehicle": PASS}.get(load_pipeline(name).application, room)
+    if load_pipeline(name).needs.placement == "foot":
+        recording = Path("foot.mcap")
+        foot = ("--placement", "foot", "--duration-s", 20, "--seed", 7)
+        done(capsys, "simulate", "walk", "-o", recording, *foot)
     printed = done(capsys, "pipelines", name).out
     Path("mine.toml").write_text(printed, "utf-8")
     assert load_pipeline("mine.toml").name == name
