@@ -135,7 +135,7 @@ def _derived_from(path: Path, origin: Origin) -> bool:
     with path.open("rb") as file:
         head = file.read(_HEAD)
     marks = (timeline_id(origin.recording), origin.sha256)
-    if b"groundtrace" in head and any(mark.encode() in head for mark in marks):
+    if b"groundtrace" in head and any(mark and mark.encode() in head for mark in marks):
         return True
     return is_result_of(path, origin.sha256)
 

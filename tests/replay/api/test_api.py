@@ -186,7 +186,7 @@ def test_errors_of_reading_have_the_text_of_the_command_line(
     with pytest.raises(gt.Error, match=r"expected a recording, found results of one"):
         gt.open("walk.results.mcap")
     with pytest.raises(gt.Error, match="expected a new file, found an existing one"):
-        gt.replay("walk.mcap", out="walk.results.mcap")
+        gt.replay("walk.mcap", out="torn.mcap")
 
 
 def test_progress_is_told_to_who_asks_and_a_failed_replay_leaves_no_file() -> None:

@@ -218,7 +218,7 @@ def test_a_long_recording_is_drawn_in_a_few_rows(results: Path) -> None:
     assert "and 940 more" in page
 
 
-def test_the_command_writes_the_page_and_keeps_an_existing_one(
+def test_the_command_writes_the_page_and_keeps_a_file_that_is_none(
     results: Path, page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     written = tmp_path / "out.html"
@@ -228,6 +228,9 @@ def test_the_command_writes_the_page_and_keeps_an_existing_one(
     assert "NEES of fixes" in printed.out
     assert printed.err == f"page: {written}\n"
     assert written.read_text("utf-8") == page
+    main(["score", str(results), "--html", str(written), "--tolerance", "0.5"])
+    assert "within 500 ms" in written.read_text("utf-8")
+    written.write_text("a page of mine", "utf-8")
     with pytest.raises(SystemExit) as ended:
         main(["score", str(results), "--html", str(written)])
     assert ended.value.code == 1
