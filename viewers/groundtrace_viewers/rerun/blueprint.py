@@ -51,8 +51,8 @@ LANE_HEADING, LANE = 0.065, 0.048
 MOST_LANES, MOST_ON_ROAD = 8, 6
 #: Share of texts below a map, and width of that column as a part of the window's height.
 TEXTS, LEFT_WIDTH = 2.0, 0.8
-#: Share of the decision at the cursor, above a map.
-DECIDED = 1.9
+#: Share of the decision at the cursor, above a map: in words alone, and with bars.
+DECIDED = (0.9, 1.9)
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
 #: of a vehicle.
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
@@ -167,11 +167,12 @@ def _decided(entities: Sequence[Entity]) -> list[Part]:
     """Show the decision at the cursor, where one is wrong: in words, and gate by gate."""
     import rerun.blueprint as rrb
 
-    parts: list[Any] = [text(e) for e in _of(entities, "card")]
-    parts += [bars(e) for e in _of(entities, "bars")]
-    return (
-        [(rrb.Horizontal(*parts, column_shares=[1.0, 1.1][: len(parts)]), DECIDED)] if parts else []
-    )
+    shown: list[Any] = [text(e) for e in _of(entities, "card")]
+    shown += [bars(e) for e in _of(entities, "bars")]
+    if not shown:
+        return []
+    share = DECIDED[len(shown) - 1]
+    return [(rrb.Horizontal(*shown, column_shares=[1.0, 1.1][: len(shown)]), share)]
 
 
 def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:

@@ -30,7 +30,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .timeline import TIMELINE
 from .vehicles import crossing_text, pass_text, wrong_passes
-from .wrong_steps import TOLERANCE_S
+from .wrong_decisions import TOLERANCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

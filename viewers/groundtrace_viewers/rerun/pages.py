@@ -52,7 +52,7 @@ from .timeline import (
     coincident,
     heat,
 )
-from .wrong_steps import VERDICT_COLOURS
+from .wrong_decisions import VERDICT_COLOURS
 
 if TYPE_CHECKING:
     import subprocess

@@ -31,7 +31,7 @@ from .process import connect, data_url, free_port, open_viewer
 from .samples import REACH_NS, FullRate, planned
 from .timeline import PAGE, SPAN, TIMELINE, TRUTH_LANES, Lane, about, stream_of
 from .views import VIEWS
-from .wrong_steps import verdicts
+from .wrong_decisions import verdicts
 
 if TYPE_CHECKING:
     import subprocess

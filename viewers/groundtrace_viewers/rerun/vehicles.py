@@ -45,7 +45,7 @@ from .timeline import (
     used,
     vehicle_colour,
 )
-from .wrong_steps import VERDICT_COLOURS
+from .wrong_decisions import VERDICT_COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ from .site import SectionViews, SensorMap
 from .spectrogram import FineSpectrograms, SpectrogramViews
 from .vehicles import CourseView, LikelihoodView, PassView, PresenceLanes, RatioViews
 from .walk import AzimuthView, HeadingView, StreetMap, WalkMap
-from .wrong_steps import WrongSteps
+from .wrong_decisions import WrongPasses, WrongSteps
 
 if TYPE_CHECKING:
     from .context import View
@@ -56,6 +56,7 @@ _ORDER: tuple[type[View], ...] = (
     PickView,
     StepView,
     WrongSteps,
+    WrongPasses,
     LossView,
     NoteView,
 )

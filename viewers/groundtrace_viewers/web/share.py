@@ -26,7 +26,7 @@ from ..errors import ViewerError
 from ..rerun.blueprint import layout_of
 from ..rerun.process import VIEWER_FILES, quiet_environment, viewer_folder, viewer_program
 from ..rerun.timeline import stream_of, written_recipe
-from ..rerun.wrong_steps import TOLERANCE_S
+from ..rerun.wrong_decisions import TOLERANCE_S
 from .server import POLICY, joined_script, page_file, replay_page
 from .summary import sources_of, summary_page
 

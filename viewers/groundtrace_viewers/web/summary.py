@@ -38,7 +38,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import FIRST_DATE_NS, NS_PER_S
 
 from ..rerun.moments import moments_of_results
-from ..rerun.wrong_steps import TOLERANCE_S
+from ..rerun.wrong_decisions import TOLERANCE_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

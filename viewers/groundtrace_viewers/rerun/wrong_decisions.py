@@ -1,7 +1,7 @@
-"""Steps against the truth: what was decided at the cursor, why, by how much, and what mends it.
+"""Steps and passes against the truth: what was decided at the cursor, why, and what mends it.
 
-Nothing of it is known before the last detection, so that all of it is logged at the end. Where no
-step is wrong there is a lane alone.
+Nothing of it is known before the last detection, so that all of it is logged at the end. Where
+nothing is wrong there is a lane alone.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from groundtrace.explain.reasons import GateReading
     from groundtrace.explain.remedies import Remedy
     from groundtrace.explain.why import FalseDetection, Missed, StepExplanation
+    from groundtrace.explain.why_vehicles import VehicleReason
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence, StageEvidence
     from groundtrace_codecs.events import Event
@@ -171,6 +172,54 @@ class WrongSteps(View):
         StepEvent: step,
         SignalBlock: signal,
     }
+
+
+class WrongPasses(View):
+    """The decision at the cursor where a vehicle's pass is missed or false."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        self._events: list[Event] = []
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether there is truth to tell by, and a pipeline that may have found passes."""
+        known = any(label.kind == "pass" for label in context.session.labels)
+        return known and bool(context.session.pipeline)
+
+    def event(self, event: Event) -> None:
+        """Keep what decisions are explained by."""
+        self._events.append(event)
+
+    def close(self) -> None:
+        """Log all of them, where a stage finds passes."""
+        context = self._context
+        results = _results(context.session, self._events)
+        known = any(label.kind == "pass" for label in results.labels)
+        if context.stages.last("pass") is None or not known:
+            return
+        from groundtrace.explain.why_vehicles import vehicle_account
+
+        evidence = evidence_of(results)
+        decisions = [_pass(evidence, reason) for reason in vehicle_account(evidence).reasons]
+        if decisions:
+            DecisionCard(context.timeline, decisions).log(context.span_ns[0])
+            context.opens_ns = decisions[0].time_ns
+
+    kinds: ClassVar[Mapping[type[Any], Callable[[Any, Any], None]]] = {
+        StageSpec: event,
+        CandidateBlock: event,
+        TraceBlock: event,
+        Gap: event,
+    }
+
+
+def _pass(evidence: Evidence, one: VehicleReason) -> Decision:
+    time_ns = _nanoseconds(evidence, one.time_s)
+    who = " of ".join(filter(None, ("pass", one.target)))
+    title = f"{one.state.capitalize()}: {who} at {one.station}, {_seconds(evidence, time_ns)}"
+    remedy = f"--set {one.change}" if one.change else "no change of one gate mends it"
+    return Decision(time_ns, one.state, title, one.text, remedy)
 
 
 def _results(session: ReplaySession, events: Sequence[Event]) -> Results:
@@ -373,7 +422,7 @@ class DecisionCard:
         import rerun as rr
 
         times = [start_ns, *(d.time_ns for d in self._decisions)]
-        texts = ["No step yet.", *(d.card for d in self._decisions)]
+        texts = ["Nothing decided yet.", *(d.card for d in self._decisions)]
         self._timeline.declare(Entity(CARD, "card", "Decision at the cursor"))
         types = ["text/markdown"] * len(texts)
         self._timeline.send(CARD, times, rr.TextDocument.columns(text=texts, media_type=types))

@@ -15,12 +15,15 @@ from groundtrace.explain.suitability import prepared
 from groundtrace.explain.why import explain_steps
 from groundtrace.pipeline.config import checked_pipeline
 from groundtrace.pipeline.results import ResultsSink, evidence_of, read_results
+from groundtrace.simulate.recording import write
+from groundtrace.simulate.road import VehicleOptions
+from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace_codecs.events import Label
 from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of
 from groundtrace_viewers.rerun.sink import RerunSink
 from groundtrace_viewers.rerun.timeline import MISSED
-from groundtrace_viewers.rerun.wrong_steps import (
+from groundtrace_viewers.rerun.wrong_decisions import (
     BARS,
     CARD,
     MARGINS,
@@ -119,12 +122,14 @@ def test_a_gate_s_distance_is_told_in_doublings_whatever_its_side() -> None:
         assert doublings(value, threshold, passed=False) == -REACH
 
 
-def replay_walk(folder: Path, *settings: str) -> tuple[Path, Path]:
-    """Replay the bundled walk; return the viewer's file and the results."""
+def replay_bundled(
+    folder: Path, *settings: str, path: Path = WALK, pipeline: str = "waist-peaks"
+) -> tuple[Path, Path]:
+    """Replay the bundled walk, or another; return the viewer's file and the results."""
     rrd, results = folder / "walk.rrd", folder / "walk.results.mcap"
-    with Recording.open(WALK) as recording:
-        asked = checked_pipeline("waist-peaks", settings)
-        plan = PlannedReplay.of(recording, WALK, prepared(asked, recording))
+    with Recording.open(path) as recording:
+        asked = checked_pipeline(pipeline, settings)
+        plan = PlannedReplay.of(recording, path, prepared(asked, recording))
         plan.run([ResultsSink(results, plan.provenance()), RerunSink(rrd)])
     return rrd, results
 
@@ -132,7 +137,7 @@ def replay_walk(folder: Path, *settings: str) -> tuple[Path, Path]:
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StepExplanation]:
     """Return a replay with missed steps, and what why says of its results."""
-    rrd, results = replay_walk(tmp_path_factory.mktemp("walk"), f"steps.height={HEIGHT}")
+    rrd, results = replay_bundled(tmp_path_factory.mktemp("walk"), f"steps.height={HEIGHT}")
     return rrd, explain_steps(evidence_of(read_results(results, evidence=True)))
 
 
@@ -187,7 +192,19 @@ def test_misses_are_bands_as_wide_as_the_tolerance(walk: tuple[Path, StepExplana
 
 
 def test_where_no_step_is_wrong_there_is_no_card(tmp_path: Path) -> None:
-    rrd, _ = replay_walk(tmp_path)
+    rrd, _ = replay_bundled(tmp_path)
     paths = rr.chunk.RrdReader(str(rrd)).store().schema().entity_paths()
     assert "/state/2-score" in paths
     assert CARD not in paths
+
+
+def test_a_missed_pass_says_which_gate_and_what_mends_it(tmp_path: Path) -> None:
+    cars = tmp_path / "cars.mcap"
+    layout = VehicleOptions(layout="stations", passes=1, duration_s=40.0, rate_hz=100.0)
+    write(simulate_vehicle(layout), cars)
+    rrd, _ = replay_bundled(tmp_path, "passes.fast_leg=5", path=cars, pipeline="vehicle-passes")
+    _, texts = read_back(rrd, CARD, "TextDocument:text")
+    assert len(texts) == 1 + 3, "three stations, and before the first"
+    for [text] in texts[1:]:
+        assert text.startswith("**Missed: pass of V1 at S")
+        assert "`--set passes.fast_leg=" in text
