@@ -28,6 +28,7 @@ from groundtrace_viewers.rerun.wrong_decisions import (
     CARD,
     MARGINS,
     REACH,
+    VERDICTS,
     Verdict,
     doublings,
     verdicts,
@@ -208,3 +209,20 @@ def test_a_missed_pass_says_which_gate_and_what_mends_it(tmp_path: Path) -> None
     for [text] in texts[1:]:
         assert text.startswith("**Missed: pass of V1 at S")
         assert "`--set passes.fast_leg=" in text
+
+
+def test_at_a_step_that_too_few_sensors_picked_each_says_what_it_lacked(tmp_path: Path) -> None:
+    room = path_of("room-walk.mcap")
+    rrd, results = replay_bundled(tmp_path, "picks.ratio=1800", path=room, pipeline="room-steps")
+    explained = explain_steps(evidence_of(read_results(results, evidence=True)))
+    missed = next(m for m in explained.missed if m.reason.channels)
+    at_ns = round(missed.time_s * 1e9)
+    times, words = read_back(rrd, f"{VERDICTS}/words", "Points2D:labels")
+    row = int(np.argmin(np.abs(times - at_ns)))
+    assert len(words[row]) == 9
+    assert words[row].count("picked") == 9 - len(missed.reason.channels)
+    assert all(word == "picked" or word.endswith(" < 1800") for word in words[row])
+    _, cards = read_back(rrd, CARD, "TextDocument:text")
+    assert any("picked on 2 of 4 channels needed  \n" in text for [text] in cards)
+    right = [one for one, row in zip(times.tolist(), words, strict=True) if not row]
+    assert len(right) == explained.counts.tp, "no rings at a step that is right"

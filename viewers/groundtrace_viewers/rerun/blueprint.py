@@ -191,8 +191,11 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     follow = around(AROUND_S, AROUND_S)
     tonal += [fixed(e, e.path, follow) for e in _of(entities, "tones")]
     tonal += [fixed(e, e.path, around(*SPECTRUM_S)) for e in _of(entities, "spectrum")]
-    decisions = _parts([_decision(e) for e in _of(entities, "detector")], 1.8)
-    decisions += [(bounded(e), 1.8) for e in _of(entities, "margins")]
+    margins = [bounded(e) for e in _of(entities, "margins")]
+    decided = [_decision(e) for e in _of(entities, "detector")]
+    decisions = [*_parts(decided, 1.8), *_parts(margins, 1.8)]
+    if session.application == "room":  # it has more plots than a small window has room for
+        decisions = _parts([*decided, *margins], 1.8)
     if session.application == "shots":
         return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
     if session.application == "walker":

@@ -6,6 +6,8 @@ nothing is wrong there is a lane alone.
 
 from __future__ import annotations
 
+import re
+import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple
 
@@ -18,6 +20,7 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .context import View
 from .samples import FULL_RATE_HZ
+from .site import SITE
 from .timeline import ACCEPTED, FALSE, MISSED, NORM, OUTLINE, SCORE, Entity, Lane, strips_of
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence, StageEvidence
     from groundtrace_codecs.events import Event
+    from groundtrace_codecs.geometry import Geometry
 
     from .context import LogLines, ViewContext
     from .timeline import Timeline
@@ -150,6 +154,8 @@ class WrongSteps(View):
         _log_lines(context.timeline, context.lines, wrong, decisions)
         GatesPlot(context.timeline, evidence, context.span_ns).log(wrong)
         self._log_bands(evidence, wrong)
+        if context.session.geometry is not None:
+            SensorVerdicts(context.timeline, context.session.geometry).log(decisions)
 
     def _log_bands(self, evidence: Evidence, wrong: Sequence[Verdict]) -> None:
         """Log wrong steps as bands over what worn sensors felt, and over what was decided on."""
@@ -264,6 +270,8 @@ class Decision:
         What, why, what mends it, and what that does besides; the last three may be empty.
     gates
         What the gates said of the candidate; empty where there was none.
+    silent
+        Why each channel that did not pick a missed step has no pick, its name first.
     """
 
     time_ns: int
@@ -273,6 +281,7 @@ class Decision:
     remedy: str = ""
     effect: str = ""
     gates: tuple[GateReading, ...] = ()
+    silent: tuple[str, ...] = ()
 
     @property
     def line(self) -> str:
@@ -318,8 +327,12 @@ def _missed(evidence: Evidence, one: Missed, explained: StepExplanation) -> Deci
     if explained.untried:
         none = f"no change was tried: {explained.untried} needs a replay"
     remedy, effect = _mended(one.remedy, none)
-    cause = f"{one.reason.cause}: {one.reason.text}"
-    return Decision(time_ns, "missed", title, cause, remedy, effect, one.reason.readings)
+    text = one.reason.text
+    for channel in one.reason.channels[:1]:  # what each channel lacks stands at the sensors
+        text = text.partition(f": {channel}")[0]
+    cause = f"{one.reason.cause}: {text}"
+    gates, silent = one.reason.readings, one.reason.channels
+    return Decision(time_ns, "missed", title, cause, remedy, effect, gates, silent)
 
 
 def _false(evidence: Evidence, one: FalseDetection, texts: Mapping[int, str]) -> Decision:
@@ -492,6 +505,83 @@ class DecisionCard:
             colors=np.array([NORM if gate.passed else MISSED for _, gate in shown], np.uint32),
         )
         self._timeline.send(path, times, columns.partition([len(row) for row in gates]))
+
+
+#: Radius of a ring about a sensor, and how far above it its verdict stands, as parts of the site.
+RING, ABOVE = 0.035, 0.085
+VERDICTS = f"{SITE}/verdicts"
+
+
+class SensorVerdicts:
+    """Rings the sensors at a step that too few of them picked: green where picked, else red.
+
+    Parameters
+    ----------
+    timeline
+        Where to.
+    geometry
+        Has their places.
+    """
+
+    def __init__(self, timeline: Timeline, geometry: Geometry) -> None:
+        self._timeline = timeline
+        self._place = {sensor.channel: (sensor.x, sensor.y) for sensor in geometry.sensors}
+        places = np.array(list(self._place.values()))
+        self._extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+
+    def log(self, decisions: Sequence[Decision]) -> None:
+        """Log the verdicts at every step; there are none where a step is right, or has no group."""
+        import rerun as rr
+
+        if not self._extent or not any(decision.silent for decision in decisions):
+            return
+        rings = [self._rings(decision) for decision in decisions]
+        times, counts = [d.time_ns for d in decisions], [len(row) for row in rings]
+        shown = [ring for row in rings for ring in row]
+        turn = np.linspace(0.0, 2 * np.pi, 25)
+        circle = RING * self._extent * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        style = rr.LineStrips2D.from_fields(radii=-1.5, draw_order=5.0)
+        self._timeline.static(f"{VERDICTS}/rings", style)
+        colours = np.array([ring.colour for ring in shown], np.uint32)
+        strips = strips_of([circle + np.array(ring.place) for ring in shown])
+        columns = rr.LineStrips2D.columns(strips=strips, colors=colours)
+        self._timeline.send(f"{VERDICTS}/rings", times, columns.partition(counts))
+        words = rr.Points2D.from_fields(show_labels=True, radii=0.0)
+        self._timeline.static(f"{VERDICTS}/words", words)
+        up = (0.0, ABOVE * self._extent)
+        said = rr.Points2D.columns(
+            positions=np.array([ring.place for ring in shown], np.float32) + up,
+            labels=[ring.text for ring in shown],
+            colors=colours,
+        )
+        self._timeline.send(f"{VERDICTS}/words", times, said.partition(counts))
+
+    def _rings(self, decision: Decision) -> list[Ring]:
+        if not decision.silent:
+            return []
+        why = {}
+        for channel in self._place:
+            said = [text for text in decision.silent if text.startswith(f"{channel} ")]
+            if said:
+                why[channel] = _short(said[0].removeprefix(f"{channel} "))
+        return [
+            Ring(place, MISSED if channel in why else ACCEPTED, why.get(channel, "picked"))
+            for channel, place in self._place.items()
+        ]
+
+
+def _short(text: str) -> str:
+    """Return a channel's verdict in a few letters: the numbers alone where there are some."""
+    compared = re.match(r"\S+ (\S+)(?: \S+)? ([<>]) (\S+)", text)
+    return " ".join(compared.groups()) if compared else textwrap.shorten(text, 18, placeholder="…")
+
+
+class Ring(NamedTuple):
+    """A ring about a sensor: where [m], its colour, and what is said of it."""
+
+    place: tuple[float, float]
+    colour: int
+    text: str
 
 
 def _limit(gate: GateReading) -> str:
