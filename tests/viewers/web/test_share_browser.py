@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_runs import done
-from share_sessions import Walk, shared_walk
+from share_sessions import STRICT, Walk, shared_walk
 from test_page_browser import browser, drawn, page, ready, rows  # noqa: F401
 
 from groundtrace.annotate.store import stored
@@ -62,6 +62,29 @@ def only(allowed: str, refused: list[str], route: Route) -> None:
     else:
         refused.append(route.request.url)
         route.abort()
+
+
+def test_the_viewer_in_the_page_lives_with_notes_it_has_no_glyphs_for(
+    page: Page,  # noqa: F811
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    walk = shared_walk(tmp_path)
+    notes = ("東側の足", "שלום קדם", "قدم", "पैर เท้า 왼발", "\U0001f6aa \ue000 \u202e \u20e3")
+    for i, note in enumerate(notes):
+        done(capsys, "annotate", walk.recording, "--add", f"note@{3 + i / 50:.2f}", "--note", note)
+    replay = ("replay", walk.recording, "--out", walk.results, "--rrd", walk.rrd, "--force")
+    done(capsys, *replay, "--set", STRICT)
+    done(capsys, "share", walk.results, "-o", tmp_path / "out", "--rrd", walk.rrd)
+    with served(tmp_path / "out") as url:
+        page.goto(url)
+        ready(page)
+        page.locator("#marks li").first.click()
+        drawn(page, "shared-notes")
+        assert rows(page, "marks").count("note") == len(notes) + 1
+        assert notes[0] in page.locator("#marks").inner_text()
+        page.keyboard.press("x")
+        page.wait_for_selector("#events li.here[data-kind=missed]")
 
 
 def test_a_folder_shows_the_replay_over_a_plain_server_without_a_network(

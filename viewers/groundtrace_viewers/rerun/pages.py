@@ -32,6 +32,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import ViewerError
 from .blueprint import linked
 from .decisions import DetectorView, ceiling, decision_gate, log_truth
+from .legible import legible, log, send_layout
 from .process import connect, data_url, free_port, open_viewer
 from .sink import Outlet, RerunSink
 from .timeline import (
@@ -121,7 +122,7 @@ def compare_view(
         log_truth(timeline, about_steps(a.labels))
         log_page(timeline, page)
         entities = [replace(e, top=tops.get(e.path, e.top)) for e in timeline.entities]
-        recording.send_blueprint(compare_layout(entities, focus))
+        send_layout(recording, compare_layout(entities, focus))
 
 
 def _log_side(
@@ -188,7 +189,7 @@ def recording_at(
     if path is None and not spawn:
         raise ViewerError("viewer: expected a file or spawn, found none of them")
     recording = rr.RecordingStream(
-        application, recording_id=timeline_id(name), send_properties=False
+        legible(application), recording_id=timeline_id(name), send_properties=False
     )
     port = free_port()
     viewer = open_viewer(["--expect-data-soon"], port) if spawn else None
@@ -413,7 +414,7 @@ def why_view(
         log_score(timeline, evidence, "/state/score", tolerance_s)
         log_page(timeline, page)
         entities = [replace(e, top=tops.get(e.path, e.top)) for e in timeline.entities]
-        recording.send_blueprint(why_layout(entities, focus))
+        send_layout(recording, why_layout(entities, focus))
 
 
 def why_layout(entities: Sequence[Entity], focus: Focus) -> rrb.Blueprint:
@@ -677,7 +678,7 @@ def room_view(found: RoomAnalysis, *, path: Path | None, spawn: bool = False) ->
         # the viewer wants a timeline even where nothing depends on time
         page = rr.TextDocument.columns(text=[room_page(found)], media_type=["text/markdown"])
         Timeline(recording, 0).send(PAGE, [0], page)
-        recording.send_blueprint(_layout(views))
+        send_layout(recording, _layout(views))
 
 
 def room_page(found: RoomAnalysis) -> str:
@@ -713,7 +714,7 @@ class _Board:
 
     def log(self, part: str, *archetypes: rr.AsComponents) -> None:
         """Log something of the map, which no time changes."""
-        self._recording.log(f"{self._origin}/room{part}", *archetypes, static=True)
+        log(self._recording, f"{self._origin}/room{part}", *archetypes, static=True)
 
     def image(self, grid: Grid, values: Array, top: float, unit: str) -> None:
         """Draw values of a lattice's nodes, from 0 to ``top``, with the scale of colours."""

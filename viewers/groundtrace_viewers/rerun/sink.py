@@ -27,6 +27,7 @@ from .annotations import log_annotations
 from .blueprint import blueprint
 from .context import ViewContext
 from .decisions import PlainView, lane_labels, log_truth
+from .legible import send_layout
 from .process import connect, data_url, free_port, open_viewer
 from .samples import REACH_NS, FullRate, planned
 from .timeline import PAGE, SPAN, TIMELINE, TRUTH_LANES, Lane, about, stream_of
@@ -159,7 +160,7 @@ class RerunSink:
         if self._recording is not None and self._session is not None and self._replay is not None:
             entities = self._replay.context.timeline.entities
             layout = blueprint(self._session, entities, self._replay.shown, follow=follow)
-            self._recording.send_blueprint(layout)
+            send_layout(self._recording, layout)
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take one block or event, in time order."""

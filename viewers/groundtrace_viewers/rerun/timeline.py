@@ -25,6 +25,8 @@ from groundtrace.pipeline.plugins import stage_named
 from groundtrace.pipeline.results import timeline_id
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
+from .legible import legible, log, send_columns
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
@@ -122,7 +124,7 @@ class Bounds:
 
 
 class Timeline:
-    """Sends columns of data to a recording; the only caller of ``send_columns``.
+    """Sends columns of data to a recording; through :mod:`.legible`.
 
     Parameters
     ----------
@@ -156,7 +158,7 @@ class Timeline:
     def static(self, path: str, *archetypes: AsComponents) -> None:
         """Log what holds at all times."""
         if archetypes:
-            self._recording.log(path, *archetypes, static=True)
+            log(self._recording, path, *archetypes, static=True)
 
     def send(self, path: str, times_ns: ArrayLike, columns: Iterable[rr.ComponentColumn]) -> None:
         """Log columns at times on the recording's clock.
@@ -174,7 +176,7 @@ class Timeline:
 
         since = np.asarray(times_ns, np.int64) - self._start_ns
         index = rr.TimeColumn(TIMELINE, duration=since.astype("timedelta64[ns]"))
-        self._recording.send_columns(path, indexes=[index], columns=columns)
+        send_columns(self._recording, path, [index], columns)
 
     def scalars(self, path: str, times_ns: ArrayLike, values: NDArray[np.floating]) -> None:
         """Log curves: ``values`` has shape (n, n_curves)."""
@@ -253,7 +255,9 @@ def stream_of(name: str, application: str) -> rr.RecordingStream:
     import rerun as rr
 
     return rr.RecordingStream(
-        f"groundtrace-{application}", recording_id=timeline_id(name), send_properties=False
+        legible(f"groundtrace-{application}"),
+        recording_id=timeline_id(name),
+        send_properties=False,
     )
 
 
