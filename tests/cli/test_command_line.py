@@ -151,7 +151,7 @@ def test_a_setting_that_cannot_be_is_one_line(setting: str, said: str, capsys: C
         ("info text.mcap", "text.mcap: start of file: expected the MCAP magic"),
         ("score text.mcap", "text.mcap: start of file: expected the MCAP magic"),
         ("info empty.mcap", "empty.mcap: start of file: expected the MCAP magic"),
-        ("score WALK", "waist-walk.mcap: metadata: expected groundtrace.run"),
+        ("score WALK", "waist-walk.mcap: expected results, found a recording; replay it first: "),
         ("score nope.mcap", "nope.mcap: expected a results file, found no such file"),
         ("replay WALK --pipeline text.mcap", "text.mcap: expected TOML, found:"),
         (

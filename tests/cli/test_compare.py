@@ -161,7 +161,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(
     assert run(capsys, "compare", pair[0], "absent.mcap").error == (
         "absent.mcap: expected a results file, found no such file"
     )
-    assert "expected groundtrace.run" in run(capsys, "compare", pair[0], WALK).error
+    assert "expected results, found a recording" in run(capsys, "compare", pair[0], WALK).error
     said = run(capsys, "compare", *pair, "--rrd", pair[1], "--force").error
     assert said == "b.mcap: expected a new file, found the one that is read"
     assert run(capsys, "compare", pair[0]).error.startswith(

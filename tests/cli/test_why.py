@@ -193,7 +193,7 @@ def test_the_json_of_a_walk_is_as_its_schema_says(
     assert ("missed" in ran.document) == (not arguments)
 
 
-@pytest.mark.parametrize("arguments", [(), ("--step", 8), ("--at", 49.1), ("--at", 1e6)])
+@pytest.mark.parametrize("arguments", [(), ("--step", 8), ("--at", 49.1), ("--at", 137.5)])
 def test_the_json_of_a_real_recording_is_as_its_schema_says(
     arguments: tuple[object, ...], real: Path, capsys: Capture
 ) -> None:
@@ -237,7 +237,7 @@ def test_what_cannot_be_explained_is_refused_in_one_line(missing: Path, capsys: 
     assert run(capsys, "why", "absent.mcap").error == (
         "absent.mcap: expected a results file, found no such file"
     )
-    assert "expected groundtrace.run" in run(capsys, "why", WALK).error
+    assert "expected results, found a recording" in run(capsys, "why", WALK).error
     assert "expected a truth file" in run(capsys, "why", missing, "--truth", "no.csv").error
     Path("kept.rrd").write_text("mine", "utf-8")
     assert run(capsys, "why", missing, "--rrd", "kept.rrd").error == (

@@ -87,7 +87,10 @@ class DelimitedImporter:
             Where a file is no text table.
         """
         if map_ is None:
-            raise SchemaError(f"{paths[0].name}: expected --map for a text table, found none")
+            raise SchemaError(
+                f"{paths[0].name}: expected --map for a text table, found none; groundtrace import "
+                f"{paths[0].name} --guess writes one to start from"
+            )
         return import_tables([TextTable.load(path, map_) for path in paths], map_)
 
 

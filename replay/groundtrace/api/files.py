@@ -12,6 +12,7 @@ from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Protocol
 
 from groundtrace_codecs.location import is_url
+from groundtrace_codecs.mcap.chunks import MAGIC
 
 from ..errors import RecordingError
 from ..pipeline.results import (
@@ -45,7 +46,53 @@ def existing(path: Path, what: str = "a recording") -> Path:
     """
     if not (path.is_file() or is_url(path)):
         raise RecordingError(f"{path}: expected {what}, found no such file")
+    if what == "a recording" and not is_url(path):
+        _refuse_foreign(path)
     return path
+
+
+#: What a timeline begins with. Source: the rerun file format, version 2.
+_TIMELINE = b"RRF2"
+#: Files that are recordings whatever they begin with: torn ones, which the reader judges.
+_RECORDINGS = frozenset({".mcap", ".partial"})
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Refuse a file of another tool by name of the command that takes it."""
+    if path.suffix in _RECORDINGS:
+        return
+    with path.open("rb") as file:
+        head = file.read(len(MAGIC))
+    if head == MAGIC:
+        return
+    if head.startswith(_TIMELINE):
+        raise RecordingError(
+            f"{path}: expected a recording, found a timeline; open it with: rerun {path}"
+        )
+    # importers are not loaded before there is something to import
+    from groundtrace_codecs.importers.run import CERTAIN, importers
+
+    sure = {name: each.sniff(path) for name, each in importers().items()}
+    name = max(sure, key=lambda key: sure[key])
+    if sure[name] <= 0:
+        return
+    needs_map = name in _TABLES or sure[name] < CERTAIN
+    command = f"groundtrace import {path} -o {path.stem}.mcap" + (
+        f" --map MAP.toml (groundtrace import {path} --guess writes a map to start from)"
+        if needs_map
+        else ""
+    )
+    found = _TABLES.get(name, f"a file of format {name}")
+    raise RecordingError(f"{path}: expected a recording, found {found}; import it: {command}")
+
+
+#: Importers that need a map, and what they read.
+_TABLES = {
+    "csv": "a text table",
+    "mat": "a MATLAB file",
+    "hdf5": "an HDF5 file",
+    "npz": "a NumPy archive",
+}
 
 
 class Origin(Protocol):

@@ -14,6 +14,8 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..api.files import existing
 from ..api.inspection import examine, summary
 from ..explain.suitability import SIGNALS
+from ..pipeline.config import parse_pipeline
+from ..pipeline.results import RUN, provenance_in
 from .console import (
     annotations_to_show,
     lost_messages,
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..api.inspection import FaultInfo, GapInfo, RecordingInfo, StreamInfo
+    from ..pipeline.results import Provenance
 
 
 def info(
@@ -50,6 +53,7 @@ def info(
     existing(recording)
     with Recording.open(recording) as opened:
         size = opened.file.size
+        origin = provenance_in(opened, recording.name) if _is_result(opened) else None
         duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
         if is_url(recording):  # all of a remote recording is not fetched for this
             found = summary(opened, size, labels=False)
@@ -63,7 +67,31 @@ def info(
     if json:
         print_json(found)
         return
+    if origin is not None:
+        _print_results(found, origin, recording)
+        return
     _print(found, recording)
+
+
+def _is_result(opened: Recording) -> bool:
+    return RUN in opened.metadata and not opened.streams
+
+
+def _print_results(found: RecordingInfo, origin: Provenance, path: Path) -> None:
+    """Print what results are of, by which pipeline, and what to do with them."""
+    config = parse_pipeline(origin.pipeline.encode(), f"{path.name}: pipeline")
+    print_line(
+        f"{found.recording}: results of {origin.recording} by {config.name}, "
+        f"{(origin.end_ns - origin.start_ns) / NS_PER_S:.3f} s, {found.bytes / 1e6:.2f} MB"
+    )
+    for stage in config.stage:
+        values = ", ".join(f"{name} {value}" for name, value in stage.parameters.items())
+        print_line(f"stage {stage.key}: {stage.use}: {values}")
+    if found.truth:
+        print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
+        print_line(f"next: groundtrace score {quoted(path)}")
+    else:
+        print_line(f"next: groundtrace export {quoted(path)} -o tables")
 
 
 def _print(found: RecordingInfo, recording: Path) -> None:

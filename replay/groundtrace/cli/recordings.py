@@ -119,7 +119,7 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
 
     if len(sources) != 1:
         raise RecordingError(f"import --guess: expected one table, found {len(sources)} files")
-    table = existing(sources[0])
+    table = existing(sources[0], "a table")
     check_needs_map(table)
     written = out or table.with_name(f"{table.name}.map.toml")
     writable(written, force=force, sources=sources)

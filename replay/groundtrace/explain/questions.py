@@ -143,6 +143,9 @@ def explained(evidence: Evidence, name: str, asked: Question) -> Answer:
     """
     chosen = asked.checked_kind()
     at_ns = None if asked.at_s is None else evidence.start_ns + round(asked.at_s * NS_PER_S)
+    if at_ns is not None and not evidence.start_ns <= at_ns <= evidence.end_ns:
+        length_s = (evidence.end_ns - evidence.start_ns) / NS_PER_S
+        raise RecordingError(f"--at: expected 0 to {length_s:.3f} s, found {asked.at_s:g} s")
     if chosen == "steps" and asked.kind is None and asked.step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
     return EXPLAINERS[chosen](evidence, name, asked, at_ns)

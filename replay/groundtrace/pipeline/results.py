@@ -320,6 +320,11 @@ def provenance_in(recording: Recording, name: str) -> Provenance:
         Where the file is not a groundtrace result.
     """
     run = recording.metadata.get(RUN)
+    if run is None and recording.streams:
+        raise RecordingError(
+            f"{name}: expected results, found a recording; "
+            f"replay it first: groundtrace replay {name}"
+        )
     if run is None:
         raise RecordingError(
             f"{name}: metadata: expected {RUN} as groundtrace replay --out writes it, "
