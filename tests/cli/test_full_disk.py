@@ -42,10 +42,16 @@ OUTPUTS = {
     "steps.parquet": ("export", RESULTS, "--kind", "steps", "-o"),
     "labels.txt": ("export", RESULTS, "--format", "audacity", "-o"),
     "bag": ("export", WALK, "--format", "ros2", "-o"),
+    "signals.mseed": ("export", WALK, "--format", "miniseed", "-o"),
+    "signals.csv": ("export", WALK, "-o"),
     "fleet.parquet": ("fleet", WALK, "--pipeline", "waist-steps", "--resume", "-o"),
     "fleet.html": ("fleet-report", "in/fleet.parquet", "-o"),
     "table.mcap": ("import", "in/table.csv", "--map", "in/map.toml", "-o"),
     "cut.mcap": ("cut", WALK, "--to", "4", "-o"),
+    "filtered.mcap": ("filter", WALK, "--without", "/baro/*", "-o"),
+    "converted.mcap": ("convert", WALK, "-o"),
+    "merged.mcap": ("merge", WALK, "in/room.mcap", "--align", "none", "-o"),
+    "mended.mcap": ("doctor", "in/torn.mcap", "--repair"),
     "walk.mcap": ("simulate", "walk", "--duration-s", "3", "-o"),
     "room.png": ("analyze", "room", "in/room.toml", "--lattice", "3", "--draws", "2", "--png"),
 }
@@ -74,6 +80,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "table.csv").write_text("t,a\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(900)))
     (folder / "map.toml").write_text(MAP)
     (folder / "room.toml").write_text(ROOM)
+    (folder / "torn.mcap").write_bytes(walk.read_bytes()[:-1000])
+    main(["cut", str(path_of("room-walk.mcap")), "--to", "2", "-o", str(folder / "room.mcap")])
     return folder
 
 
@@ -113,12 +121,23 @@ def test_a_full_disk_is_one_line_and_what_was_there_stays(out: str, capsys: Capt
     assert last.startswith("groundtrace: ")
     assert FULL in last
     assert out.partition(".")[0] in last
-    assert all(line.startswith(("timeline: ", "pipeline: ", "remark: ")) for line in said), said
+    told = ("timeline: ", "pipeline: ", "remark: ", "note: ")
+    assert all(line.startswith(told) for line in said), said
     assert Path(out).read_text("utf-8") == "mine"
     left = {p.name for p in Path().iterdir()} - before
-    assert left <= {f"{out}.partial", "new.mcap.partial"}, (
+    assert left <= {f"{out}.partial", f"{out}.mending", "new.mcap.partial"}, (
         "recordings keep what was written, and say so"
     )
+
+
+@pytest.mark.parametrize("out", [o for o in OUTPUTS if o != "bag"])
+@pytest.mark.usefixtures("_in_place")
+def test_no_output_takes_the_place_of_a_device(out: str, capsys: Capture) -> None:
+    os.mkfifo(out)
+    ran = run(capsys, *OUTPUTS[out], out, "--force")
+    assert ran.error.startswith(f"{out}: expected a file")
+    assert ran.error.endswith("found a device or pipe")
+    assert Path(out).is_fifo()
 
 
 @pytest.mark.parametrize("command", [("export",), ("share",)])
@@ -177,6 +196,23 @@ def test_a_reader_that_has_seen_enough_ends_a_command_without_a_word(
 def test_output_into_a_full_disk_is_one_line(buffered: bool) -> None:
     said = "groundtrace: output: expected room to write, found: No space left on device\n"
     assert piped("pipelines", "waist-steps", out="/dev/full", buffered=buffered) == (1, said)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no /dev/full")
+@pytest.mark.parametrize("command", ["--help", "pipelines waist-steps", "info none"])
+def test_output_and_errors_into_a_full_disk_end_with_1(command: str) -> None:
+    code = "from groundtrace.cli.main import main; main()"
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    asked = [sys.executable, "-c", code, *command.split()]
+    with Path("/dev/full").open("wb") as full:
+        ran = subprocess.run(asked, stdout=full, stderr=full, env=environment, check=False)
+    assert ran.returncode == 1
+
+
+def test_a_figure_says_what_its_name_must_end_in(capsys: Capture) -> None:
+    Path("room.toml").write_text(ROOM)
+    said = run(capsys, "analyze", "room", "room.toml", "--png", "room").error
+    assert said == "room: expected a name that ends in .png, found room"
 
 
 def test_an_error_after_output_that_nobody_reads_is_one_line() -> None:

@@ -130,6 +130,7 @@ def import_recording(
     importer, files, left_out = _chosen(paths, tables, format_name, map_)
     if stationxml is not None:
         files = [*(f for f in files if f != stationxml), *_stations(importer, stationxml)]
+    states = [_state(file) for file in files]
     imported = _with_early_truth(_with_tables(importer.read(files, map_), geometry, truth))
     streams = [stream for stream, _, _ in imported.sources]
     heard = None if listener is None else listener(streams)
@@ -137,7 +138,10 @@ def import_recording(
     counts.refuse([*left_out, *imported.warnings])
     write_recording(
         out,
-        [(s, f, counts.counted(blocks)) for s, f, blocks in imported.sources],
+        [
+            (s, f, _unchanged(counts.counted(blocks), files, states))
+            for s, f, blocks in imported.sources
+        ],
         geometry=imported.geometry,
         labels=imported.labels,
         metadata={
@@ -148,6 +152,30 @@ def import_recording(
         force=force,
     )
     return _report(out, importer, files, imported, counts, left_out)
+
+
+def _state(file: Path) -> tuple[int, int]:
+    """Return what changes where a file does: its size [bytes] and when it was written [ns]."""
+    try:
+        found = file.stat()
+    except OSError as error:
+        raise SchemaError(f"{file}: expected a file to read, found: {error.strerror}") from error
+    return found.st_size, found.st_mtime_ns
+
+
+def _unchanged(
+    blocks: Iterable[SignalBlock], files: Sequence[Path], states: Sequence[tuple[int, int]]
+) -> Iterator[SignalBlock]:
+    """Give blocks; at their end raise a SchemaError where a file is not what was begun with.
+
+    A format that is a row of lines or samples does not tell that it was cut short meanwhile.
+    """
+    yield from blocks
+    for file, state in zip(files, states, strict=True):
+        if _state(file) != state:
+            raise SchemaError(
+                f"{file}: expected a file that stays as it is while it is read, found it changed"
+            )
 
 
 def _chosen(

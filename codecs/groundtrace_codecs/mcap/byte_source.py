@@ -77,9 +77,32 @@ class FileBytes:
         """Give the ``length`` bytes at ``offset``; fewer at the end of the file.
 
         The length is cut to the size of the file first, since pread allocates what it is asked for.
+        What is appended to the file after it was opened is not read.
+
+        Raises
+        ------
+        CodecError
+            Where the disk or the network no longer gives the file, or it was cut short.
         """
         wanted = min(length, self.size - offset)
-        return os.pread(self._file.fileno(), wanted, offset) if wanted > 0 else b""
+        if wanted <= 0:
+            return b""
+        try:
+            found = os.pread(self._file.fileno(), wanted, offset)
+            while len(found) < wanted:  # two gigabytes at most come at once
+                more = os.pread(self._file.fileno(), wanted - len(found), offset + len(found))
+                if not more:
+                    size = os.fstat(self._file.fileno()).st_size
+                    raise CodecError(
+                        f"{self.name}: expected a file that stays as it is while it is read, "
+                        f"found {size} bytes of {self.size}"
+                    )
+                found += more
+        except OSError as error:
+            raise CodecError(
+                f"{self.name}: byte {offset}: expected bytes to read, found: {error.strerror}"
+            ) from error
+        return found
 
     def close(self) -> None:
         """Close the file."""
@@ -115,6 +138,14 @@ def crc32_of(source: ByteSource, start: int, stop: int) -> int:
     for offset in range(start, stop, _BLOCK_BYTES):
         crc = zlib_ng.crc32(source.read_at(offset, min(_BLOCK_BYTES, stop - offset)), crc)
     return crc
+
+
+def sha256_of(source: ByteSource) -> str:
+    """Compute the SHA-256 of all bytes, a block at a time, as hexadecimal digits."""
+    digest = hashlib.sha256()
+    for offset in range(0, source.size, _BLOCK_BYTES):
+        digest.update(source.read_at(offset, _BLOCK_BYTES))
+    return digest.hexdigest()
 
 
 #: What is fetched, kept and forgotten together; a request costs more than these bytes.

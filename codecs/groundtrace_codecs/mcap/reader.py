@@ -31,7 +31,7 @@ import numpy as np
 from zlib_ng import zlib_ng
 
 from ..errors import FormatError
-from .byte_source import RemoteBytes, Window, crc32_of, open_bytes
+from .byte_source import RemoteBytes, Window, crc32_of, open_bytes, sha256_of
 from .chunks import (
     ATTACHMENT,
     ATTACHMENT_INDEX,
@@ -193,6 +193,10 @@ class McapFile:
     def size(self) -> int:
         """Number of bytes."""
         return self._source.size
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the bytes that are read here, whatever file has their name now."""
+        return sha256_of(self._source)
 
     @property
     def damage(self) -> tuple[Damage, ...]:

@@ -149,13 +149,14 @@ def writable(
     Raises
     ------
     RecordingError
-        Where the file exists and may not be replaced, it is a folder or one of ``sources``, or its
-        folder does not exist.
+        Where the file exists and may not be replaced, it is a folder, a device or one of
+        ``sources``, or its folder does not exist.
     """
     if not path.resolve().parent.is_dir():
         raise RecordingError(f"{path}: expected an existing folder, found none")
-    if path.is_dir():
-        raise RecordingError(f"{path}: expected a file to write, found a folder")
+    if path.exists() and not path.is_file():  # a new file would take the place of a device
+        found = "a folder" if path.is_dir() else "a device or pipe"
+        raise RecordingError(f"{path}: expected a file to write, found {found}")
     if path.resolve() in (source.resolve() for source in sources):
         raise RecordingError(f"{path}: expected a new file, found the one that is read")
     if path.exists() and not (force or (of is not None and _derived_from(path, of()))):

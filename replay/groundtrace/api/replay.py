@@ -31,7 +31,6 @@ from ..pipeline.results import (
     Provenance,
     ResultsSink,
     evidence_of,
-    file_sha256,
     package_versions,
     read_results,
     replayed_labels,
@@ -190,20 +189,12 @@ class PlannedReplay:
         )
         return replace(self, ready=Prepared(chain, self.ready.asked, (), ()))
 
-    def provenance(self, arguments: tuple[str, ...] = (), sha256: str = "") -> Provenance:
-        """Return where its results come from.
-
-        Parameters
-        ----------
-        arguments
-            Those of the command.
-        sha256
-            Of the recording's bytes, where it is known already.
-        """
+    def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
+        """Return where its results come from; ``arguments`` are those of the command."""
         session = self.session
         return Provenance(
             recording=session.name,
-            sha256=sha256 or file_sha256(self.path),
+            sha256=self.recording.file.sha256(),
             start_ns=session.start_ns,
             end_ns=session.end_ns,
             pipeline=session.pipeline,

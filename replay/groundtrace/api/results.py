@@ -396,7 +396,7 @@ def replay(
         if target is not None:
             results_writable(target, source, force=force)
         plan = PlannedReplay.of(file, recording.path, ready, from_s, to_s)
-        origin, kept = plan.provenance(sha256=source.sha256), EventList()
+        origin, kept = plan.provenance(), EventList()
         written = [] if target is None else [ResultsSink(target, origin, force=True)]
         plan.run([kept, *written], progress=progress)
     name = f"{recording.path.stem}.results.mcap" if target is None else target.name

@@ -167,8 +167,8 @@ def _check_room(out: Path, parts: int) -> None:
     needed, free = parts * _PART_BYTES, shutil.disk_usage(out.resolve().parent).free
     if needed > free:
         raise RecordingError(
-            f"{out}: expected room for {parts} parts, about {needed / 1e6:.0f} MB, "
-            f"found {free / 1e6:.0f} MB"
+            f"{out}: expected room for {parts} parts, about {needed / 1e6:.2f} MB, "
+            f"found {free / 1e6:.2f} MB"
         )
 
 

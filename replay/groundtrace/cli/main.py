@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError
@@ -241,7 +242,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         _hush()
         reason = f"expected room to write, found: {error.strerror}"
-        print_stderr(f"groundtrace: output: {reason}")
+        with suppress(OSError):  # it may be the one that has no room
+            print_stderr(f"groundtrace: output: {reason}")
+        _hush()
         code = 1
     if code:
         sys.exit(code)

@@ -116,7 +116,7 @@ def replay(
         viewer = {"spawn": spawn, "web": web, "no_viewer": no_viewer}
         spawn, rrd = _where_to_show(origin, results, rrd, force=force, **viewer)
         plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr)
-        provenance = plan.provenance(public_arguments(sys.argv[1:]), origin.sha256)
+        provenance = plan.provenance(public_arguments(sys.argv[1:]))
         sinks: list[Sink] = [ResultsSink(results, provenance, force=True)]
         if at_miss is None and (rrd is not None or spawn or web):
             shown = load("sinks", "rerun")(

@@ -339,5 +339,5 @@ def test_a_disk_without_room_is_told_first(
     engine = use(monkeypatch, Here())
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=1000))
     said = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
-    assert said == "t.parquet: expected room for 4 parts, about 0 MB, found 0 MB"
+    assert said == "t.parquet: expected room for 4 parts, about 0.08 MB, found 0.00 MB"
     assert engine.given == []

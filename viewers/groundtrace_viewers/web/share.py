@@ -114,9 +114,12 @@ def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) ->
         return
     if not force:
         raise ViewerError(f"{out}: expected a new place, found an existing one; see --force")
-    if out.is_symlink() or out.is_dir() != folder:
-        found = "a link" if out.is_symlink() else "a folder" if out.is_dir() else "a file"
-        raise ViewerError(f"{out}: expected {'a folder' if folder else 'a file'}, found {found}")
+    wanted = "a folder" if folder else "a file"
+    found = "a folder" if out.is_dir() else "a file" if out.is_file() else "a device or pipe"
+    if out.is_symlink():
+        found = "a link"
+    if found != wanted:
+        raise ViewerError(f"{out}: expected {wanted}, found {found}")
     if folder and any(out.iterdir()) and not all((out / name).is_file() for name in OWN_FILES):
         raise ViewerError(
             f"{out}: expected a folder that groundtrace share wrote, found another: it stays"
