@@ -7,6 +7,7 @@ metadata name the recording by file name and SHA-256.
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -223,6 +224,8 @@ def replace_durably(fresh: Path, path: Path) -> None:
     with fresh.open("rb") as file:
         os.fsync(file.fileno())
     fresh.replace(path)
+    if sys.platform == "win32":  # it has no folders to open, and keeps names by itself
+        return
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         os.fsync(folder)

@@ -99,7 +99,7 @@ def test_a_disk_that_is_pulled_out_is_one_line(
     def gone(*_: object) -> bytes:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    after_reads(8, lambda _: monkeypatch.setattr(os, "pread", gone), monkeypatch)
+    after_reads(8, lambda _: monkeypatch.setattr(FileBytes, "_read", gone), monkeypatch)
     said = run(capsys, *COMMANDS["replay"]).error
     assert said.startswith("walk.mcap: byte ")
     assert said.endswith(": expected bytes to read, found: Input/output error")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import threading
 import time
 from collections import OrderedDict
 from http import HTTPStatus
@@ -71,12 +72,14 @@ class FileBytes:
     def __init__(self, path: str | Path) -> None:
         self.name = str(path)
         self._file = Path(path).open("rb", buffering=0)  # noqa: SIM115 - closed by close()
+        self._lock = threading.Lock()
         self.size = os.fstat(self._file.fileno()).st_size
 
     def read_at(self, offset: int, length: int) -> bytes:
         """Give the ``length`` bytes at ``offset``; fewer at the end of the file.
 
-        The length is cut to the size of the file first, since pread allocates what it is asked for.
+        The length is cut to the size of the file first, since a read allocates what it is asked
+        for.
         What is appended to the file after it was opened is not read.
 
         Raises
@@ -88,9 +91,9 @@ class FileBytes:
         if wanted <= 0:
             return b""
         try:
-            found = os.pread(self._file.fileno(), wanted, offset)
+            found = self._read(offset, wanted)
             while len(found) < wanted:  # two gigabytes at most come at once
-                more = os.pread(self._file.fileno(), wanted - len(found), offset + len(found))
+                more = self._read(offset + len(found), wanted - len(found))
                 if not more:
                     size = os.fstat(self._file.fileno()).st_size
                     raise CodecError(
@@ -103,6 +106,11 @@ class FileBytes:
                 f"{self.name}: byte {offset}: expected bytes to read, found: {error.strerror}"
             ) from error
         return found
+
+    def _read(self, offset: int, length: int) -> bytes:
+        with self._lock:  # Windows has no reads at a place
+            self._file.seek(offset)
+            return self._file.read(length) or b""
 
     def close(self) -> None:
         """Close the file."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import math
 import os
 import secrets
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, Self
 
 import msgspec
+from filelock import FileLock, Timeout
 
 from groundtrace_codecs.annotations import (
     Annotation,
@@ -224,9 +224,9 @@ class JournalWriter:
         if journal.length == 0:
             journal = _begun(path, journal)
         self.journal = journal
-        self._file = os.open(path, os.O_WRONLY)
+        self._file = path.open("r+b", buffering=0)
         if journal.torn:
-            os.ftruncate(self._file, journal.length)
+            self._file.truncate(journal.length)
             self.journal = replace(journal, torn=False)
 
     def append(self, action: Action) -> None:
@@ -240,19 +240,19 @@ class JournalWriter:
         line = msgspec.json.encode(action) + b"\n"
         length = self.journal.length
         try:
-            written = 0
+            written = self._file.seek(length) - length
             while written < len(line):  # a disk that is nearly full takes a part
-                written += os.pwrite(self._file, line[written:], length + written)
-            os.fsync(self._file)
+                written += self._file.write(line[written:]) or 0
+            os.fsync(self._file.fileno())
         except OSError:
-            os.ftruncate(self._file, length)
+            self._file.truncate(length)
             raise
         actions = (*self.journal.actions, action)
         self.journal = replace(self.journal, actions=actions, length=length + len(line))
 
     def close(self) -> None:
         """Close the file."""
-        os.close(self._file)
+        self._file.close()
 
 
 def _begun(path: Path, journal: Journal) -> Journal:
@@ -285,34 +285,25 @@ class WriterLock:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._file = self._taken()
-        os.ftruncate(self._file, 0)
-        os.pwrite(self._file, f"{os.getpid()}\n".encode(), 0)
-
-    def _taken(self) -> int:
-        while True:
-            file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                # who held it may have removed it between our two calls: then it is not the lock
-                if os.fstat(file).st_ino == self._path.stat().st_ino:
-                    return file
-            except BlockingIOError as error:
-                holder = os.pread(file, 20, 0).decode("ascii", "replace").strip() or "?"
-                os.close(file)
-                raise AnnotationError(
-                    f"{self._path.name}: expected nobody else annotating this recording, "
-                    f"found process {holder}"
-                ) from error
-            except FileNotFoundError:
-                pass
-            os.close(file)
+        self._lock = FileLock(path, timeout=0)
+        try:
+            self._lock.acquire()
+        except Timeout as error:
+            holder = "?"
+            with suppress(OSError):  # Windows lets nobody read what is locked
+                holder = path.read_text("ascii", "replace").strip() or holder
+            raise AnnotationError(
+                f"{path.name}: expected nobody else annotating this recording, "
+                f"found process {holder}"
+            ) from error
+        with suppress(OSError):
+            path.write_text(f"{os.getpid()}\n", "ascii")
 
     def release(self) -> None:
         """Let others write."""
-        with suppress(FileNotFoundError):
+        with suppress(OSError):  # Windows removes nothing that is open
             self._path.unlink()
-        os.close(self._file)
+        self._lock.release()
 
 
 @dataclass(frozen=True, slots=True)

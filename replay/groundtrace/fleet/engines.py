@@ -97,7 +97,7 @@ class _Worker:
     """A process, the pipe to it, and the number of the task it has."""
 
     process: SpawnProcess
-    pipe: Connection[Any, Any]
+    pipe: Any  # a connection, of a type of its own on Windows
     task: int = -1
 
 

@@ -240,15 +240,12 @@ def test_a_full_disk_is_said_and_the_journal_stays_whole(
 ) -> None:
     with Annotations.open(recording) as store:
         first = store.add(mark(1.0))
-        write = os.pwrite
 
-        def half(file: int, data: bytes, offset: int) -> int:
-            if len(data) < 100:
-                raise OSError(28, "No space left on device")
-            return write(file, data[: len(data) - 50], offset)
+        def refused(_file: int) -> None:
+            raise OSError(28, "No space left on device")
 
         with monkeypatch.context() as full:
-            full.setattr("groundtrace.annotate.store.os.pwrite", half)
+            full.setattr("groundtrace.annotate.store.os.fsync", refused)
             with pytest.raises(AnnotationError, match="No space left on device"):
                 store.add(mark(2.0))
         assert store.items == (first,)

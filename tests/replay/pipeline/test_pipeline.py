@@ -62,7 +62,7 @@ def test_a_pipeline_without_stages_must_say_so_and_its_recipe_is_read_again() ->
         (
             'name = "m"\nstages = 1',
             "mine.toml: stages: expected one of name, description, application, stage, "
-            "placements, found an",
+            "placements, needs, found an",
         ),
         (
             'name = "m"\n[[stage]]\nuse = "dp"\n[[stage]]\nuse = "dp"\nparams = {}',

@@ -8,6 +8,7 @@ not grow with the recording.
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import threading
 from bisect import bisect_left, bisect_right
@@ -264,6 +265,10 @@ class Outlet:
             return
         with room_for(name or path, path):
             file = path.open("wb", buffering=0)
+        if sys.platform == "win32":  # it has no pipes among its files
+            file.close()
+            recording.set_sinks(rr.FileSink(path), *viewers)
+            return
         with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
             pipe = Path(folder) / "recording.rrd"
             os.mkfifo(pipe)

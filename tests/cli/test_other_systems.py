@@ -1,0 +1,59 @@
+"""What Windows and macOS do not have is not called: the core runs where it is hidden."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+#: Run as a program: hides what one system alone has, then runs a command.
+HIDDEN = """
+import os, signal, sys
+for name in ("fcntl", "resource", "pwd", "grp", "termios"):
+    sys.modules[name] = None
+for name in ("pread", "pwrite", "preadv", "fork", "killpg", "getuid", "geteuid", "statvfs",
+             "sched_getaffinity", "mkfifo", "set_blocking", "O_NONBLOCK"):
+    if hasattr(os, name):
+        delattr(os, name)
+for name in ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM"):
+    if hasattr(signal, name):
+        delattr(signal, name)
+from groundtrace.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize(
+    "commands",
+    [
+        ("info {walk}",),
+        (
+            "replay {walk} --pipeline waist-steps --no-viewer --out a.results.mcap --quiet",
+            "score a.results.mcap",
+            "why a.results.mcap",
+            "export a.results.mcap -o steps.csv --kind steps",
+        ),
+        ("annotate {copy} --add note@2 --note left", "annotate {copy} --list"),
+        ("simulate room -o room.mcap --steps 2",),
+    ],
+    ids=lambda commands: commands[-1].split()[0],
+)
+def test_a_command_needs_nothing_that_one_system_alone_has(
+    commands: tuple[str, ...], tmp_path: Path
+) -> None:
+    walk = path_of("waist-walk.mcap")
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(walk.read_bytes())
+    for command in commands:
+        words = [word.format(walk=walk, copy=copy) for word in command.split()]
+        ran = subprocess.run(
+            [sys.executable, "-c", HIDDEN, *words], cwd=tmp_path, capture_output=True, text=True
+        )
+        assert (ran.returncode, ran.stderr.count("Traceback")) == (0, 0), ran.stderr
