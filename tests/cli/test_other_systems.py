@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -57,3 +58,21 @@ def test_a_command_needs_nothing_that_one_system_alone_has(
             [sys.executable, "-c", HIDDEN, *words], cwd=tmp_path, capture_output=True, text=True
         )
         assert (ran.returncode, ran.stderr.count("Traceback")) == (0, 0), ran.stderr
+
+
+def test_a_console_without_a_letter_is_told_its_number(tmp_path: Path) -> None:
+    copy = tmp_path / "walk.mcap"
+    copy.write_bytes(path_of("waist-walk.mcap").read_bytes())
+    add = ["annotate", str(copy), "--add", "note@2", "--note", "\u6771"]
+    assert groundtrace(add, tmp_path).returncode == 0
+    told = groundtrace(["annotate", str(copy), "--list"], tmp_path, PYTHONIOENCODING="cp1252")
+    assert (told.returncode, told.stderr) == (0, "")
+    assert "\\u6771" in told.stdout
+
+
+def groundtrace(
+    words: list[str], folder: Path, **settings: str
+) -> subprocess.CompletedProcess[str]:
+    run = [sys.executable, "-c", "from groundtrace.cli.main import main; main()", *words]
+    environment = os.environ | settings
+    return subprocess.run(run, cwd=folder, env=environment, capture_output=True, text=True)

@@ -10,7 +10,7 @@ from plain_python import inputs
 from scipy.signal import lfilter
 
 from groundtrace.inertial.step_type import CONTACT, PHASE, POINTS, frontal, lateral
-from groundtrace.kernels import steps
+from groundtrace.kernels import axes, steps
 
 RNG = np.random.default_rng(23)
 
@@ -196,14 +196,14 @@ def test_gravity_is_what_filters_make_of_force_and_turns(turning, block):
     state, parts = np.zeros((4, 3)), []
     for at in range(0, n, block):
         part = (np.ascontiguousarray(x[:, at : at + block]) for x in (force, rate))
-        parts.append(steps.directions(*part, state, (keep, keep_offset, gravity_s)))
+        parts.append(axes.directions(*part, state, (keep, keep_offset, gravity_s)))
     np.testing.assert_allclose(np.concatenate(parts, axis=1), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)])
 def test_accelerations_are_projected_on_the_axes_of_the_body(axis):
     force, gravity, nominal = RNG.normal(size=(3, 200)), RNG.normal(size=(3, 200)), np.array(axis)
-    found = steps.resolved(force, gravity, nominal, 0.8)
+    found = axes.resolved(force, gravity, nominal, 0.8)
     for f, g, row in zip(force.T, gravity.T, found.T, strict=True):
         size = np.linalg.norm(g)
         up = g / size
@@ -216,8 +216,8 @@ def test_accelerations_are_projected_on_the_axes_of_the_body(axis):
 
 def test_a_sensor_that_falls_or_tells_nothing_has_axes_too():
     nothing, nominal = np.zeros((3, 4)), np.array([1.0, 0.0, 0.0])
-    assert (steps.resolved(nothing, nothing, nominal, 0.8) == 0.0).all()
-    assert np.isnan(steps.resolved(nothing + np.nan, nothing, nominal, 0.8)).all()
+    assert (axes.resolved(nothing, nothing, nominal, 0.8) == 0.0).all()
+    assert np.isnan(axes.resolved(nothing + np.nan, nothing, nominal, 0.8)).all()
 
 
 def top_of(x: np.ndarray, low: float, high: float) -> int | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
+from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
 from cyclopts import App, CycloptsError
@@ -221,6 +222,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     end_as_interrupted()
     limit_blas_threads()  # before a command imports numpy
     raise_malloc_trim()
+    _say_what_the_console_can()
     try:
         if arguments is None:
             arguments = sys.argv[1:] = _public(sys.argv[1:])
@@ -248,6 +250,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = 1
     if code:
         sys.exit(code)
+
+
+def _say_what_the_console_can() -> None:
+    """Let letters that the console has not be told by their number: one of Windows has 256."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _public(arguments: Sequence[str]) -> list[str]:

@@ -143,13 +143,11 @@ class BodyAxes:
         force = np.ascontiguousarray(values[self._force])
         rate = np.ascontiguousarray(values[self._turning])
         keeps = (self._keep, self._keep_offset, self._gravity_s)
-        gravity = kernels.steps.directions(force, rate, self._state, keeps)
+        gravity = kernels.axes.directions(force, rate, self._state, keeps)
         if self.forward == "walk":
             self.forward = level_axis(gravity[:, 0] / max(math.hypot(*gravity[:, 0]), 1e-300))
         nominal = axis_vector(self.forward)
-        return BodyPart(
-            block.sample_times(), kernels.steps.resolved(force, gravity, nominal, STEEP)
-        )
+        return BodyPart(block.sample_times(), kernels.axes.resolved(force, gravity, nominal, STEEP))
 
 
 #: Points of the grid per step time; how far it reaches before and after the contact [steps]. With

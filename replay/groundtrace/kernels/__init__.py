@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from . import (
         attitude,
+        axes,
         frames,
         grid,
         locate,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "attitude",
+    "axes",
     "frames",
     "grid",
     "locate",

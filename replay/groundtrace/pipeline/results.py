@@ -349,7 +349,7 @@ def replayed_labels(
 
 
 #: What the system says where no more bytes go into a file, whichever it is.
-NO_ROOM = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+NO_ROOM = frozenset((errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)))
 
 
 @contextmanager
