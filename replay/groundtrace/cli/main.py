@@ -256,7 +256,8 @@ def _say_what_the_console_can() -> None:
     """Let letters that the console has not be told by their number: one of Windows has 256."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            with suppress(OSError):  # what waits to be written has no reader, which is said later
+                stream.reconfigure(errors="backslashreplace")
 
 
 def _public(arguments: Sequence[str]) -> list[str]:
