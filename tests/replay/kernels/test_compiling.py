@@ -79,7 +79,7 @@ def test_a_file_of_kernels_is_imported_when_it_is_first_asked_for():
 
 
 def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> None:
-    _run(
+    told = _run(
         "import threading\n"
         "from groundtrace.kernels import compiling\n"
         "found = []\n"
@@ -93,4 +93,6 @@ def test_packages_are_absent_for_the_thread_that_compiles_and_for_no_other() -> 
         "    other.join()\n"
         "import scipy.linalg\n"
         "assert found == ['absent', scipy], found\n"
+        "print('absent there, present here')\n"
     )
+    assert told == "absent there, present here\n"

@@ -13,7 +13,7 @@ from groundtrace.explain.reasons import StepReasons
 from groundtrace.explain.unfiltered import with_recording
 from groundtrace.explain.why import narrowest
 from groundtrace.explain.why_picks import pick_account
-from groundtrace.pipeline.results import Provenance, Results, evidence_of, replayed_labels
+from groundtrace.pipeline.results import evidence_of
 from groundtrace_codecs.events import (
     EVENTS,
     Disagreement,
@@ -30,15 +30,14 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from .timeline import TIMELINE
 from .vehicles import crossing_text, pass_text, wrong_passes
-from .wrong_decisions import TOLERANCE_S
+from .wrong_decisions import TOLERANCE_S, let_pass, results_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from groundtrace.explain.reasons import GateReading
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace.pipeline.results import Evidence
+    from groundtrace.pipeline.results import Evidence, Results
     from groundtrace_codecs.events import Event, Label
     from groundtrace_codecs.signals import Stream
 
@@ -186,10 +185,7 @@ def moments_of_session(
     at_ns
         Where the page opens [ns]; None stands for the first event.
     """
-    origin = Provenance(session.name, "", session.start_ns, session.end_ns, session.pipeline)
-    labels = replayed_labels(session.labels, *(session.shown_ns or (None, None)))
-    results = Results(session.name, origin, labels, session.geometry, tuple(events))
-    found = moments_of_results(results, session.streams)
+    found = moments_of_results(results_of(session, events), session.streams)
     return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
 
 
@@ -274,17 +270,9 @@ def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> lis
     for time_ns in matching.found_ns[matching.false].tolist():
         pair = reasons.wrong_time(time_ns)
         answers = "" if pair is None else f"{pair.text}; "
-        text = answers + _let_pass(narrowest(evidence, time_ns))
+        text = answers + let_pass(narrowest(evidence, time_ns))
         wrong.append(_moment(time_ns, start_ns, "false", steps, text))
     return wrong
-
-
-def _let_pass(gate: GateReading | None) -> str:
-    """Say which gate let something pass that should not have."""
-    if gate is None:
-        return "it passed every gate"
-    unit = "" if gate.unit == "1" else f" {gate.unit}"
-    return f"let pass by {gate.gate} {gate.value:.4g}{unit} (threshold {gate.threshold:.4g}{unit})"
 
 
 def _wrong_picks(evidence: Evidence) -> list[PageMoment]:

@@ -148,7 +148,7 @@ class WrongSteps(View):
         if not context.session.pipeline:  # nobody says by what it was decided
             _log_lines(context.timeline, context.lines, wrong)
             return
-        evidence = evidence_of(_results(context.session, self._events))
+        evidence = evidence_of(results_of(context.session, self._events))
         decisions = _decisions(evidence, found)
         DecisionCard(context.timeline, decisions).log(context.span_ns[0])
         _log_lines(context.timeline, context.lines, wrong, decisions)
@@ -200,7 +200,7 @@ class WrongPasses(View):
     def close(self) -> None:
         """Log all of them, where a stage finds passes."""
         context = self._context
-        results = _results(context.session, self._events)
+        results = results_of(context.session, self._events)
         known = any(label.kind == "pass" for label in results.labels)
         if context.stages.last("pass") is None or not known:
             return
@@ -228,7 +228,14 @@ def _pass(evidence: Evidence, one: VehicleReason) -> Decision:
     return Decision(time_ns, one.state, title, one.text, remedy)
 
 
-def _results(session: ReplaySession, events: Sequence[Event]) -> Results:
+def results_of(session: ReplaySession, events: Sequence[Event]) -> Results:
+    """Return what a replay that has ended decided, as a file of its results has it.
+
+    Parameters
+    ----------
+    session, events
+        Of the replay.
+    """
     origin = Provenance(session.name, "", session.start_ns, session.end_ns, session.pipeline)
     labels = replayed_labels(session.labels, *(session.shown_ns or (None, None)))
     return Results(session.name, origin, labels, session.geometry, tuple(events))
@@ -338,17 +345,18 @@ def _missed(evidence: Evidence, one: Missed, explained: StepExplanation) -> Deci
 def _false(evidence: Evidence, one: FalseDetection, texts: Mapping[int, str]) -> Decision:
     time_ns = _nanoseconds(evidence, one.time_s)
     remedy, effect = _mended(one.remedy, "no change of one or two parameters removes it")
-    gate = one.narrowest
-    passed = "it passed every gate"
-    if gate is not None:
-        unit = "" if gate.unit == "1" else f" {gate.unit}"
-        passed = (
-            f"{gate.gate} {gate.value:.4g}{unit} passes {gate.threshold:.4g}{unit} most narrowly"
-        )
-    cause = "; ".join(filter(None, (texts.get(time_ns, ""), passed)))
+    cause = "; ".join(filter(None, (texts.get(time_ns, ""), let_pass(one.narrowest))))
     title = f"False: {_seconds(evidence, time_ns)}"
     gates = _gates_at(evidence, time_ns)
     return Decision(time_ns, "false", title, cause, remedy, effect, gates)
+
+
+def let_pass(gate: GateReading | None) -> str:
+    """Say which gate let something pass that should not have."""
+    if gate is None:
+        return "it passed every gate"
+    unit = "" if gate.unit == "1" else f" {gate.unit}"
+    return f"let pass by {gate.gate} {gate.value:.4g}{unit} (threshold {gate.threshold:.4g}{unit})"
 
 
 def _mended(remedy: Remedy | None, none: str) -> tuple[str, str]:
