@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shlex
 import shutil
@@ -14,10 +15,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ..api.files import writable
+from ..api.files import existing, writable
 from ..errors import RecordingError
 from ..fleet.engines import engine_of
-from ..fleet.report import change_cells, changes, fleet_page, pairs_of
+from ..fleet.report import MEASURES, change_cells, changes, fleet_page, groups_of, pairs_of
 from ..fleet.run import (
     Count,
     join_parts,
@@ -242,6 +243,8 @@ class ChangeInfo:
     after: float
     interval: tuple[float, float] | None
     verdict: str
+    groups: int
+    adjusted_p: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +265,9 @@ def fleet_report(
     *,
     out: Annotated[Path, OUT],
     against: Path | None = None,
+    group_by: str = "",
+    tags: Path | None = None,
+    matters: Texts = None,
     force: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
@@ -279,15 +285,26 @@ def fleet_report(
     against
         An earlier table: each figure is judged better, worse or undecided on all recordings that
         both have.
+    group_by
+        Draw whole groups for intervals: a column of TAGS or of the table, or folder.
+    tags
+        CSV with the columns recording (file name) or location, and one for each tag.
+    matters
+        The least difference of a figure that matters, as f1=0.005; may be given several times.
     force
         Overwrite an existing page.
     """
     writable(out, force=force, sources=[table])
     fleet = read_table(table)
     old = None if against is None else read_table(against)
-    page = fleet_page(fleet, missed_steps(table), _pipeline_files(fleet, out), old)
-    write_text(out, page)
-    found = [] if old is None else changes(old, fleet)
+    if tags is not None and not group_by:
+        raise RecordingError("--tags: expected --group-by COLUMN with it, found none")
+    listed = None if tags is None else existing(tags, "a table of tags")
+    groups = groups_of(fleet, group_by, listed) if group_by else None
+    least = _least(matters or [])
+    found = [] if old is None else changes(old, fleet, groups, least)
+    files = _pipeline_files(fleet, out)
+    write_text(out, fleet_page(fleet, missed_steps(table), files, old, found, group_by))
     if json:
         errors = sum(bool(error) for error in fleet.of("error"))
         paired = 0 if old is None else len(pairs_of(old, fleet))
@@ -297,9 +314,36 @@ def fleet_report(
             FleetReportInfo(str(out), table.name, len(fleet), errors, compared, paired, told)
         )
     elif old is not None:
-        header = ("figure", "pipeline", "recordings", "before", "now", "change", "interval", "")
+        header = (
+            "figure",
+            "pipeline",
+            "recordings",
+            "groups",
+            "before",
+            "now",
+            "change",
+            "interval",
+            "",
+        )
         print_table(header, [(*change_cells(c), c.verdict) for c in found])
     print_stderr(f"page: {out}")
+
+
+def _least(texts: Sequence[str]) -> dict[str, float]:
+    """Return the least differences that matter, by the key of the figure."""
+    known = [measure.key for measure in MEASURES]
+    least = {}
+    for text in texts:
+        key, _, value = text.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if key not in known or not 0 <= number < math.inf:
+            said = f"FIGURE=NUMBER with one of {', '.join(known)}"
+            raise RecordingError(f"--matters: expected {said}, found {text}")
+        least[key] = number
+    return least
 
 
 def _info(change: Change) -> ChangeInfo:
@@ -313,6 +357,8 @@ def _info(change: Change) -> ChangeInfo:
         change.after,
         None if interval is None else (interval.low, interval.high),
         change.verdict,
+        change.groups,
+        change.adjusted_p,
     )
 
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
+from groundtrace_codecs.truth import plain_cell
+
+from ..errors import RecordingError
 from ..evaluation.drawing import COLOURS, WIDE, Drawing
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.page import rendered
-from ..explain.reasons import Interval, RatioOfSums, bootstrap_recordings
+from ..explain.reasons import RatioOfSums, bootstrap_recordings
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator, Mapping, Sequence
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
     from numpy.typing import NDArray
 
+    from ..explain.reasons import Interval, TestedInterval
     from .table import FleetTable, MissedStep
 
     Misses = Mapping[tuple[str, str], Sequence[MissedStep]]
@@ -42,7 +47,12 @@ CHANGES_LISTED = 12
 
 
 def fleet_page(
-    fleet: FleetTable, misses: Misses, files: Mapping[str, str], old: FleetTable | None = None
+    fleet: FleetTable,
+    misses: Misses,
+    files: Mapping[str, str],
+    old: FleetTable | None = None,
+    found: Sequence[Change] = (),
+    by: str = "",
 ) -> str:
     """Return a fleet's table as an HTML page with figures.
 
@@ -58,6 +68,10 @@ def fleet_page(
         What each pipeline is called on the command line, by its name.
     old
         An earlier table to compare with.
+    found
+        The changes since.
+    by
+        What was drawn as a whole; empty for recordings.
     """
     recorded = length(float(np.nansum(_of_each(fleet, "duration_s"))))
     wall_s, recorded_s = (float(np.nansum(fleet.numbers(n))) for n in ("wall_s", "duration_s"))
@@ -78,7 +92,8 @@ def fleet_page(
         hurt=damage_rows(fleet),
         warned=sum(map(bool, fleet.of("warnings"))),
         by_pipeline=pipeline_rows(fleet),
-        against=None if old is None else _against(old, fleet),
+        against=None if old is None else _against(old, fleet, found),
+        by=by,
         fewest=FEWEST,
         distributions=list(_distributions(fleet)),
         worst=_worst(fleet, misses, files),
@@ -180,8 +195,8 @@ class Against(NamedTuple):
     tables: list[FleetRows]
 
 
-def _against(old: FleetTable, new: FleetTable) -> Against:
-    pairs, found = pairs_of(old, new), changes(old, new)
+def _against(old: FleetTable, new: FleetTable, found: Sequence[Change]) -> Against:
+    pairs = pairs_of(old, new)
     tables = [each for each in _moved(old, new, pairs) if each.rows] if found else []
     figures = [(change_cells(change), change.verdict) for change in found]
     return Against(old.name, len(pairs), figures, tables)
@@ -213,9 +228,9 @@ def _moved(old: FleetTable, new: FleetTable, pairs: list[tuple[int, int]]) -> It
 
 
 def change_cells(change: Change) -> list[str]:
-    """Return a change as text: figure, pipeline, recordings, before, now, change, interval."""
+    """Return a change as text: figure, pipeline, recordings, groups, before..interval."""
     measure, interval = change.measure, change.interval
-    said = ""
+    said = "" if change.verdict == "the same" else f"needs {FEWEST} groups, found {change.groups}"
     if interval is not None:
         low, high = (figure(end, measure, sign=True) for end in (interval.low, interval.high))
         said = f"{low} to {high}"
@@ -223,6 +238,7 @@ def change_cells(change: Change) -> list[str]:
         measure.name + (f" [{measure.unit}]" if measure.unit else ""),
         change.pipeline,
         str(change.recordings),
+        str(change.groups),
         figure(change.before, measure),
         figure(change.after, measure),
         figure(change.after - change.before, measure, sign=True),
@@ -492,7 +508,10 @@ def damage_rows(table: FleetTable) -> list[list[str]]:
     return [[str(cell) for cell in row] for row in rows if row[2]]
 
 
-Verdict = Literal["better", "worse", "undecided", "the same"]
+Verdict = Literal["better", "worse", "too small to matter", "undecided", "the same"]
+#: Part of the figures called better or worse that may be so by chance. Source: the definition of
+#: the interval, which misses as many.
+FALSE_DISCOVERIES = 0.1
 #: With fewer recordings of both nothing is said: drawing so few again tells nothing.
 FEWEST = 6
 
@@ -503,6 +522,10 @@ class Measure:
 
     Attributes
     ----------
+    key
+        Its name on the command line.
+    matters
+        The least difference that matters, in its unit.
     name, unit
         For people.
     top, bottom
@@ -515,6 +538,8 @@ class Measure:
         Whether the sign is left out first.
     """
 
+    key: str
+    matters: float
     name: str
     unit: str
     top: str
@@ -531,21 +556,40 @@ class Measure:
         return RatioOfSums(top, bottom)
 
 
+#: Key, least difference that matters, name, unit, columns, scale. Chosen by judgement: of steps and
+#: answers one in a hundred; of latency half a sample at 100 Hz; of places 5 cm and of tracks 10 cm,
+#: less than feet are apart; of arrivals two samples at 20 kHz; of headings half a degree.
 MEASURES = (
-    Measure("F1, all steps together", "", "steps_matched", "steps_truth+steps_detected", 2, True),
-    Measure("F1, mean of recordings", "", "steps_f1", higher=True),
-    Measure("Recall", "", "steps_matched", "steps_truth", higher=True),
-    Measure("Precision", "", "steps_matched", "steps_detected", higher=True),
-    Measure("Count error", "%", "steps_count_error", "steps_count_truth", 100),
-    Measure("Latency, median, without sign", "ms", "steps_latency_ms_median", absolute=True),
-    Measure("Place, RMSE of fixes", "m", "positions_rmse_m"),
-    Measure("Arrivals, median error", "ms", "picks_median_abs_ms"),
-    Measure("Arrivals answered", "%", "picks_answered", "picks_truth", 100, True),
-    Measure("Track, median at waypoints", "m", "track_waypoints_median_m"),
-    Measure("Track, OSPA", "m", "track_ospa_m"),
-    Measure("Heading, RMSE", "deg", "heading_rmse_deg"),
-    Measure("Disturbance, F1", "", "disturbance_f1", higher=True),
-    Measure("Passes found", "%", "passes_matched", "passes_truth", 100, True),
+    Measure(
+        "f1",
+        0.01,
+        "F1, all steps together",
+        "",
+        "steps_matched",
+        "steps_truth+steps_detected",
+        2,
+        True,
+    ),
+    Measure("f1_mean", 0.01, "F1, mean of recordings", "", "steps_f1", higher=True),
+    Measure("recall", 0.01, "Recall", "", "steps_matched", "steps_truth", higher=True),
+    Measure("precision", 0.01, "Precision", "", "steps_matched", "steps_detected", higher=True),
+    Measure("count_error", 1, "Count error", "%", "steps_count_error", "steps_count_truth", 100),
+    Measure(
+        "latency_ms",
+        5,
+        "Latency, median, without sign",
+        "ms",
+        "steps_latency_ms_median",
+        absolute=True,
+    ),
+    Measure("place_m", 0.05, "Place, RMSE of fixes", "m", "positions_rmse_m"),
+    Measure("arrivals_ms", 0.1, "Arrivals, median error", "ms", "picks_median_abs_ms"),
+    Measure("answered", 1, "Arrivals answered", "%", "picks_answered", "picks_truth", 100, True),
+    Measure("track_m", 0.1, "Track, median at waypoints", "m", "track_waypoints_median_m"),
+    Measure("ospa_m", 0.1, "Track, OSPA", "m", "track_ospa_m"),
+    Measure("heading_deg", 0.5, "Heading, RMSE", "deg", "heading_rmse_deg"),
+    Measure("disturbance_f1", 0.01, "Disturbance, F1", "", "disturbance_f1", higher=True),
+    Measure("passes", 1, "Passes found", "%", "passes_matched", "passes_truth", 100, True),
 )
 
 
@@ -566,7 +610,11 @@ class Change:
     interval
         Of the change, nine of ten draws; None where there are too few recordings to tell.
     verdict
-        Better or worse where the whole interval is.
+        Better or worse where that is told apart from chance among all figures, and matters.
+    groups
+        What was drawn: recordings, or groups of them.
+    adjusted_p
+        Of the figure among all compared (Benjamini and Hochberg 1995); None without an interval.
     """
 
     measure: Measure
@@ -574,8 +622,10 @@ class Change:
     recordings: int
     before: float
     after: float
-    interval: Interval | None
+    interval: TestedInterval | None
     verdict: Verdict
+    groups: int
+    adjusted_p: float | None = None
 
 
 def pairs_of(old: FleetTable, new: FleetTable) -> list[tuple[int, int]]:
@@ -590,21 +640,61 @@ def pairs_of(old: FleetTable, new: FleetTable) -> list[tuple[int, int]]:
     return [(known[key], row) for row, key in keys if key in known]
 
 
-def changes(old: FleetTable, new: FleetTable) -> list[Change]:
-    """Return every figure that both tables have, pipeline by pipeline."""
+def changes(
+    old: FleetTable,
+    new: FleetTable,
+    groups: Sequence[str] | None = None,
+    matters: Mapping[str, float] | None = None,
+) -> list[Change]:
+    """Return every figure that both tables have, pipeline by pipeline.
+
+    Parameters
+    ----------
+    old, new
+        The tables.
+    groups
+        Of each row of the new table: what is drawn as a whole; None draws recordings.
+    matters
+        The least difference that matters by the key of a figure, where not its own.
+    """
+    numbers = np.arange(len(new)) if groups is None else np.unique(groups, return_inverse=True)[1]
     pairs = np.array(pairs_of(old, new), np.intp).reshape(-1, 2)
     found = []
     for pipeline in new.pipelines():
         mine = pairs[new.rows_of(pipeline)[pairs[:, 1]]]
         for measure in MEASURES:
-            change = _change(measure, pipeline, measure.sums(old), measure.sums(new), mine)
+            change = _change(measure, pipeline, measure.sums(old), measure.sums(new), mine, numbers)
             if change is not None:
                 found.append(change)
-    return found
+    return _judged(found, matters or {})
+
+
+def _judged(found: Sequence[Change], matters: Mapping[str, float]) -> list[Change]:
+    """Return changes with verdicts: all intervals together are corrected for their number."""
+    from scipy.stats import false_discovery_control
+
+    tested = [change.interval.p for change in found if change.interval is not None]
+    adjusted = iter(false_discovery_control(tested).tolist() if tested else ())
+    judged = []
+    for change in found:
+        if change.interval is None:
+            judged.append(change)
+            continue
+        p, measure = next(adjusted), change.measure
+        least = matters.get(measure.key, measure.matters)
+        moved = change.after - change.before
+        verdict = verdict_of(change.interval, moved, p, least, higher=measure.higher)
+        judged.append(replace(change, verdict=verdict, adjusted_p=p))
+    return judged
 
 
 def _change(
-    measure: Measure, pipeline: str, old: RatioOfSums, new: RatioOfSums, pairs: NDArray[np.intp]
+    measure: Measure,
+    pipeline: str,
+    old: RatioOfSums,
+    new: RatioOfSums,
+    pairs: NDArray[np.intp],
+    groups: NDArray[np.intp],
 ) -> Change | None:
     parts = [old.top, old.bottom], [new.top, new.bottom]
     finite = np.ones(len(pairs), np.bool_)
@@ -619,16 +709,95 @@ def _change(
     if not len(kept) or not np.isfinite(before.value() + after.value()):
         return None
     same = bool((before.top * after.bottom == after.top * before.bottom).all())
-    interval = bootstrap_recordings(before, after) if len(kept) >= FEWEST and not same else None
-    verdict = "the same" if same else verdict_of(interval, higher=measure.higher)
-    return Change(measure, pipeline, len(kept), before.value(), after.value(), interval, verdict)
+    drawn, of = np.unique(groups[kept[:, 1]], return_inverse=True)
+    told = len(drawn) >= FEWEST and not same
+    interval = bootstrap_recordings(before.by_group(of), after.by_group(of)) if told else None
+    verdict: Verdict = "the same" if same else "undecided"
+    was, now = before.value(), after.value()
+    return Change(measure, pipeline, len(kept), was, now, interval, verdict, len(drawn))
 
 
-def verdict_of(interval: Interval | None, *, higher: bool) -> Verdict:
-    """Return what an interval of changes says."""
-    if interval is None or interval.low <= 0 <= interval.high:
+def verdict_of(
+    interval: Interval, moved: float, p: float, matters: float, *, higher: bool
+) -> Verdict:
+    """Return what is said of a change.
+
+    Parameters
+    ----------
+    interval, moved
+        Of the change, and the change.
+    p
+        Corrected for the number of figures.
+    matters
+        The least difference that matters.
+    higher
+        Whether more is better.
+    """
+    if -matters < interval.low and interval.high < matters:
+        return "too small to matter"
+    if p > FALSE_DISCOVERIES or abs(moved) < matters:
         return "undecided"
-    return "better" if (interval.low > 0) == higher else "worse"
+    return "better" if (moved > 0) == higher else "worse"
+
+
+def groups_of(table: FleetTable, by: str, tags: Path | None = None) -> list[str]:
+    """Return the group of each row: a column of the tags, of the table, or its ``folder``.
+
+    Parameters
+    ----------
+    table
+        The recordings.
+    by
+        Name of the column.
+    tags
+        CSV with a column ``recording`` (file name) or ``location``, and one for each tag.
+
+    Returns
+    -------
+    Of each row; empty where it has none, which may be so of a recording that failed.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no such column, a recording has no cell in it, or one has two.
+    """
+    if tags is not None:
+        cells = _tagged(table, by, tags)
+    elif by == "folder":
+        cells = [str(PurePosixPath(place).parent) for place in table.of("location")]
+    elif by in table.columns:
+        cells = [None if cell is None else str(cell) for cell in table.of(by)]
+    else:
+        raise RecordingError(
+            f"{table.name}: expected a column {by} (or folder, or --tags), found none"
+        )
+    for cell, name, error in zip(cells, table.of("location"), table.of("error"), strict=True):
+        if not cell and not error:
+            raise RecordingError(f"{tags or table.name}: {name}: expected its {by}, found none")
+    return [cell or "" for cell in cells]
+
+
+def _tagged(table: FleetTable, by: str, tags: Path) -> list[str | None]:
+    """Return the cell of each recording in a column of tags; None where it is not listed."""
+    try:
+        text = tags.read_text("utf-8-sig")
+        lines = [[plain_cell(cell) for cell in line] for line in csv.reader(text.splitlines())]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RecordingError(f"{tags}: expected CSV in UTF-8, found: {error}") from None
+    names = lines[0] if lines else []
+    key = next((name for name in ("location", "recording") if name in names), None)
+    if key is None or by not in names:
+        found = ", ".join(names) or "none"
+        raise RecordingError(f"{tags}: expected columns recording and {by}, found {found}")
+    place, tag = names.index(key), names.index(by)
+    known: dict[str, str] = {}
+    for number, line in enumerate(lines[1:], 2):
+        if len(line) <= max(place, tag):
+            continue
+        if known.setdefault(line[place], line[tag]) != line[tag]:
+            said = f"expected one {by} of {line[place]}, found {known[line[place]]} and {line[tag]}"
+            raise RecordingError(f"{tags}: line {number}: {said}")
+    return [known.get(name) for name in table.of(key)]
 
 
 def _added(table: FleetTable, names: str) -> NDArray[np.float64]:

@@ -14,8 +14,9 @@ import pytest
 from command_runs import check_schema, done, run
 from fleet_runs import Here, use, walks
 
+from groundtrace.errors import RecordingError
 from groundtrace.explain.reasons import Interval, RatioOfSums, bootstrap_recordings
-from groundtrace.fleet.report import MEASURES, changes, fleet_page, ranked, verdict_of
+from groundtrace.fleet.report import MEASURES, changes, fleet_page, groups_of, ranked, verdict_of
 from groundtrace.fleet.table import FleetTable
 
 Capture = pytest.CaptureFixture[str]
@@ -117,16 +118,107 @@ def test_nine_of_ten_intervals_hold_the_true_change() -> None:
 
 
 def test_what_an_interval_says() -> None:
-    assert verdict_of(Interval(0.1, 0.2), higher=True) == "better"
-    assert verdict_of(Interval(0.1, 0.2), higher=False) == "worse"
-    assert verdict_of(Interval(-0.1, 0.2), higher=True) == "undecided"
-    assert verdict_of(None, higher=True) == "undecided"
+    found = Interval(0.1, 0.2)
+    assert verdict_of(found, 0.15, 0.01, 0.01, higher=True) == "better"
+    assert verdict_of(found, 0.15, 0.01, 0.01, higher=False) == "worse"
+    assert verdict_of(found, 0.15, 0.2, 0.01, higher=True) == "undecided"
+    assert verdict_of(found, 0.15, 0.01, 0.18, higher=True) == "undecided"
+    assert verdict_of(found, 0.15, 0.01, 0.3, higher=True) == "too small to matter"
+
+
+def test_a_change_of_some_walkers_is_worse_by_recording_and_undecided_by_walker() -> None:
+    moved = np.repeat([-3, -2, -1, -1, 0, 0, 1, 1], 6)
+    old, new = table("old", [15] * 48), table("new", (15 + moved).tolist())
+    assert judged(old, new)["Recall"] == "worse"
+    walkers = [str(i // 6) for i in range(48)]
+    by_walker = {c.measure.key: c for c in changes(old, new, walkers)}["recall"]
+    assert (by_walker.verdict, by_walker.groups, by_walker.recordings) == ("undecided", 8, 48)
+    assert by_walker.interval is not None
+    assert by_walker.interval.low < 0 < by_walker.interval.high
+
+
+def test_a_difference_that_nobody_sees_is_too_small_to_matter() -> None:
+    old, new = table("old", [15] * 20, 58.90), table("new", [15] * 20, 58.93)
+    assert judged(old, new)["Latency, median, without sign"] == "too small to matter"
+    strict = {c.measure.key: c.verdict for c in changes(old, new, None, {"latency_ms": 0.01})}
+    assert strict["latency_ms"] == "worse"
+
+
+def test_of_one_group_no_interval_is_given() -> None:
+    old, new = table("old", [10] * 20), table("new", [15] * 20)
+    (recall,) = [c for c in changes(old, new, ["ada"] * 20) if c.measure.key == "recall"]
+    assert (recall.interval, recall.verdict, recall.groups) == (None, "undecided", 1)
+    assert "needs 6 groups, found 1" in fleet_page(new, {}, {}, old, [recall], "subject")
+
+
+def test_groups_are_of_tags_of_the_table_or_of_folders(tmp_path: Path) -> None:
+    fleet, tags = table("fleet", [10, 20]), tmp_path / "tags.csv"
+    tags.write_text("recording,subject\n0.mcap,ada\n1.mcap,bea\n", "utf-8")
+    assert groups_of(fleet, "subject", tags) == ["ada", "bea"]
+    assert groups_of(fleet, "folder") == ["walks", "walks"]
+    assert groups_of(fleet, "truth") == ["recording", "recording"]
+    with pytest.raises(RecordingError, match="expected columns recording and site"):
+        groups_of(fleet, "site", tags)
+    tags.write_text("recording,subject\n0.mcap,ada\n", "utf-8")
+    with pytest.raises(RecordingError, match=r"walks/1\.mcap: expected its subject, found none"):
+        groups_of(fleet, "subject", tags)
+    tags.write_text("recording,subject\n0.mcap,ada\n0.mcap,bea\n1.mcap,bea\n", "utf-8")
+    with pytest.raises(RecordingError, match=r"line 3: expected one subject of 0\.mcap"):
+        groups_of(fleet, "subject", tags)
+    tags.write_bytes(b"recording,subject\n0.mcap,\xff\n")
+    with pytest.raises(RecordingError, match="expected CSV in UTF-8, found: "):
+        groups_of(fleet, "subject", tags)
+
+
+def test_a_recording_that_failed_needs_no_group(tmp_path: Path) -> None:
+    fleet, tags = table("fleet", [10, -1]), tmp_path / "tags.csv"
+    tags.write_text("recording,subject\n0.mcap,ada\n", "utf-8")
+    assert groups_of(fleet, "subject", tags) == ["ada", ""]
+
+
+def test_the_command_draws_the_groups_of_a_table_of_tags(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    use(monkeypatch, Here())
+    walks(tmp_path / "walks", 3)
+    command = ("fleet", "walks", "--pipeline", "waist-peaks")
+    done(capsys, *command, "-o", "old.parquet")
+    done(capsys, *command, "-o", "new.parquet", "--set", "steps.height=3.0")
+    Path("tags.csv").write_text(
+        "recording,subject\nwalk-1.mcap,ada\nwalk-2.mcap,ada\nwalk-3.mcap,bea\n", "utf-8"
+    )
+    report = (
+        "fleet-report",
+        "new.parquet",
+        "--against",
+        "old.parquet",
+        "--force",
+        "-o",
+        "new.html",
+    )
+    grouped = (*report, "--tags", "tags.csv", "--group-by", "subject")
+    said = done(capsys, *grouped, "--matters", "f1=0.5", "--json").document
+    check_schema("fleet-report", said)
+    f1 = next(c for c in said["changes"] if c["figure"].startswith("F1, all"))
+    assert (f1["recordings"], f1["groups"], f1["interval"]) == (3, 2, None)
+    assert "whole groups by subject" in Path("new.html").read_text("utf-8")
+    assert "needs 6 groups, found 2" in done(capsys, *grouped).out
+    for wrong, told in (
+        (("--tags", "tags.csv"), "--tags: expected --group-by COLUMN with it, found none"),
+        (("--tags", "none.csv", "--group-by", "subject"), "none.csv: expected a table of tags"),
+        (("--group-by", "shoe"), "new.parquet: expected a column shoe (or folder, or --tags)"),
+        (("--matters", "f2=1"), "--matters: expected FIGURE=NUMBER with one of f1, f1_mean"),
+        (("--matters", "f1=-1"), "--matters: expected FIGURE=NUMBER with one of f1, f1_mean"),
+    ):
+        assert run(capsys, *report, *wrong).error.startswith(told)
 
 
 @pytest.mark.parametrize("count", [1, 3, 60])
 def test_a_page_needs_nothing_from_elsewhere_and_escapes_what_it_names(count: int) -> None:
     fleet = table("fleet.parquet", [-1, *(int(m) for m in np.linspace(2, 20, count))])
-    page = fleet_page(fleet, {}, {}, table("old.parquet", [4] * count))
+    old = table("old.parquet", [4] * count)
+    page = fleet_page(fleet, {}, {}, old, changes(old, fleet))
     assert not re.search(r"src=|href=\"[^#]|https?://|<script|url\(", page)
     assert "&lt;mine&gt;" in page
     assert "<mine>" not in page
