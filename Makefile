@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept proto screenshot clean
+.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto screenshot clean
 
-demo: $(VENV)/installed ## set up, then replay the bundled walk and show it
-	$(BIN)/groundtrace replay --rrd room-walk.rrd --spawn --force
+demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
+	$(BIN)/groundtrace demo
 
 $(VENV)/pip:
 	$(PYTHON) -m venv $(VENV)
@@ -53,7 +53,7 @@ wheel: build ## the wheel works alone: in a fresh environment, away from the sou
 	rm -rf build/wheel && mkdir -p build/wheel
 	$(PYTHON) -m venv build/wheel/venv
 	build/wheel/venv/bin/pip install --quiet dist/groundtrace-*.whl
-	cd build/wheel && venv/bin/groundtrace replay --no-viewer && \
+	cd build/wheel && venv/bin/groundtrace demo && venv/bin/groundtrace replay --no-viewer && \
 	  venv/bin/groundtrace score room-walk.results.mcap
 
 bench: dev
@@ -92,6 +92,9 @@ accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random roo
 	$(BIN)/python bench/pedestrian_accuracy.py
 	$(BIN)/python bench/vehicle_accuracy.py
 	$(BIN)/python bench/why_confusion.py
+
+excerpts: dev ## the bundled excerpts of real recordings anew (GROUNDTRACE_DATA)
+	$(BIN)/python bench/excerpts.py recordings/groundtrace_recordings
 
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \

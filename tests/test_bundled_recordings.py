@@ -1,14 +1,17 @@
-"""The bundled recordings: found, small, and what the simulators give today."""
+"""The bundled recordings: found, small, and what simulators and sources give today."""
 
 from __future__ import annotations
 
 import shlex
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+import excerpts
 import groundtrace_recordings
+from groundtrace.api.inspection import SOURCE
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.road import VehicleOptions
@@ -17,6 +20,9 @@ from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace.simulate.vehicle import simulate_vehicle
 from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.recording import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SIMULATED = {
     "room-walk.mcap": simulate_room,
@@ -32,8 +38,19 @@ def samples(blocks) -> np.ndarray:
     return np.concatenate([block.values for block in blocks])
 
 
+def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
+    """Return every message of a file: topic, log time, bytes."""
+    with Recording.open(path) as recording:
+        file = recording.file
+        return [
+            (file.channels[m.channel_id].topic, m.log_time, bytes(m.data))
+            for m in file.as_recorded()
+        ]
+
+
 def test_the_recordings_are_found_and_small():
-    assert list(groundtrace_recordings.bundled()) == list(SIMULATED)
+    real = [f"{name}.mcap" for name in excerpts.descriptions()]
+    assert list(groundtrace_recordings.bundled()) == sorted([*SIMULATED, *real])
     for name, path in groundtrace_recordings.bundled().items():
         assert groundtrace_recordings.path_of(name) == path
         assert 10_000 < path.stat().st_size < 4_000_000
@@ -90,3 +107,21 @@ def test_the_readme_says_the_commands_and_their_seeds():
             ("walk", "waist-walk.mcap", WalkOptions()),
         )
     ]
+
+
+@pytest.mark.parametrize("name", excerpts.descriptions())
+def test_an_excerpt_says_where_it_is_from(name):
+    described = excerpts.descriptions()[name]
+    folder = groundtrace_recordings.path_of(f"{name}.mcap").parent
+    with Recording.open(folder / f"{name}.mcap") as recording:
+        told = recording.metadata[SOURCE]
+        assert recording.damage == ()
+    assert told == {key: described[key] for key in excerpts.TOLD}
+    assert f"`{name}.mcap`" in (folder / "README.md").read_text("utf-8")
+    assert f"## {name}.mcap" in (folder / "THIRD_PARTY.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("name", excerpts.descriptions())
+def test_an_excerpt_is_made_again_from_its_source(name, tmp_path, data):
+    made = excerpts.make(name, excerpts.descriptions()[name], data, tmp_path)
+    assert messages_of(made) == messages_of(groundtrace_recordings.path_of(made.name))

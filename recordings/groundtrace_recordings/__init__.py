@@ -1,6 +1,6 @@
-"""Small recordings made by groundtrace's own simulators, with their truth, and maps for importing.
+"""Small recordings with their truth, simulated and real, and maps for importing.
 
-``README.md`` beside this file says which command made each recording. The files are found in a
+``README.md`` beside this file says where each recording is from and which command made it. The files are found in a
 wheel and in an editable install alike.
 """
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from ..inertial.placement import Measures, PlacementWatch
     from ..inertial.worn_sensor_faults import AxisCheck
 
+#: Name of the metadata record that says where others published a recording, and by which licence.
+SOURCE = "groundtrace.source"
 #: How long a step is heard [ns]: a gap that begins in this time after it cuts it. Chosen by
 #: judgement: most of the 200 ms that a step's signal lasts at most (thesis, section 3.2).
 STEP_NS = 150_000_000
@@ -134,6 +136,7 @@ class RecordingInfo:
     clocks: list[str] = field(default_factory=list)
     signals_read: bool = True
     pipelines: list[str] = field(default_factory=list)
+    source: dict[str, str] | None = None
 
 
 def summary(recording: Recording, size: int, *, labels: bool = True) -> RecordingInfo:
@@ -163,6 +166,7 @@ def summary(recording: Recording, size: int, *, labels: bool = True) -> Recordin
         unit_warnings=list(recording.assumed),
         signals_read=False,
         pipelines=suggested_pipelines(recording),
+        source=recording.metadata.get(SOURCE),
     )
 
 

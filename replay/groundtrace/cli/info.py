@@ -97,6 +97,8 @@ def _print_results(found: RecordingInfo, origin: Provenance, path: Path) -> None
 def _print(found: RecordingInfo, recording: Path) -> None:
     when = f", began {found.start}" if found.start else ""
     print_line(f"{found.recording}: {found.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB{when}")
+    if found.source is not None:
+        print_line("source: " + "; ".join(found.source.values()))
     rows = [stream_row(s) for s in found.streams]
     print_table(("topic", "samples", "rate [Hz]", "placement", "channels"), rows)
     print_guesses(found.streams)

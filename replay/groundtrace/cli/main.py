@@ -23,6 +23,13 @@ if TYPE_CHECKING:
 HERE = "groundtrace.cli"
 #: Name, function and help of each command; here, so that listing them imports none.
 COMMANDS = {
+    "demo": (
+        f"{HERE}.demo:demo",
+        "Replay the bundled walk of a real person, score it, and name the first missed step.\n\n"
+        "Copies lower-back.mcap into the present folder, and leaves beside it the results and the "
+        "timeline, which opens where there is a display.\n\n"
+        "Example: groundtrace demo",
+    ),
     "import": (
         f"{HERE}.recordings:import_",
         "Turn files of another tool into a recording.\n\n"

@@ -91,10 +91,15 @@ def _print_score(figures: Score, unit: str) -> None:
                 print_line(f"  {figure} {value:g}")
 
 
-def _print_steps(s: StepScore, _unit: str) -> None:
+def print_found(s: StepScore) -> None:
+    """Print how many steps were found, and their F1 beside that of chance."""
     print_line(f"steps: {s.matched} of {s.truth} found, {s.detected - s.matched} false")
     chance = f"chance: random {s.chance_f1:.2f}, metronome {s.chance_f1_metronome:.2f}"
     print_line(f"  F1 {s.f1:.3f} at {s.tolerance_s * 1e3:.0f} ms ({chance})")
+
+
+def _print_steps(s: StepScore, _unit: str) -> None:
+    print_found(s)
     print_line(f"  precision {s.precision:.3f}, recall {s.recall:.3f}")
     if s.latency_ms is not None:
         print_line(

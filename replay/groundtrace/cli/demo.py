@@ -1,0 +1,51 @@
+"""``groundtrace demo``."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Annotated
+
+from groundtrace_recordings import path_of
+
+from ..api.files import writable
+from ..api.results import load_results
+from ..pipeline.results import file_sha256
+from .console import has_display, print_line
+from .options import FLAG, ForceOthers, Quiet
+from .replay import replay
+from .score import print_found
+
+#: The bundled recording, and the pipeline it goes through.
+RECORDING, PIPELINE = "lower-back.mcap", "waist-steps"
+
+
+def demo(
+    *, no_viewer: Annotated[bool, FLAG] = False, force: ForceOthers = False, quiet: Quiet = False
+) -> None:
+    """Replay the bundled walk of a real person, score it, and name the first missed step.
+
+    Parameters
+    ----------
+    no_viewer
+        Write no timeline and open no viewer.
+    """
+    bundled, recording = path_of(RECORDING), Path(RECORDING)
+    if not (recording.is_file() and file_sha256(recording) == file_sha256(bundled)):
+        shutil.copyfile(bundled, writable(recording, force=force))
+    timeline = None if no_viewer else Path(f"{recording.stem}.rrd")
+    show = has_display() and not no_viewer
+    replay(
+        recording,
+        pipeline=PIPELINE,
+        rrd=timeline,
+        spawn=show,
+        no_viewer=no_viewer,
+        force=force,
+        quiet=quiet,
+    )
+    results = load_results(f"{recording.stem}.results.mcap")
+    print_found(results.score().steps)
+    missed = results.misses[0]
+    print_line(f"missed: step {missed.step} at {missed.time_s:.3f} s")
+    print_line(f"next: groundtrace why {results.path} --step {missed.step}")
