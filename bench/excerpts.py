@@ -2,10 +2,9 @@
 
     python bench/excerpts.py recordings/groundtrace_recordings     all of them, into that folder
 
-Each ``NAME.toml`` beside the bundled recordings says which file of ``GROUNDTRACE_DATA`` an excerpt is
-of, by its SHA-256, and the commands that make it. What the page of the source must be told with it
-(title, address, licence, authors, changes) becomes a metadata record of the excerpt, which each copy
-keeps and ``groundtrace info`` prints.
+Each ``NAME.toml`` beside the bundled recordings says which file of ``GROUNDTRACE_DATA`` an excerpt
+is of, by its SHA-256, and the commands that make it. Title, address, licence, authors and changes
+become a metadata record of the excerpt, which copies keep and ``groundtrace info`` prints.
 """
 
 from __future__ import annotations

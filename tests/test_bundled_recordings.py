@@ -6,10 +6,10 @@ import shlex
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
+import excerpts
 import numpy as np
 import pytest
 
-import excerpts
 import groundtrace_recordings
 from groundtrace.api.inspection import SOURCE
 from groundtrace.simulate.gait import WalkOptions

@@ -1,7 +1,7 @@
 """Small recordings with their truth, simulated and real, and maps for importing.
 
-``README.md`` beside this file says where each recording is from and which command made it. The files are found in a
-wheel and in an editable install alike.
+``README.md`` beside this file says where each recording is from and which command made it. The
+files are found in a wheel and in an editable install alike.
 """
 
 from __future__ import annotations
