@@ -7,13 +7,13 @@ The classes are what the functions of the API return: each holds the details as 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..evaluation.matching import STEP_TOLERANCE_S
+from ..evaluation.matching import STEP_TOLERANCE_S, StepTimes
 from ..explain.reasons import StepReasons
 from ..explain.unfiltered import with_recording
 from ..explain.why import Moment, StepExplanation
@@ -117,6 +117,8 @@ class Explanation:
         What the replay warned of.
     start_ns, sha256, places
         Of the recording: its first sample [ns], its bytes, and where it may be.
+    steps
+        When steps were found, missed and false, for :meth:`plot`.
 
     Examples
     --------
@@ -133,6 +135,7 @@ class Explanation:
     start_ns: int = 0
     sha256: str = ""
     places: tuple[Path, ...] = ()
+    steps: StepTimes = field(default_factory=StepTimes)
 
     @property
     def details(self) -> Details:
@@ -234,8 +237,19 @@ class Explanation:
         """What ``groundtrace why --json`` prints."""
         return plain_document(self.details, self.warnings)
 
-    def plot(self) -> Any:
-        """Draw the signal about the moment with its candidates, and below their gates.
+    @property
+    def heading(self) -> str:
+        """What is explained and when, and the cause: ``step 2 at 7.910 s: no step (threshold)``."""
+        what = f"step {self.step} at" if self.step is not None else "at"
+        return f"{what} {self.time_s:.3f} s" + (f": no step ({self.cause})" if self.cause else "")
+
+    def plot(self, around_s: float | None = None) -> Any:
+        """Draw the signal about the moment with its steps, and below the gates of the candidate.
+
+        Parameters
+        ----------
+        around_s
+            Signal that is drawn on each side [s]; 2 s without it.
 
         Returns
         -------
@@ -246,7 +260,7 @@ class Explanation:
         Error
             Where it explains no one moment, or the recording is not at hand.
         """
-        from .plots import plot_moment, recording_at
+        from .plots import AROUND_S, plot_moment, recording_at
 
         if self.answer.time_ns is None:
             raise RecordingError(
@@ -255,7 +269,9 @@ class Explanation:
             )
         chain: tuple[Chain, ...] = getattr(self.details, "chain", ())
         recording = recording_at(self.recording, self.sha256, self.places)
-        return plot_moment(recording, self.time_s, chain, self.text)
+        texts = (f"{self.recording}: {self.heading}", self.text)
+        around = AROUND_S if around_s is None else around_s
+        return plot_moment(recording, self.time_s, chain, texts, self.steps, around)
 
     def __repr__(self) -> str:
         if self.answer.time_ns is None:

@@ -1,8 +1,8 @@
 """Input and output files: whether inputs exist, and whether outputs may be replaced.
 
 What was derived from a recording can be made again, and is replaced where it is of the same one:
-results by the SHA-256 in their metadata; timelines and pages by the mark at their beginning. What
-people made or recorded stays.
+results by the SHA-256 in their metadata; timelines, pages and figures by a mark at one of their
+ends. What people made or recorded stays.
 """
 
 from __future__ import annotations
@@ -120,9 +120,9 @@ class OriginFile:
         return file_sha256(self.path)
 
 
-#: Bytes at the beginning of a file in which a mark is looked for. Chosen by judgement: a timeline
-#: has it in the first 100 (rerun 0.41), a page in the first 500.
-_HEAD = 4096
+#: Bytes at both ends of a file in which a mark is looked for. Chosen by judgement: a timeline has
+#: it in the first 100 (rerun 0.41), a page in the first 500, a PDF in the last 2000.
+_ENDS = 4096
 
 
 def writable(
@@ -179,11 +179,13 @@ def results_writable(path: Path, source: OriginFile, *, force: bool) -> Path:
 
 
 def _derived_from(path: Path, origin: Origin) -> bool:
-    """Whether a file is results, a timeline or a page of a recording."""
+    """Whether a file is results, a timeline, a page or a figure of a recording."""
     with path.open("rb") as file:
-        head = file.read(_HEAD)
+        ends = file.read(_ENDS)
+        file.seek(max(0, path.stat().st_size - _ENDS))
+        ends += file.read(_ENDS)
     marks = (timeline_id(origin.recording), origin.sha256)
-    if b"groundtrace" in head and any(mark and mark.encode() in head for mark in marks):
+    if b"groundtrace" in ends and any(mark and mark.encode() in ends for mark in marks):
         return True
     return is_result_of(path, origin.sha256)
 

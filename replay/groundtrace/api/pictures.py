@@ -6,14 +6,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.signals import NS_PER_S
-
+from ..evaluation.drawing import style
 from ..pipeline.engine import ReplaySession
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, recording_in
 from ..scratch import scratch_folder
-from .plots import FAILED, PASSED, draw_signal, recording_at
-from .tables import needed
+from .plots import SIGNAL_IN, WIDTH_IN, draw_signal, draw_steps, recording_at
 
 if TYPE_CHECKING:
     from .results import Results
@@ -70,27 +68,19 @@ def draw(results: Results, at: float | None = None) -> Any:
     -------
     A ``matplotlib.figure.Figure``.
     """
-    origin = results.decided.provenance
-    recording = recording_at(results.name, origin.sha256, results.places)
-    matching = results.matching
-    steps = results.steps
-    missed = [] if matching is None else matching.truth_ns[matching.missed].tolist()
-    missed_s = [(time_ns - origin.start_ns) / NS_PER_S for time_ns in missed]
+    recording = recording_at(results.name, results.decided.provenance.sha256, results.places)
+    steps = results.step_times
     if at is None:
-        at = next(iter([*missed_s, *steps.time_s.tolist()]), 0.0)
-    pyplot = needed("matplotlib.pyplot", "show")
-    figure, axes = pyplot.subplots(figsize=(10, 4), layout="constrained")
+        at = next(iter((*steps.missed, *steps.found)), 0.0)
     topics = {stream.topic for stream in recording.streams}
-    topic = next((t for t in steps.topic.tolist() if t in topics), None)
-    draw_signal(axes, recording, topic, at, AROUND_S)
-    for times, colour, name in (
-        (steps.time_s.tolist(), PASSED, "step"),
-        (missed_s, FAILED, "missed step"),
-    ):
-        for number, time_s in enumerate(t for t in times if abs(t - at) <= AROUND_S):
-            axes.axvline(time_s, color=colour, lw=1, label=name if number == 0 else None)
-    axes.legend(loc="upper right", fontsize="small")
-    axes.set_title(repr(results), loc="left", fontsize="medium")
+    topic = next((t for t in results.steps.topic.tolist() if t in topics), None)
+    with style():
+        from matplotlib import pyplot
+
+        figure, axes = pyplot.subplots(figsize=(WIDTH_IN, SIGNAL_IN), layout="constrained")
+        draw_signal(axes, recording, topic, at, AROUND_S)
+        draw_steps(axes, steps, at, AROUND_S)
+        axes.set_title(repr(results))
     return figure
 
 

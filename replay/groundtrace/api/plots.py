@@ -1,7 +1,8 @@
-"""Drawings of a moment with matplotlib, where nobody has a viewer."""
+"""Drawings of a moment with matplotlib, for notebooks and for print."""
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,21 +10,29 @@ import numpy as np
 from groundtrace_codecs.location import is_url
 
 from ..errors import RecordingError
-from ..pipeline.results import recording_in
+from ..evaluation.drawing import COLOURS, style
+from ..pipeline.results import atomic_write, recording_in
 from .recording import Recording, open_recording
-from .tables import needed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from ..evaluation.matching import StepTimes
     from ..explain.reasons import Chain
 
 #: Signal that is drawn on each side of a moment [s]. Chosen by judgement: three steps to either
 #: side.
 AROUND_S = 2.0
-#: Colours of what passed, what failed, and what is true.
-PASSED, FAILED, TRUE = "#2a7f3f", "#c0392b", "#555555"
+#: Inches of a drawing: its width, its signal, and each of its gates with the axis below. Chosen by
+#: judgement: at 200 dots an inch the picture fills a page.
+WIDTH_IN, SIGNAL_IN, GATE_IN = 9.0, 3.4, 0.42
+#: So many letters are on a line. Chosen by judgement: of 11 points they fit into the width.
+LINE = 110
+#: Formats of files, and the field of their metadata that says of which recording they are.
+FORMATS = {".png": "Description", ".svg": "Description", ".pdf": "Subject"}
+#: What makes a file the same each time.
+_SAME: dict[str, dict[str, Any]] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 
 
 def recording_at(name: str, sha256: str, places: Sequence[Path]) -> Recording:
@@ -48,8 +57,15 @@ def recording_at(name: str, sha256: str, places: Sequence[Path]) -> Recording:
     return open_recording(path)
 
 
-def plot_moment(recording: Recording, time_s: float, chain: Sequence[Chain], text: str) -> Any:
-    """Draw the signal about a moment with its candidates, and below the gates of the nearest.
+def plot_moment(
+    recording: Recording,
+    time_s: float,
+    chain: Sequence[Chain],
+    texts: tuple[str, str],
+    steps: StepTimes,
+    around_s: float = AROUND_S,
+) -> Any:
+    """Draw the signal about a moment with steps and candidates, and the gates of the nearest one.
 
     Parameters
     ----------
@@ -59,28 +75,67 @@ def plot_moment(recording: Recording, time_s: float, chain: Sequence[Chain], tex
         The moment [s since the first sample].
     chain
         Candidates about it.
-    text
-        What stands above.
+    texts
+        What stands above: a heading, and the reason.
+    steps
+        Those that are drawn.
+    around_s
+        Signal that is drawn on each side [s].
 
     Returns
     -------
     Two ``matplotlib.axes.Axes``, as an array: signal, gates.
     """
-    pyplot = needed("matplotlib.pyplot", "plot")
-    _, axes = pyplot.subplots(2, 1, figsize=(9, 5), height_ratios=(3, 2), layout="constrained")
+    nearest = min(chain, key=lambda link: abs(link.time_s - time_s), default=None)
+    gates_in = GATE_IN * (2 + (1 if nearest is None else len(nearest.readings)))
     topics = {stream.topic for stream in recording.streams}
     topic = next((link.topic for link in chain if link.topic in topics), None)
-    draw_signal(axes[0], recording, topic, time_s)
-    for link in chain:
-        axes[0].axvline(link.time_s, color=PASSED if link.accepted else FAILED, lw=1)
-    axes[0].set_title(text or f"{recording.name} at {time_s:.3f} s", loc="left", fontsize="medium")
-    nearest = min(chain, key=lambda link: abs(link.time_s - time_s), default=None)
-    _draw_gates(axes[1], nearest)
+    with style():
+        from matplotlib import pyplot
+
+        figure, axes = pyplot.subplots(
+            2,
+            1,
+            figsize=(WIDTH_IN, SIGNAL_IN + gates_in),
+            height_ratios=(SIGNAL_IN, gates_in),
+            layout="constrained",
+        )
+        draw_signal(axes[0], recording, topic, time_s, around_s)
+        if nearest is not None:
+            verdict = "accepted" if nearest.accepted else "rejected"
+            label = f"candidate, {verdict}"
+            axes[0].axvline(nearest.time_s, color=COLOURS["ink"], lw=1.4, ls=":", label=label)
+        draw_steps(axes[0], steps, time_s, around_s)
+        heading, reason = texts
+        figure.suptitle(heading, x=0.01, ha="left", weight="bold")
+        axes[0].set_title(textwrap.fill(reason, LINE), loc="left", fontsize=11, weight="normal")
+        _draw_gates(axes[1], nearest)
     return axes
 
 
+def save_figure(figure: Any, path: Path, sha256: str, dpi: float) -> None:
+    """Write a drawing, which then says of which recording it is, and is the same each time.
+
+    Parameters
+    ----------
+    figure
+        A ``matplotlib.figure.Figure``.
+    path
+        A file of one of :data:`FORMATS`.
+    sha256
+        Of the recording.
+    dpi
+        Dots an inch, of PNG.
+    """
+    kind = path.suffix.lower()
+    told = {FORMATS[kind]: f"groundtrace recording {sha256}"} | _SAME.get(kind, {})
+    more = {"svg.hashsalt": sha256, "pdf.fonttype": 42}  # 42: letters stay letters
+    with style(**more), atomic_write(path) as fresh:
+        figure.savefig(fresh, dpi=dpi, metadata=told)
+
+
 def draw_signal(
-    axes: Any, recording: Recording, topic: str | None, time_s: float, around_s: float = AROUND_S
+    axes: Any, recording: Recording, topic: str | None, time_s: float, around_s: float
 ) -> None:
     """Draw a stream about a moment: all channels of the quantity of its first one.
 
@@ -97,15 +152,35 @@ def draw_signal(
     """
     stream = recording.streams[0] if topic is None else recording[topic]
     samples = stream.read(max(time_s - around_s, 0.0), time_s + around_s)
-    for column, channel in enumerate(samples.channels):
-        if stream.quantities[column] == stream.quantities[0]:
-            axes.plot(samples.time_s, samples[:, column], lw=0.8, label=channel)
-    axes.axvline(time_s, color=TRUE, ls="--", lw=1)
+    axes.set_prop_cycle(color=[COLOURS[name] for name in SIGNALS])
+    alike = [i for i, q in enumerate(stream.quantities) if q == stream.quantities[0]]
+    for column in alike:
+        label = samples.channels[column] if len(alike) <= MOST_NAMES else None
+        axes.plot(samples.time_s, samples[:, column], lw=1, label=label)
     axes.set_xlim(time_s - around_s, time_s + around_s)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(f"{stream.topic} [{stream.units[0]}]")
-    if len(axes.lines) <= 8:
-        axes.legend(loc="upper right", fontsize="small")
+
+
+#: Colours of signals, in turn: none is one of what became of steps.
+SIGNALS = ("result", "random", "chance", "ink")
+#: So many channels are named one by one. Chosen by judgement: more hide the signal.
+MOST_NAMES = 8
+
+
+def draw_steps(axes: Any, steps: StepTimes, time_s: float, around_s: float) -> None:
+    """Draw the steps about a moment over a signal, and say beside it what is what."""
+    kinds = (("step", "hit"), ("missed step", "missed"), ("false step", "false"))
+    for (name, colour), times in zip(kinds, steps, strict=True):
+        near = [t for t in times if abs(t - time_s) <= around_s]
+        for number, at_s in enumerate(near):
+            label = None if number else name
+            axes.axvline(at_s, color=COLOURS[colour], lw=1.4, label=label, zorder=1)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", frameon=False)
+
+
+#: A bar ends at so many times its threshold. Chosen by judgement: the line at 1 stays in sight.
+MOST_TIMES = 4.0
 
 
 def _draw_gates(axes: Any, link: Chain | None) -> None:
@@ -114,14 +189,17 @@ def _draw_gates(axes: Any, link: Chain | None) -> None:
         axes.set_axis_off()
         axes.text(0, 0.5, "no candidate", transform=axes.transAxes)
         return
-    names, parts, colours = [], [], []
+    names, parts = [], []
     for r in link.readings:
         part = r.value / r.threshold if r.threshold else np.nan
         names.append(f"{r.gate} {r.value:.4g} / {r.threshold:.4g} {r.unit.removesuffix('1')}")
-        parts.append(part if np.isfinite(part) else 0.0)
-        colours.append(PASSED if r.passed else FAILED)
-    axes.barh(names, parts, color=colours)
-    axes.axvline(1.0, color=TRUE, lw=1)
+        parts.append(min(part, MOST_TIMES) if np.isfinite(part) else 0.0)
+    colours = [COLOURS["hit" if r.passed else "missed"] for r in link.readings]
+    bars = axes.barh(names, parts, height=0.6, color=colours)
+    words = ["passed" if r.passed else "failed" for r in link.readings]
+    axes.bar_label(bars, words, padding=4, fontsize="small")
+    axes.axvline(1.0, color=COLOURS["ink"], lw=1)
+    axes.grid(visible=False, axis="y")
     axes.invert_yaxis()
-    axes.set_xlim(0, min(max(2.0, *parts) * 1.05, 5.0))
+    axes.set_xlim(0, max(2.0, *parts) * 1.15)
     axes.set_xlabel(f"value / threshold of {link.stage} at {link.time_s:.3f} s")

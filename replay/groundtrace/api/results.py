@@ -12,7 +12,7 @@ import numpy as np
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
-from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
+from ..evaluation.matching import STEP_TOLERANCE_S, StepTimes, match_steps
 from ..evaluation.report import answers_of
 from ..explain.questions import Kind, Question, explained
 from ..explain.suitability import prepared
@@ -252,7 +252,15 @@ class Results:
         evidence = self.evidence(truth)
         found = explained(evidence, self.decided.name, asked)
         origin, warned = self.decided.provenance, self.decided.warnings
-        return Explanation(self.name, found, warned, origin.start_ns, origin.sha256, self.places)
+        return Explanation(
+            self.name,
+            found,
+            warned,
+            origin.start_ns,
+            origin.sha256,
+            self.places,
+            self.step_times,
+        )
 
     @cached_property
     def misses(self) -> tuple[Miss, ...]:
@@ -288,6 +296,12 @@ class Results:
         end_ns = origin.end_ns if origin.to_ns is None else min(origin.end_ns, origin.to_ns)
         found_ns = np.array([step.time_ns for step in said.steps], np.int64)
         return match_steps(labels, found_ns, origin.start_ns, end_ns, STEP_TOLERANCE_S)
+
+    @property
+    def step_times(self) -> StepTimes:
+        """When steps were found, missed and false; without truth, when they were found."""
+        found_ns = self.steps.time_ns
+        return StepTimes.of(self.matching, found_ns, self.decided.provenance.start_ns)
 
     def _counts(self) -> str:
         """Return what was found, in words."""

@@ -59,6 +59,12 @@ COMMANDS = {
         "smallest change of one parameter that mends it, with what else it changes.\n\n"
         "Example: groundtrace why walk.results.mcap --step 30 --rrd step30.rrd",
     ),
+    "figure": (
+        f"{HERE}.figure:figure",
+        "Draw one moment for print: the signal with its steps, and the value of each gate of the "
+        "candidate there.\n\n"
+        "Example: groundtrace figure walk.results.mcap --step 30 -o step30.svg",
+    ),
     "compare": (
         f"{HERE}.compare:compare",
         "Compare two results of one recording, decision by decision: the gate that set each "

@@ -7,7 +7,7 @@ wrong time is one case: a missed true step and the unmatched detection near it b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -295,6 +295,28 @@ class TrueSteps:
             else:
                 matched += 1
         return counted
+
+
+class StepTimes(NamedTuple):
+    """Times of steps [s since the first sample], by what became of them."""
+
+    found: tuple[float, ...] = ()
+    missed: tuple[float, ...] = ()
+    false: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls, matching: StepMatch | None, found_ns: NDArray[np.int64], start_ns: int
+    ) -> StepTimes:
+        """Return those of a match; without one, all that were found."""
+
+        def seconds(times_ns: NDArray[np.int64]) -> tuple[float, ...]:
+            return tuple(((times_ns - start_ns) / NS_PER_S).tolist())
+
+        if matching is None:
+            return cls(seconds(found_ns))
+        right, missed = matching.found_ns[matching.pairs[:, 1]], matching.truth_ns[matching.missed]
+        return cls(seconds(right), seconds(missed), seconds(matching.found_ns[matching.false]))
 
 
 def match_steps(

@@ -171,7 +171,11 @@ def test_objects_are_frozen(walk: gt.Results) -> None:
 def test_a_moment_is_drawn_with_its_gates(walk: gt.Results) -> None:
     why = walk.why(walk.misses[0].step)
     signal, gates = why.plot()
-    assert signal.get_title(loc="left") == why.text
+    assert " ".join(signal.get_title(loc="left").split()) == why.text
+    assert signal.figure.get_suptitle() == f"waist-walk.mcap: {why.heading}"
+    names = [text.get_text() for text in signal.get_legend().get_texts()]
+    assert {"acc_x", "candidate, rejected", "step", "missed step"} <= set(names)
+    assert [text.get_text() for text in gates.texts] == ["failed", "passed"]
     low, high = signal.get_xlim()
     assert low < why.time_s < high
     labels = [label.get_text() for label in gates.get_yticklabels()]
