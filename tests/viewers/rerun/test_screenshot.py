@@ -73,10 +73,10 @@ def test_a_section_of_shots_is_drawn_without_complaint(
 ) -> None:
     state, _ = viewer.show(write_shots(tmp_path / "shots.rrd", shot_labels()), 1.0)
     assert {v.name: v.reports for v in state.views if v.reports} == {}
-    assert [v.name for v in state.views if v.origin == "/section/seismic"] == [
-        "Section /seismic: each trace scaled to its own maximum, offset by channel "
-        "(● picks, + truth)"
-    ]
+    assert {v.name for v in state.views if v.origin in ("/shots/section", "/shots/travel")} == {
+        "Section of the shot at the cursor [ms]: × pick, red if over 2 ms off; + truth",
+        "Travel times [ms] over offset [m]: this shot bold, the others grey",
+    }
 
 
 def test_a_picture_for_a_page_has_the_size_asked_for_and_few_colours(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import ViewerError
 from .samples import FULL_RATE_HZ
+from .shots import FAR_HIGH, FAR_WIDE, HIGH, WIDE
 from .spectrogram import AROUND_S
 from .stations import ROOT as HODOGRAM
 from .stations import extent
@@ -57,6 +58,8 @@ DECIDED = (0.9, 1.9)
 #: of a vehicle.
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
+#: Behind what is drawn in light colours, so that it is seen in a light theme too.
+GROUND = (17, 19, 22, 255)
 
 
 def blueprint(
@@ -81,6 +84,8 @@ def blueprint(
     """
     import rerun.blueprint as rrb
 
+    if _of(entities, "section"):
+        return _page(_shots(session, entities, shown), follow=follow)
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
     # Bands over the samples would double the legend; its colours stand in the overview's too.
@@ -94,8 +99,16 @@ def blueprint(
     side = [*_decided(entities), *side]
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
     shares = [2.2, 3.0] if mapped else [1.0, 2.0]
+    whole_page = rrb.Horizontal(*columns, column_shares=shares[: len(columns)])
+    return _page(whole_page, follow=follow)
+
+
+def _page(content: rrb.Container, *, follow: bool) -> rrb.Blueprint:
+    """Return a layout of views, with nothing of the viewer's own beside it but the time."""
+    import rerun.blueprint as rrb
+
     return rrb.Blueprint(
-        rrb.Horizontal(*columns, column_shares=shares[: len(columns)]),
+        content,
         rrb.TimePanel(
             state="collapsed",
             timeline=TIMELINE,
@@ -108,6 +121,39 @@ def blueprint(
         auto_views=False,
         auto_layout=False,
     )
+
+
+def _shots(
+    session: ReplaySession, entities: Sequence[Entity], site: Bounds | None
+) -> rrb.Container:
+    """Show the shot at the cursor: its section beside travel times, words, and all shots."""
+    import rerun.blueprint as rrb
+
+    [section] = [section_view(e) for e in _of(entities, "section")]
+    far: list[Any] = [travel_view(e) for e in _of(entities, "travel")]
+    far += [view for view, _ in _map(session, site, entities)] if _of(entities, "map") else []
+    said: list[Any] = [text(e) for e in _of(entities, "shot")]
+    tabs: list[Any] = [log("/log/shots", "Shots")] if far else []
+    tabs += [log()] if _of(entities, "log") else []
+    tabs += [table(e) for e in _of(entities, "table")]
+    words = [*said, rrb.Tabs(*tabs, page(), active_tab=0)]
+    start_ns, end_ns = _shown_span(session)
+    edge_ns = (end_ns - start_ns) // 100  # so that the first and last shot are clear of it
+    span_ns = start_ns - edge_ns, end_ns + edge_ns
+    rest: list[Any] = [whole(e, span_ns) for e in _of(entities, "shots")]
+    rest += [view for view, _ in _overview(session, entities)]
+    rest += [lanes_view()] if _of(entities, "lane") else []
+    rest += [view for view, _ in _detail(session.application, entities, legend=False)]
+    parts: list[Part] = _parts(far, 4.6)
+    parts.append((rrb.Horizontal(*words, column_shares=[5.0, 6.0][: len(words)]), 4.2))
+    parts += _parts(rest, 1.9)
+    return rrb.Horizontal(section, _rows(parts), column_shares=[1.05, 1.0])
+
+
+def _shown_span(session: ReplaySession) -> tuple[int, int]:
+    """Return what is shown, since the first sample [ns]."""
+    first, last = session.shown_ns or (session.start_ns, session.end_ns)
+    return first - session.start_ns, last - session.start_ns
 
 
 def _of(entities: Iterable[Entity], role: str) -> list[Entity]:
@@ -184,8 +230,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     ]
     named = session.application != "vehicle" or not _of(entities, "map")
     signals = [plot_view(e, legend_shown=named) for e in seismic]
-    shown_ns = session.shown_ns or (session.start_ns, session.end_ns)
-    span_ns = shown_ns[0] - session.start_ns, shown_ns[1] - session.start_ns
+    span_ns = _shown_span(session)
     signals += [whole(_short(e), span_ns) for e in _of(entities, "whole")]
     tonal = [fixed(e, e.path, linked()) for e in _of(entities, "spectrogram")]
     follow = around(AROUND_S, AROUND_S)
@@ -197,7 +242,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     if session.application == "room":  # it has more plots than a small window has room for
         decisions = _parts([*decided, *margins], 1.8)
     if session.application == "shots":
-        return [*_parts([*signals, *tonal], 1.4), *_worn(entities), *decisions]
+        return [(view, 1.4) for view in (*signals, *tonal, *decided)] + _worn(entities)
     if session.application == "walker":
         return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
     if session.application == "vehicle":
@@ -277,15 +322,12 @@ def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> li
     fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
     slow = [e for e in signals if e.quantity in ACCELERATIONS]
     most = 12 if legend else 0
-    sections = [
-        fixed(e, e.path.removesuffix("/traces"), around(*SHOT_S)) for e in _of(entities, "section")
-    ]
     span = SHOT_S if application == "shots" else FAST_S
     shown = [
         samples(e, _companions(e, entities), around, most)
         for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
-    parts = _parts([*sections, *shown], 6.0 if sections else 3.0)
+    parts = _parts(shown, 3.0)
     decisions = [decision(e, span) for e in _of(entities, "decision")]
     return parts + _parts(decisions, 2.3)
 
@@ -484,6 +526,32 @@ def bars(entity: Entity) -> rrb.View:
     )
 
 
+def section_view(entity: Entity) -> rrb.View:
+    """Return the record section of the shot at the cursor."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=entity.path,
+        name=entity.title,
+        background=GROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=(-12.0, WIDE + 3.0), y_range=(-18.0, HIGH + 4.0)),
+    )
+
+
+def travel_view(entity: Entity) -> rrb.View:
+    """Return travel times over distance."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=entity.path,
+        name=entity.title,
+        background=GROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-14.0, FAR_WIDE + 4.0), y_range=(-FAR_HIGH - 6.0, 13.0)
+        ),
+    )
+
+
 def hodograms(entity: Entity) -> rrb.View:
     """Return the hodograms of all stations."""
     import rerun.blueprint as rrb
@@ -510,16 +578,16 @@ def lanes_view() -> rrb.View:
     return rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
 
 
-def log() -> rrb.View:
-    """Return the log, without its time column: the lines begin with the time."""
+def log(origin: str = "/log", name: str = "Events") -> rrb.View:
+    """Return the log; a click on the time of a line moves the cursor there."""
     import rerun.blueprint as rrb
 
     kinds = rrb.encodings.TextLogColumnKind
     columns = rrb.archetypes.TextLogColumns(
-        timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
+        timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=True)],
         text_log_columns=[kinds.LogLevel, kinds.Body],
     )
-    return rrb.TextLogView(origin="/log", name="Events", columns=columns)
+    return rrb.TextLogView(origin=origin, name=name, columns=columns)
 
 
 def table(entity: Entity) -> rrb.View:

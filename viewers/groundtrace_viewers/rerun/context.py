@@ -110,6 +110,8 @@ class ViewContext:
         Detected steps, or picks where no stage finds steps, that no close-up knows yet [ns].
     drawn, told
         Stages and topics whose decision function, and whose lane, a view of their own draws.
+    summed
+        Kinds of event that a view tells in lines of its own, one for many.
     """
 
     def __init__(
@@ -136,6 +138,7 @@ class ViewContext:
         self.answers_ns: list[int] = []
         self.drawn: set[tuple[str, str]] = set()
         self.told: set[tuple[str, str]] = set()
+        self.summed: set[str] = set()
         self._places: list[str] = []
 
     def take(self, item: SignalBlock | Event) -> None:

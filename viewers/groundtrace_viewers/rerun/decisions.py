@@ -826,6 +826,8 @@ class PickView(View):
         if context.stages.last("step") is not None:
             return
         context.answers_ns.append(pick.time_ns)
+        if "pick" in context.summed:
+            return
         spread = f" ± {pick.uncertainty_s * 1e3:.2g} ms" if pick.uncertainty_s >= 0 else ""
         where = self._timeline.seconds(pick.time_ns)
         text = f"{where}{spread}  pick {pick.channel}, peak {readable(pick.value)} ({pick.stage})"

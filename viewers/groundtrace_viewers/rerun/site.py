@@ -1,13 +1,7 @@
-"""The site from above, with outline, sensors, shot points and true path, and record sections.
-
-A record section shows the traces of a shot side by side with their picks. True amplitudes span
-decades from the nearest geophone to the farthest. Scaled to its own maximum every trace shows its
-onset, and picks lie on the travel-time curve.
-"""
+"""The site from above, with outline, sensors, shot points and true path."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import cycle, pairwise
 from typing import TYPE_CHECKING, ClassVar
@@ -15,11 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from groundtrace_codecs.events import Pick
-from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
+from groundtrace_codecs.signals import NS_PER_S
 
 from .context import View
 from .timeline import (
-    ACCEPTED,
     IMPACT,
     LEFT,
     MARGIN,
@@ -29,8 +22,6 @@ from .timeline import (
     ROAD_SIGN,
     SIDE,
     SILENT,
-    TRACE,
-    TRUTH,
     WALKER_COLOURS,
     Bounds,
     Entity,
@@ -38,17 +29,15 @@ from .timeline import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace_codecs.events import Label
     from groundtrace_codecs.geometry import Geometry, Sensor
-    from groundtrace_codecs.signals import Stream
 
     from .context import ViewContext
-    from .samples import Traces
     from .timeline import SensorColours, Timeline
 
 #: Everything on the map hangs below this entity, which turns y upwards.
@@ -381,200 +370,6 @@ def log_truth_places(timeline: Timeline, labels: Sequence[Label]) -> None:
         line = GrowingLine(timeline, path, walkers[target], -1.2)
         line.add([(x.time_ns, (x.x_m or 0.0, x.y_m or 0.0)) for x in walked])
         line.close()
-
-
-#: What is shown of a shot: from a little before it until the waves have passed.
-BEFORE_NS = 50_000_000
-AFTER_NS = 300_000_000
-#: Largest deflection of a trace, in distances between traces.
-DEFLECTION = 1.5
-
-
-def scaled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return traces scaled to their own maximum and offset by channel.
-
-    Parameters
-    ----------
-    values
-        Shape (n, n_channels).
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (n, n_channels): channel ``i`` swings about ``i + 1``; a constant one is a line.
-    """
-    swing = values - np.median(values, axis=0)
-    peak = np.abs(swing).max(axis=0)
-    offset: NDArray[np.float64] = np.arange(1.0, values.shape[1] + 1.0)
-    return offset + DEFLECTION * swing / np.where(peak > 0, peak, 1.0)
-
-
-class SectionViews(View):
-    """The sections of shots, of each stream that has one."""
-
-    def __init__(self, context: ViewContext) -> None:
-        self._context = context
-        self._sections: dict[str, Section | None] = {}
-        for stream in context.session.streams:
-            self._begin(stream)
-
-    @staticmethod
-    def fits(context: ViewContext) -> bool:
-        """Whether shots are replayed."""
-        return context.session.application == "shots"
-
-    def _begin(self, stream: Stream) -> Section | None:
-        context = self._context
-        section = None
-        if len(stream.columns_of(SEISMIC_QUANTITIES)) > 1:  # that can stand side by side
-            section = Section(context.timeline, stream, context.session.labels, context.traces)
-        self._sections[stream.topic] = section
-        return section
-
-    def signal(self, block: SignalBlock) -> None:
-        """Take a block: sections that end before its end are complete."""
-        if block.topic not in self._sections:
-            self._begin(block.stream)
-        section = self._sections[block.topic]
-        if section is not None:
-            section.advance(block.end_ns)
-
-    def pick(self, pick: Pick) -> None:
-        """Take a pick of the stage that has the last word on them."""
-        section = self._sections.get(pick.topic)
-        if section is not None and self._context.stages.decides("pick", pick):
-            section.add(pick)
-
-    def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
-        """Log the pending picks."""
-        for section in filter(None, self._sections.values()):
-            section.flush()
-
-    def close(self) -> None:
-        """Log the last windows."""
-        for section in filter(None, self._sections.values()):
-            section.advance()
-
-    kinds: ClassVar = {SignalBlock: signal, Pick: pick}
-
-
-class Section:
-    """Logs the section of one stream around its shots.
-
-    Parameters
-    ----------
-    timeline
-        Where to.
-    stream
-        Its seismic channels are shown, in their order.
-    labels
-        Labelled impacts are shots; elsewhere a shot begins with its first pick.
-    traces
-        Hold the stream's last samples.
-    """
-
-    def __init__(
-        self, timeline: Timeline, stream: Stream, labels: Iterable[Label], traces: Traces
-    ) -> None:
-        self._timeline = timeline
-        self._columns = stream.columns_of(SEISMIC_QUANTITIES)
-        self._names = [stream.channels[i].name for i in self._columns]
-        self._topic = stream.topic
-        self._path = f"/section/{stream.topic.strip('/')}"
-        self._period_ns = round(stream.period_ns)
-        self._traces = traces
-        self._pending: list[tuple[int, int]] = []
-        self._windows: list[tuple[int, int]] = []
-        self._picks: list[Pick] = []
-        known = sorted(labels)
-        for label in known:
-            if label.kind == "impact":
-                self._open(label.time_ns)
-        self._log_truth([x for x in known if x.kind == "pick" and x.channel in self._names])
-
-    def _open(self, time_ns: int) -> None:
-        """Ask for the window of a shot, without what another window shows already."""
-        start, end = time_ns - BEFORE_NS, time_ns + AFTER_NS
-        place = bisect_right(self._windows, time_ns, key=lambda w: w[0])
-        if place:
-            if time_ns < self._windows[place - 1][1]:
-                return
-            start = max(start, self._windows[place - 1][1])
-        if place < len(self._windows):
-            end = min(end, self._windows[place][0])
-        self._windows.insert(place, (start, end))
-        self._pending.append((start, end))
-
-    def add(self, pick: Pick) -> None:
-        """Take a pick."""
-        if pick.channel in self._names:
-            self._picks.append(pick)
-            self._open(pick.time_ns)
-
-    def advance(self, end_ns: int | None = None) -> None:
-        """Log the windows that end before a time, or all."""
-        ready = [w for w in self._pending if end_ns is None or w[1] <= end_ns]
-        self._pending = [w for w in self._pending if w not in ready]
-        for start, end in sorted(ready):
-            piece = self._traces.between(self._topic, start, end, self._columns)
-            if piece is not None:
-                self._log_traces(*piece)
-
-    def _log_traces(self, times: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        import rerun as rr
-
-        if not len(times):
-            return
-        count = len(self._names)
-        scale = "each trace scaled to its own maximum, offset by channel"
-        title = f"Section {self._topic}: {scale} (● picks, + truth)"
-        style = rr.SeriesLines(
-            names=self._names,
-            colors=np.full(count, TRACE, np.uint32),
-            widths=1.0,
-            aggregation_policy=rr.components.AggregationPolicy.MinMax,
-        )
-        entity = Entity(f"{self._path}/traces", "section", title, count, top=count + 1.5)
-        self._timeline.declare(entity, style)
-        # Curves end with the window: the viewer would draw a line to the next.
-        times = np.append(times, times[-1] + self._period_ns)
-        rows = np.vstack([scaled(values), np.full((1, count), np.nan)])
-        self._timeline.scalars(f"{self._path}/traces", times, rows)
-
-    def flush(self) -> None:
-        """Log the pending picks."""
-        import rerun as rr
-
-        if self._picks:
-            style = rr.SeriesPoints(
-                names="pick",
-                colors=np.array([ACCEPTED], np.uint32),
-                markers="circle",
-                marker_sizes=3.5,
-            )
-            self._timeline.static(f"{self._path}/picks", style)
-            marks = [(p.time_ns, p.channel) for p in self._picks]
-            self._log_marks("picks", marks)
-            self._picks = []
-
-    def _log_truth(self, labels: list[Label]) -> None:
-        """Log the arrivals of the truth, in a shape that shows whatever lies on it."""
-        import rerun as rr
-
-        if labels:
-            style = rr.SeriesPoints(
-                names="truth",
-                colors=np.array([TRUTH], np.uint32),
-                markers="plus",
-                marker_sizes=8.0,
-            )
-            self._timeline.static(f"{self._path}/truth", style)
-            self._log_marks("truth", [(x.time_ns, x.channel) for x in labels])
-
-    def _log_marks(self, what: str, marks: list[tuple[int, str]]) -> None:
-        heights = np.array([self._names.index(name) + 1.0 for _, name in marks])
-        path = f"{self._path}/{what}"
-        self._timeline.scalars(path, [t for t, _ in marks], heights[:, np.newaxis])
 
 
 #: Between two signs and size of one, as parts of the site's extent; more would hide the road.

@@ -59,9 +59,10 @@ class Entity:
         Entity path, e.g. ``/envelope/seismic``.
     role
         What it is, which chooses its view: ``envelope``, ``overview``, ``whole``, ``signal``,
-        ``norm``, ``spectrogram``, ``tones``, ``section``, ``detector``, ``decision``, ``masses``,
-        ``heading``, ``ratio``, ``road``, ``spectrum``, ``hodogram``, ``mark``, ``lane``, ``log``,
-        ``table``, ``page``, ``map``, ``card``, ``bars``, ``margins``.
+        ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
+        ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
+        ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
+        ``bars``, ``margins``.
     title
         Heading of its view.
     series
@@ -324,6 +325,8 @@ TRACK_COLOURS = (
 #: True paths of several walkers, by the order of their names.
 WALKER_COLOURS = (TRUTH, 0xE8C9A0FF, 0x9FD8C8FF, 0xF0A6C6FF)
 MISSED = 0xFF4D4DFF
+#: Of a true arrival that nothing answers.
+NOT_PICKED = 0xF2A33AFF
 FALSE = 0xE85AD8FF
 DISAGREEMENT = 0xFFD23FFF
 STEP_COLOURS = {"left": LEFT, "right": RIGHT, "step": STEP, "impact": IMPACT}
@@ -807,7 +810,7 @@ false ones pink.
 * Samples of fast signals that are not everywhere are where the lane `full-rate` says; there the \
 decision functions and the spectrogram of 3 ms are too. Elsewhere those plots are empty: \
 everything is in the recording, and `groundtrace replay --full-rate FROM-TO` shows another part.
-* One colour per sensor, in every plot but the section, and on the map. A sensor lights up when \
+* One colour per sensor, in every plot but those of shots, and on the map. A sensor lights up when \
 a wave arrives; at a step its name says how long after the first arrival, and is grey where it has \
 none. Triangles on the map are shot points.
 * Lines across the room part regions with the same order of distances to the sensors. At a step \
@@ -835,9 +838,12 @@ is none. The shade is where a stage finds the field disturbed; the truth's own s
 north where the arrow says so; elsewhere a track's direction is free, and the truth is turned and \
 shifted onto the last track, as the key then says: distances between the two are then no errors.
 * Spectrogram at steps: 0.5 s before to 0.5 s after each, down to 45 dB below the loudest.
-* Section (shots): every trace is scaled to its own maximum within the shot and swings about the \
-number of its channel. Green dots are picks, violet crosses hand picks or computed arrivals. \
-The next tab has true amplitudes.
+* Shots: the section is of the shot at the cursor, time downwards, geophones along the line with \
+their distance from the shot. Every trace is scaled to itself and cut, so that its onset is seen. \
+Green crosses are picks, red ones off by more than 2 ms, with a line to the truth (violet); the \
+thin green line is what a pick claims; an orange dot is an arrival without a pick. Travel times: \
+this shot bold, the others grey; what leaves the bundle is a wrong pick, or other ground. Tabs \
+below have true amplitudes, detectors and lanes.
 * Picks come from the last stage that picks; those of stages before it are its candidates.
 * Lanes: what each stage decided, and for a rejected candidate the first gate that failed; \
 `places` has what stages that say where rejected, and where they disagree. \

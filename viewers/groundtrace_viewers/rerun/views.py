@@ -19,8 +19,9 @@ from .decisions import (
     StepView,
 )
 from .places import DisagreementView, FixView, MapTracks, StepDetails
+from .shots import ShotViews
 from .signals import SignalViews
-from .site import SectionViews, SensorMap
+from .site import SensorMap
 from .spectrogram import FineSpectrograms, SpectrogramViews
 from .vehicles import CourseView, LikelihoodView, PassView, PresenceLanes, RatioViews
 from .walk import AzimuthView, HeadingView, StreetMap, WalkMap
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 #: All views, in the order in which they take an item.
 _ORDER: tuple[type[View], ...] = (
     SignalViews,
-    SectionViews,
+    ShotViews,
     SpectrogramViews,
     SensorMap,
     FixView,  # gives stages their colours
