@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto screenshot clean
+.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto pictures clean
 
 demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
 	$(BIN)/groundtrace demo
@@ -100,10 +100,12 @@ proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \
 	  --include_imports --descriptor_set_out=groundtrace.desc groundtrace.proto
 
-screenshot: $(VENV)/installed ## the picture in the README
+pictures: $(VENV)/installed ## those in the README
 	mkdir -p build
 	$(BIN)/groundtrace replay --rrd build/room-walk.rrd --out build/room-walk.results.mcap --force
 	$(BIN)/python -P -m groundtrace_viewers build/room-walk.rrd docs/screenshot.png --at 8.0425
+	cd build && ../$(BIN)/groundtrace demo --no-viewer
+	$(BIN)/groundtrace figure build/lower-back.results.mcap --step 2 -o docs/images/missed-step.png --dpi 150
 
 clean:
 	find . -name "kernels-*" -path "*/__pycache__/*" -prune -exec rm -rf {} +

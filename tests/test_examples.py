@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 #: What a recording is replayed through where its example names no pipeline, by how it is called.
-FITTING = {"walk": "waist-steps", "room": "room-footsteps", "cars": "vehicle-passes"}
+FITTING = {
+    "walk": "waist-steps",
+    "lower-back": "waist-steps",
+    "room": "room-footsteps",
+    "cars": "vehicle-passes",
+}
 HELP = {
     f"{group}{name}": text.partition("Example: ")[2]
     for group, commands in (("", COMMANDS), ("simulate ", SIMULATIONS), ("analyze ", ANALYSES))

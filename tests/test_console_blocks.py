@@ -1,0 +1,85 @@
+"""What a page shows of a terminal is what it shows: the commands of its console blocks run.
+
+A page runs from top to bottom in a folder of its own. ``...`` stands for what may differ,
+``[exit 1]`` for a command that fails. Blocks that cannot run (installing, files of the reader) are
+``sh``. With ``GROUNDTRACE_DOCS=update`` what is printed is put into the pages instead.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+BLOCK = re.compile(r"^```console\n(.*?)^```", re.M | re.S)
+PAGES = sorted(
+    str(page.relative_to(ROOT))
+    for page in (ROOT / "README.md", *ROOT.glob("docs/**/*.md"))
+    if BLOCK.search(page.read_text("utf-8"))
+)
+
+
+def steps_of(block: str) -> list[tuple[str, str]]:
+    """Return the commands of a block, each with what it prints."""
+    parts = [part.partition("\n") for part in re.split(r"(?m)^\$ ", block)[1:]]
+    return [(command, printed) for command, _, printed in parts]
+
+
+def printed_by(command: str, folder: Path) -> str:
+    """Return what a command prints, both streams in their order, and how it ends if not well."""
+    paths = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
+    quiet = {"DISPLAY": "", "WAYLAND_DISPLAY": "", "PYTHONUNBUFFERED": "1", "PATH": paths}
+    done = subprocess.run(
+        ["bash", "-c", command],
+        cwd=folder,
+        env=os.environ | quiet,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=120,
+        check=False,
+    )
+    return done.stdout + (f"[exit {done.returncode}]\n" if done.returncode else "")
+
+
+def agrees(expected: str, printed: str) -> bool:
+    """Whether a command printed what a page says."""
+    pattern = re.escape(expected).replace(re.escape("..."), ".*?")
+    return re.fullmatch(pattern, printed, re.S) is not None
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_commands_of_a_page_print_what_it_says(page: str, tmp_path: Path) -> None:
+    text = (ROOT / page).read_text("utf-8")
+    wrong = []
+    for block in BLOCK.findall(text):
+        for command, expected in steps_of(block):
+            printed = printed_by(command, tmp_path)
+            if not agrees(expected, printed):
+                wrong.append(f"$ {command}\nexpected:\n{expected}printed:\n{printed}")
+                text = text.replace(f"$ {command}\n{expected}", f"$ {command}\n{printed}")
+    if wrong and os.environ.get("GROUNDTRACE_DOCS") == "update":
+        (ROOT / page).write_text(text, "utf-8")
+    else:
+        assert not wrong, "\n".join(wrong)
+
+
+def test_pages_that_show_a_terminal_are_found() -> None:
+    assert {"README.md", "docs/command-line.md"} <= set(PAGES)
+    shown = [p for p in ROOT.glob("docs/**/*.md") if "\n$ " in p.read_text("utf-8")]
+    assert {str(p.relative_to(ROOT)) for p in shown} <= set(PAGES), "a prompt outside a block"
+
+
+def test_dots_stand_for_anything_and_nothing_else_differs() -> None:
+    assert agrees("a\n...\nb\n", "a\n1\n2\nb\n")
+    assert not agrees("steps: 19 of 23\n", "steps: 20 of 23\n")
+    assert not agrees("", "warning\n")
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 120
