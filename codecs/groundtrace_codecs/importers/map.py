@@ -53,6 +53,7 @@ from .base import (
     Timing,
     TruthMap,
 )
+from .stored import Column, Converted, StoredArray
 from .time import check_time, leap_seconds, parse_start, timestamps, zone_of
 
 if TYPE_CHECKING:
@@ -215,8 +216,8 @@ class Table(Protocol):
         """Name of the file, for messages."""
         ...
 
-    def numbers(self, column: str | int) -> NDArray[np.float64]:
-        """Return one column, shape (n,); empty cells are NaN."""
+    def numbers(self, column: str | int) -> Column:
+        """Return one column of n numbers; empty cells are NaN."""
         ...
 
     def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
@@ -343,7 +344,7 @@ def _start_ns(table: Table, map_: ImportMap) -> int:
 
 
 def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
-    columns = [table.numbers(c.column) for c in stream.columns]
+    columns = [table.numbers(c.column)[:] for c in stream.columns]
     lengths = sorted({len(c) for c in columns})
     if len(lengths) != 1 or lengths[0] == 0:
         raise SchemaError(
@@ -377,7 +378,7 @@ def _by_counter(
 ) -> _Read:
     """Return a stream whose device counts its samples."""
     place = f"{table.name}: {stream.topic}: {counter.column}"
-    values = table.numbers(counter.column)
+    values = table.numbers(counter.column)[:]
     if len(values) != len(samples):
         raise SchemaError(f"{place}: expected {len(samples)} counts, found {len(values)}")
     found = time_columns.count(values, counter.modulus, clock[0], place)
@@ -722,7 +723,7 @@ class Reference:
     name: str
     start_ns: int
     sample_times_ns: NDArray[np.int64]
-    numbers: Callable[[str | int], NDArray[np.float64]]
+    numbers: Callable[[str | int], Column]
     groups: Callable[[str], list[Any]]
 
 
@@ -754,7 +755,7 @@ def references(
 def _increments(reference: Reference, truth: TruthMap) -> list[Label]:
     """Return one event for each unit a running count grows by, at the row where it does."""
     assert truth.increments_of is not None
-    counts = reference.numbers(truth.increments_of)
+    counts = reference.numbers(truth.increments_of)[:]
     known = np.flatnonzero(np.isfinite(counts))
     if len(counts) != len(reference.sample_times_ns) or not known.size:
         raise SchemaError(
@@ -769,7 +770,7 @@ def _increments(reference: Reference, truth: TruthMap) -> list[Label]:
 def _total(reference: Reference, truth: TruthMap) -> list[Label]:
     """Return the count over the whole recording, its end one period after the last sample."""
     assert truth.total_of is not None
-    cells = reference.numbers(truth.total_of)
+    cells = reference.numbers(truth.total_of)[:]
     found = cells[np.isfinite(cells)]
     if found.size != 1:
         raise SchemaError(
@@ -955,8 +956,8 @@ def evaluate(root: Any, path: str, place: str) -> list[Any]:
     return found
 
 
-def column(root: Any, path: str, place: str) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the numbers ``path`` leads to as one column, shape (n,), float64.
+def column(root: Any, path: str, place: str) -> Column:
+    """Return the numbers ``path`` leads to as one column of n rows, float64.
 
     Raises
     ------
@@ -964,6 +965,14 @@ def column(root: Any, path: str, place: str) -> np.ndarray[Any, np.dtype[np.floa
         Where the path leads to something else than one vector of numbers.
     """
     found = evaluate(root, path, place)
+    if len(found) == 1 and isinstance(found[0], StoredArray):
+        stored = found[0].column()
+        if stored is None or stored.of.dtype.kind not in "biuf":
+            raise SchemaError(
+                f"{place}: {path}: expected one column of numbers, found {found[0].dtype} of shape "
+                f"{found[0].shape}"
+            )
+        return Converted(stored, lambda rows: rows.astype(np.float64))
     try:
         values = np.squeeze(np.asarray(found[0] if len(found) == 1 else found))
         if values.ndim > 1 or np.iscomplexobj(values):
@@ -991,7 +1000,7 @@ def _indexed(value: Any, text: str, place: str) -> Any:
         raise SchemaError(f"{place}: expected [*], [i] or [:,j], found [{text}]")
     index = tuple(slice(None) if p == ":" else int(p) for p in parts)
     try:
-        return np.atleast_1d(value)[index]
+        return value.at(index) if isinstance(value, StoredArray) else np.atleast_1d(value)[index]
     except IndexError as error:
         raise SchemaError(f"{place}: expected an index inside the array, found: {error}") from error
 

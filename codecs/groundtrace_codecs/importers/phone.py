@@ -39,7 +39,7 @@ from ..signals import NS_PER_S, Channel, Stream, to_quantity
 from . import base
 from .base import ColumnMap, Imported, ImportMap, StreamMap, TimeMap
 from .map import MAX_NS, TIME_UNITS_NS, Sampled, sample_format, together
-from .tables import TextTable
+from .tables import TextTable, check_member
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
 _BESIDE = ("Metadata.csv", "Annotation.csv", "meta/time.csv")
 #: How much of a table is looked at to know it [bytes].
 _HEAD = 4096
+#: A table that holds no samples is no longer than this [bytes].
+_RECORDS = 1 << 22
 
 
 class PhoneImporter:
@@ -150,8 +152,10 @@ _DAMAGE = (
 
 def _inside(archive: zipfile.ZipFile) -> dict[str, TextFile]:
     """Return the tables of an archive by their names without folder."""
-    names = [n for n in archive.namelist() if n.lower().endswith(".csv")]
-    return {n.rpartition("/")[2]: zipfile.Path(archive, n) for n in names if "__MACOSX" not in n}
+    found = {m.filename: m for m in archive.infolist() if m.filename.lower().endswith(".csv")}
+    for name, member in found.items():
+        check_member(member, name.rpartition("/")[2])
+    return {n.rpartition("/")[2]: zipfile.Path(archive, n) for n in found if "__MACOSX" not in n}
 
 
 def _look(file: TextFile) -> AppFile:
@@ -212,7 +216,11 @@ class AppFile:
 
     def records(self) -> list[dict[str, str]]:
         """Return the rows as texts by column, for tables that hold no samples."""
-        text = self.file.read_bytes().decode("utf-8-sig", "replace").replace("\0", "")
+        with self.file.open("rb") as file:
+            content = file.read(_RECORDS + 1)
+        if len(content) > _RECORDS:
+            raise FormatError(f"{self.name}: expected at most {_RECORDS} bytes, found more")
+        text = content.decode("utf-8-sig", "replace").replace("\0", "")
         try:
             rows = list(csv.reader(io.StringIO(text, newline=""), delimiter=self.delimiter))
         except csv.Error:

@@ -6,22 +6,30 @@ of ROS 1 are converted to CDR first.
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
+import bz2
+import re
+import shutil
+import sqlite3
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import lz4.frame
 import numpy as np
+import zstandard
 
-from ..errors import CodecError, FormatError, MissingReaderError, SchemaError
+from ..errors import CodecError, FormatError, MissingReaderError, NoRoomError, SchemaError
 from ..mcap.chunks import Message, MessageTable
 from ..recording import Recording, nominal_reader
 from ..schemas.ros2 import in_range, parse_ros2msg
+from ..unpacking import most_unpacked, too_much
 from .map import Sampled, together
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -36,6 +44,7 @@ _SQLITE = b"SQLite format 3\0"
 _MCAP = b"\x89MCAP0\r\n"
 #: A ROS 2 bag in SQLite has this table, described on its first page (65536 bytes at most).
 _TABLE, _PAGES = b"CREATE TABLE messages", 1 << 16
+_VIRTUAL = re.compile(r"\s*CREATE\s+VIRTUAL", re.IGNORECASE)
 _BAG_INFO = b"rosbag2_bagfile_information"
 _HEADER = "std_msgs/msg/Header"
 #: Quantities of an Imu, either of which a sensor may lack.
@@ -74,12 +83,14 @@ class RosImporter:
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for a ROS bag, found one")
         found = _Found()
-        mcaps = [p for p in paths if _known_suffix(p) == ".mcap"]
-        for path in mcaps:
-            _read_mcap(path, found)
-        if bags := _bags([p for p in paths if p not in mcaps], bool(mcaps)):
-            with _by_suffix(bags) as named:
-                _read_bags(named, found)
+        with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            plain = [_unpacked(path, Path(folder)) for path in paths]
+            mcaps = [p for p in plain if _known_suffix(p) == ".mcap"]
+            for path in mcaps:
+                _read_mcap(path, found)
+            apart = bool(mcaps) or plain != list(paths)
+            if bags := _bags([p for p in plain if p not in mcaps], apart):
+                _read_bags(_by_suffix(bags, Path(folder)), found)
         found.drop_no_positions()
         if not found.samples:
             others = ", ".join(sorted(found.others)) or "no messages"
@@ -160,12 +171,32 @@ def _read_mcap(path: Path, found: _Found) -> None:
         found.remarks += [f"{path.name}: damaged: {d.reason}" for d in opened.damage]
 
 
-def _bags(paths: Sequence[Path], with_mcap: bool) -> list[Path]:
-    """Return what rosbags is to open: a ROS 2 bag by its folder, where that is described."""
+def _unpacked(path: Path, folder: Path) -> Path:
+    """Return a file, one packed as a whole (ROS 2's compression mode ``file``) unpacked."""
+    if path.suffix != ".zstd":
+        return path
+    size = path.stat().st_size
+    out, limit, count = folder / path.stem, most_unpacked(size), 0
+    try:
+        with path.open("rb") as packed, out.open("wb") as plain:
+            for block in zstandard.ZstdDecompressor().read_to_iter(packed):
+                count += len(block)
+                if count > limit:
+                    raise FormatError(f"{path.name}: {too_much(limit, size, count)}")
+                plain.write(block)
+    except zstandard.ZstdError as error:
+        raise FormatError(f"{path.name}: expected zstd data, found: {error}") from error
+    except OSError as error:
+        raise NoRoomError(out, error.strerror) from error
+    return out
+
+
+def _bags(paths: Sequence[Path], apart: bool) -> list[Path]:
+    """Return what rosbags is to open: a ROS 2 bag by its folder, where that describes all of it."""
     folders = [p.parent for p in paths if p.name == "metadata.yaml"]
-    if folders:
-        return [] if with_mcap else folders
-    return list(paths)
+    if folders and not apart:
+        return folders
+    return [p for p in paths if p.name != "metadata.yaml"]
 
 
 def _suffix_of(head: bytes) -> str:
@@ -182,20 +213,26 @@ def _known_suffix(path: Path) -> str:
         return _suffix_of(file.read(_PAGES))
 
 
-@contextmanager
-def _by_suffix(bags: Sequence[Path]) -> Iterator[list[Path]]:
-    """Give bags names that rosbags knows them by: it looks at the suffix alone."""
-    wrong = {p: s for p in bags if p.is_file() and (s := _known_suffix(p)) not in ("", p.suffix)}
-    if not wrong:
-        yield list(bags)
-        return
-    with TemporaryDirectory() as folder:
-        named = []
-        for number, path in enumerate(bags):
-            link = Path(folder) / f"{number}-{path.stem}{wrong.get(path, path.suffix)}"
-            link.symlink_to(path.resolve())
-            named.append(link)
-        yield named
+def _by_suffix(bags: Sequence[Path], folder: Path) -> list[Path]:
+    """Return bags by names that rosbags knows them by: it looks at the suffix alone."""
+    named = []
+    for number, path in enumerate(bags):
+        known = _known_suffix(path) if path.is_file() else ""
+        if known in ("", path.suffix):
+            named.append(path)
+            continue
+        named.append(folder / f"{number}-{path.stem}{known}")
+        _link(path.resolve(), named[-1])
+    return named
+
+
+def _link(path: Path, name: Path) -> None:
+    """Give a file another name; where the system allows no link, it is copied."""
+    for link in (name.symlink_to, name.hardlink_to):
+        with suppress(OSError, NotImplementedError):
+            link(path)
+            return
+    shutil.copyfile(path, name)
 
 
 def _read_bags(paths: Sequence[Path], found: _Found) -> None:
@@ -209,7 +246,10 @@ def _read_bags(paths: Sequence[Path], found: _Found) -> None:
         with ExitStack() as stack:
             # bags of before Iron hold no definitions: those of the messages read never changed
             known = get_typestore(Stores.ROS2_HUMBLE)
+            for path in paths:
+                _check_tables(path)
             bag = stack.enter_context(AnyReader(list(paths), default_typestore=known))
+            _bound(bag, name)
             # CDR knows the header of ROS 2, without the seq of ROS 1
             types = {**bag.typestore.fielddefs, _HEADER: known.fielddefs[_HEADER]}
             store = get_typestore(Stores.EMPTY)
@@ -220,6 +260,54 @@ def _read_bags(paths: Sequence[Path], found: _Found) -> None:
     except Exception as error:  # rosbags' readers raise whatever their parsers meet
         text = " ".join(str(error).split()) or type(error).__name__
         raise FormatError(f"{name}: expected a whole ROS bag, found: {text}") from error
+
+
+def _check_tables(path: Path) -> None:
+    """Refuse a bag in SQLite that computes what it holds: a view can have no end."""
+    files = [path] if path.is_file() else sorted(path.glob("*.db3"))
+    for file in (f for f in files if _known_suffix(f) == ".db3"):
+        place = f"{file.resolve().as_uri()}?mode=ro&immutable=1"
+        with closing(sqlite3.connect(place, uri=True)) as bag:
+            rows = bag.execute("SELECT type, name, sql FROM sqlite_master").fetchall()
+            for kind, table, sql in rows:
+                plain = kind in ("table", "index") and not _VIRTUAL.match(str(sql))
+                columns = bag.execute("SELECT hidden FROM pragma_table_xinfo(?)", (table,))
+                if not plain or any(hidden for (hidden,) in columns):
+                    raise FormatError(
+                        f"{file.name}: {table}: expected a table of values, found a {kind} of "
+                        f"computed ones"
+                    )
+
+
+def _bound(bag: Any, name: str) -> None:
+    """Let no compressed part of an open bag become more than it may hold."""
+    for reader in bag.readers:
+        chunks = getattr(reader, "chunks", {})
+        for place, chunk in chunks.items():
+            unpack = partial(_chunk, chunk.decompressor, f"{name}: byte {place}")
+            chunks[place] = chunk._replace(decompressor=unpack)
+        if getattr(reader, "compression_mode", None) == "message":
+            packed = (row for part in reader.storage.storages for row in part.messages())
+            for number, (_, _, data) in enumerate(packed):
+                size, limit = zstandard.frame_content_size(data), most_unpacked(len(data))
+                if not 0 <= size <= limit:
+                    raise FormatError(
+                        f"{name}: message {number}: {too_much(limit, len(data), size)}"
+                    )
+
+
+def _chunk(unpack: Callable[[bytes], bytes], place: str, data: bytes) -> bytes:
+    """Return what a chunk of a ROS 1 bag holds."""
+    limit = most_unpacked(len(data))
+    if unpack is bz2.decompress:
+        found = bz2.BZ2Decompressor().decompress(data, limit + 1)
+    elif unpack is lz4.frame.decompress:
+        found = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, limit + 1))
+    else:  # not compressed
+        found = unpack(data)
+    if len(found) > limit:
+        raise FormatError(f"{place}: {too_much(limit, len(data), len(found))} or more")
+    return found
 
 
 def _read_bag(bag: Any, store: Any, name: str, found: _Found) -> None:

@@ -194,7 +194,10 @@ def _read(path: Path) -> tuple[list[Any], list[str]]:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             # from memory: a reader that fails would leave its file open
-            traces = list(read(io.BytesIO(path.read_bytes())))
+            content = io.BytesIO(path.read_bytes())
+            traces = list(read(content, format=_format(content, path.name)))
+    except FormatError:
+        raise
     except Exception as error:  # ObsPy's readers raise whatever their parsers meet
         raise FormatError(
             f"{path.name}: expected a seismic file ObsPy can read, found: {error}"
@@ -212,6 +215,22 @@ def _read(path: Path) -> tuple[list[Any], list[str]]:
         empty = len(traces) - len(kept)
         lines.append(f"{path.name}: {empty} of {len(traces)} traces hold no samples: left out")
     return kept, list(dict.fromkeys(lines))
+
+
+def _format(content: io.BytesIO, name: str) -> str:
+    """Return ObsPy's name of a format; its own search would run what a pickle says."""
+    from obspy.core.util.base import ENTRY_POINTS, buffered_load_entry_point
+
+    for format_, point in ENTRY_POINTS["waveform"].items():
+        if format_ == "PICKLE":
+            continue
+        place = f"obspy.plugin.waveform.{format_}"
+        content.seek(0)
+        found = buffered_load_entry_point(point.dist.name, place, "isFormat")(content)
+        content.seek(0)
+        if found:
+            return str(format_)
+    raise FormatError(f"{name}: expected a seismic file ObsPy can read, found another file")
 
 
 def _shot(path: Path, traces: list[Any]) -> Shot:

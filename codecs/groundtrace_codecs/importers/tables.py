@@ -13,7 +13,10 @@ import csv
 import io
 import math
 import re
+import zipfile
 import zlib
+from collections.abc import Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
@@ -22,20 +25,25 @@ import numpy as np
 
 from ..errors import CodecError, FormatError, SchemaError, did_you_mean
 from ..truth import plain_cell
+from ..unpacking import most_inflated, most_unpacked, too_much
 from . import map as expressions
 from .map import TIME_UNITS_NS, import_tables
+from .stored import Spool, StoredArray, rows_in
 from .time import timestamps
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from .base import Imported, ImportMap, TimeMap
+    from .stored import Column
 
 _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62
+#: A line of a table has fewer characters: 30 000 columns of 30 digits.
+_LONGEST_LINE = 1 << 20
 #: A row of two numbers or more.
 _ROW = re.compile(rb"\s*[-+\d.,eE]+(?:\s*[,;\t ]\s*[-+\d.,eE]+)+\s*")
 
@@ -51,10 +59,6 @@ class TextFile(Protocol):
     @property
     def suffix(self) -> str:
         """What the name ends in, with its dot."""
-        ...
-
-    def read_bytes(self) -> bytes:
-        """Return the content."""
         ...
 
     def open(self, mode: Literal["rb"]) -> IO[bytes]:
@@ -219,12 +223,8 @@ class TextTable:
 
 def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells, without empty lines and comments."""
-    try:
-        text = path.read_bytes().decode(map_.encoding)
-    except (UnicodeDecodeError, LookupError) as error:
-        raise FormatError(f"{path.name}: expected {map_.encoding} text, found: {error}") from error
     delimiter = map_.delimiter or ("\t" if path.suffix.lower() == ".tsv" else ",")
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    reader = csv.reader(_whole_lines(path, map_.encoding), delimiter=delimiter)
     try:
         for cells in reader:
             if not cells or (map_.comment and cells[0].startswith(map_.comment)):
@@ -234,6 +234,24 @@ def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
         raise FormatError(
             f"{path.name}: line {reader.line_num}: expected delimited text, found: {error}"
         ) from error
+
+
+def _whole_lines(path: TextFile, encoding: str) -> Iterator[str]:
+    """Yield the lines of a text; one that no table has is refused before it is in memory."""
+    with path.open("rb") as file:
+        try:
+            text = io.TextIOWrapper(file, encoding, newline="")
+            number = 0
+            while line := text.readline(_LONGEST_LINE):
+                number += 1
+                if len(line) == _LONGEST_LINE:
+                    raise FormatError(
+                        f"{path.name}: line {number}: expected less than {_LONGEST_LINE} "
+                        f"characters, found more"
+                    )
+                yield line
+        except (UnicodeError, LookupError) as error:
+            raise FormatError(f"{path.name}: expected {encoding} text, found: {error}") from error
 
 
 def _names(map_: ImportMap) -> Iterator[str]:
@@ -268,6 +286,8 @@ _CLASSES = {
 _OTHERS = {5: "sparse array", 16: "function handle", 17: "object of a class"}
 _COMPLEX = 0x08
 _HEADER = 128
+#: An element of a cell or struct takes about so much in memory [bytes].
+_OBJECT_BYTES = 200
 #: Structs and cells nest no deeper than this in a file anyone has written.
 _DEEPEST = 100
 #: Level 4: precisions (P) of its type MOPT.
@@ -290,21 +310,22 @@ class Archive:
     """
 
     name: str
-    root: dict[str, Any]
+    root: Mapping[str, Any]
 
-    def numbers(self, column: str | int) -> NDArray[np.float64]:
-        """Return the vector a path leads to, shape (n,)."""
+    def numbers(self, column: str | int) -> Column:
+        """Return the vector a path leads to, n numbers."""
         return expressions.column(self.root, str(column), self.name)
 
     def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
         """Return the sample times [ns], shape (n,)."""
-        found = self.numbers(time.column)
+        found = self.numbers(time.column)[:]
         factor = TIME_UNITS_NS[time.unit]
         if not (np.abs(found) <= _MAX_NS / factor).all():  # NaN is not either
             raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
         whole = np.floor(found)  # apart, so that unix times keep all their digits
         parts = np.rint((found - whole) * factor).astype(np.int64)
-        return whole.astype(np.int64) * factor + parts
+        times_ns: NDArray[np.int64] = whole.astype(np.int64) * factor + parts
+        return times_ns
 
     def texts(self, column: str | int) -> list[str]:
         """Refuse times in words: arrays hold numbers."""
@@ -349,6 +370,7 @@ class MatlabImporter:
 def _load_mat(path: Path) -> dict[str, Any]:
     """Return the variables of a file by name: vectors, numbers and text without axes of one."""
     data = path.read_bytes()
+    room = _Room(path.name, len(data), most_unpacked(len(data)))
     if data[124:_HEADER] in _VERSIONS_HDF5:
         raise FormatError(
             f"{path.name}: header: expected MATLAB 4 to 7.2, found 7.3, which is HDF5: put "
@@ -359,7 +381,31 @@ def _load_mat(path: Path) -> dict[str, Any]:
     order = _VERSIONS.get(data[124:_HEADER])
     if order is None:
         raise FormatError(f"{path.name}: header: expected a MATLAB file, found another file")
-    return dict(_Level5(path.name, memoryview(data), order, _HEADER).variables())
+    return dict(_Level5(path.name, memoryview(data), order, room, _HEADER).variables())
+
+
+@dataclass(slots=True)
+class _Room:
+    """How much the variables of a file may take in memory.
+
+    Attributes
+    ----------
+    name, packed
+        Of the file, and its size [bytes].
+    most, taken
+        All that its parts may take, and what they took so far [bytes].
+    """
+
+    name: str
+    packed: int
+    most: int
+    taken: int = 0
+
+    def take(self, size: int) -> None:
+        """Count what comes next; more than there is room for is a FormatError."""
+        self.taken += size
+        if self.taken > self.most:
+            raise FormatError(f"{self.name}: {too_much(self.most, self.packed, self.taken)}")
 
 
 @dataclass(slots=True)
@@ -374,6 +420,8 @@ class _Level5:
         The elements.
     order
         ``<`` or ``>``.
+    room
+        What is left for what it holds.
     at
         Where the next one begins.
     depth
@@ -385,6 +433,7 @@ class _Level5:
     name: str
     data: memoryview
     order: str
+    room: _Room
     at: int = 0
     depth: int = 0
     where: str = ""
@@ -394,7 +443,8 @@ class _Level5:
             kind, content = self.element(padded=False)
             if kind == _COMPRESSED:
                 place = f" of what is packed before byte {self.at}"
-                inside = _Level5(self.name, self._inflated(content), self.order, where=place)
+                packed = self._inflated(content)
+                inside = _Level5(self.name, packed, self.order, self.room, where=place)
                 kind, content = inside.element()
                 part = inside._within(content)
             else:
@@ -446,8 +496,10 @@ class _Level5:
             return name, self._characters(shape)
         if class_ not in _CLASSES:
             raise self._wrong("a class of arrays", f"{class_}")
+        kept = self.numbers()
+        self.room.take(len(kept) * (16 if complex_ else int(_CLASSES[class_][1])))
         with np.errstate(invalid="ignore"):  # whole numbers that a damaged file calls fractions
-            values = self.numbers().astype(_CLASSES[class_])
+            values = kept.astype(_CLASSES[class_])
         if complex_:
             imaginary = self.numbers()
             if len(imaginary) != len(values):
@@ -521,13 +573,14 @@ class _Level5:
 
     def _within(self, content: memoryview) -> _Level5:
         place = self.where or f" of the array that ends at byte {self.at}"
-        return _Level5(self.name, content, self.order, 0, self.depth + 1, place)
+        return _Level5(self.name, content, self.order, self.room, 0, self.depth + 1, place)
 
     def _believed(self, shape: tuple[int, ...], fields: int) -> int:
         """Return how many arrays a shape means; each takes 8 bytes at least."""
         count, left = math.prod(shape), len(self.data) - self.at
         if count * fields * 8 > left:
             raise self._wrong(f"{count * fields} arrays", f"{left} bytes")
+        self.room.take(count * fields * _OBJECT_BYTES)
         return count
 
     def _shaped(self, values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
@@ -552,6 +605,7 @@ class _Level5:
         try:
             tag = inflate.decompress(content, 8)
             size = int(np.frombuffer(tag, f"{self.order}u4")[1]) if len(tag) == 8 else 0
+            self.room.take(size)
             rest = inflate.decompress(inflate.unconsumed_tail, size + 8)
         except zlib.error as error:
             raise self._wrong("compressed data", f"{error}") from error
@@ -677,8 +731,34 @@ def _is_level_4(head: bytes, size: int) -> bool:
 #: The signature may follow a user block; MATLAB 7.3 writes one of 512 bytes.
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _OFFSETS = (0, 512, 1024, 2048, 4096)
-#: Deflate packs no more than 1032 bytes into one (zlib's technical details).
-_DENSEST = 1032
+#: Arrays of less are read into memory when they are asked for [bytes].
+_SMALL_BYTES = 1 << 20
+#: A chunk of HDF5 is decompressed as a whole. One of more than the first is kept decompressed in a
+#: temporary file, one of more than the second is refused [bytes]; writers make chunks of some
+#: hundred kB (HDF5 User's Guide, "Chunking"), and a chunk of MCAP may be 128 MiB as well.
+_LARGE_CHUNK, _MOST_CHUNK = 1 << 22, 1 << 27
+
+
+class _Named(Mapping[str, Any]):
+    """Values of a file by name, each read when it is first asked for."""
+
+    def __init__(self, names: Iterable[str], read: Callable[[str], Any]) -> None:
+        self._names, self._read = tuple(names), read
+        self._found: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._found:
+            self._found[name] = self._read(name)
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
 
 
 class HdfImporter:
@@ -701,32 +781,56 @@ class HdfImporter:
         SchemaError
             Without a map, or where map and file do not match.
         FormatError
-            Where a file is no HDF5 file.
+            Where a file is no HDF5 file, or what a path names lies outside it.
         """
         if map_ is None:
             raise SchemaError(f"{paths[0].name}: expected --map for an HDF5 file, found none")
-        return import_tables([Archive(p.name, _load_hdf5(p)) for p in paths], map_)
+        return import_tables([Archive(p.name, _open_hdf5(p)) for p in paths], map_)
 
 
-def _load_hdf5(path: Path) -> dict[str, Any]:
+def _open_hdf5(path: Path) -> Mapping[str, Any]:
     import h5py
 
+    with _hdf5_errors(path.name):
+        file = h5py.File(path, "r")
+        attributes = _Named(map(_text, file.attrs), lambda name: file.attrs[name])
+        group = _hdf5_group(file, path.name)
+    names = dict.fromkeys([*attributes, *group])
+    return _Named(names, lambda name: group[name] if name in group else attributes[name])
+
+
+@contextmanager
+def _hdf5_errors(name: str) -> Iterator[None]:
+    """Raise whatever the damaged part leads h5py and its library to as a FormatError."""
     try:
-        with h5py.File(path, "r") as file:
-            return {**{_text(k): v for k, v in file.attrs.items()}, **_contents(file, path)}
+        yield
     except CodecError:
         raise
-    except Exception as error:  # h5py raises whatever the damaged part leads its library to
+    except Exception as error:
         found = str(error) or type(error).__name__
-        raise FormatError(f"{path.name}: expected an HDF5 file, found: {found}") from error
+        raise FormatError(f"{name}: expected an HDF5 file, found: {found}") from error
 
 
-def _contents(group: Any, path: Path) -> dict[str, Any]:
-    """Return a group's data sets and groups by name, read into memory."""
-    return {
-        _text(name): _contents(item, path) if hasattr(item, "keys") else _values(item, path)
-        for name, item in group.items()
-    }
+def _hdf5_group(group: Any, place: str) -> Mapping[str, Any]:
+    """Return a group's data sets and groups by name."""
+    import h5py
+
+    keys = {_text(name): name for name in group}
+
+    def read(name: str) -> Any:
+        with _hdf5_errors(place):
+            if isinstance(group.get(keys[name], getlink=True), h5py.ExternalLink):
+                raise FormatError(
+                    f"{place}: {name}: expected data in the file itself, found a link to another"
+                )
+            item = group[keys[name]]
+            if isinstance(item, h5py.Group):
+                return _hdf5_group(item, place)
+            if not isinstance(item, h5py.Dataset):
+                return Opaque("type")
+            return _hdf5_values(item, place)
+
+    return _Named(keys, read)
 
 
 def _text(name: str | bytes) -> str:
@@ -734,19 +838,60 @@ def _text(name: str | bytes) -> str:
     return name if isinstance(name, str) else name.decode("utf-8", "replace")
 
 
-def _values(item: Any, path: Path) -> Any:
-    """Return a data set's values; one that claims more than the file can hold is refused."""
-    size = int(item.size or 0) * item.dtype.itemsize
-    if size > _DENSEST * path.stat().st_size:
-        raise FormatError(
-            f"{path.name}: {item.name}: expected no more values than the file can hold, "
-            f"found {size} bytes of them"
-        )
-    return item[()]
+def _hdf5_values(item: Any, name: str) -> Any:
+    """Return a data set's values, those of a large one in the file."""
+    place = f"{name}: {_text(item.name)}"
+    if item.external or item.is_virtual:
+        raise FormatError(f"{place}: expected data in the file itself, found data of other files")
+    if item.shape is None or item.dtype.hasobject:
+        return _hdf5_objects(item, place)
+    size, kept = int(item.size) * item.dtype.itemsize, int(item.id.get_storage_size())
+    if size > (limit := most_inflated(kept)):
+        raise FormatError(f"{place}: {too_much(limit, kept, size)}")
+    chunk = math.prod(item.chunks or ()) * item.dtype.itemsize if item.chunks else 0
+    if chunk > _MOST_CHUNK:
+        raise FormatError(f"{place}: expected chunks of at most {_MOST_CHUNK} bytes, found {chunk}")
+    if size <= _SMALL_BYTES:
+        return item[()]
+
+    def fetch(lead: tuple[int, ...], start: int, stop: int) -> NDArray[Any]:
+        with _hdf5_errors(name):
+            return np.asarray(item[(*lead, slice(start, stop))])
+
+    if chunk <= _LARGE_CHUNK:
+        return StoredArray(place, item.shape, item.dtype, fetch)
+    spool = Spool(item.dtype, item.shape[1:])
+    for start in range(0, item.shape[0], item.chunks[0]):
+        spool.write(fetch((), start, min(start + item.chunks[0], item.shape[0])))
+    return rows_in(place, spool.read, item.shape, item.dtype)
+
+
+def _hdf5_objects(item: Any, place: str) -> Any:
+    """Return values that are no numbers of one size, such as texts, each read by itself.
+
+    Any number of them can be the same bytes of the file.
+    """
+    if not item.shape:
+        return item[()]
+    if item.ndim != 1:
+        return Opaque("values of any size")
+    found, size = [], 0
+    for at in range(len(item)):
+        found.append(item[at])
+        size += len(found[-1]) if hasattr(found[-1], "__len__") else 8
+        if max(size, 8 * at) > (limit := most_unpacked(0)):
+            raise FormatError(f"{place}: expected at most {limit} bytes of texts, found more")
+    values = np.empty(len(found), object)
+    values[:] = found
+    return values
 
 
 _NPY = b"\x93NUMPY"
 _ZIP = b"PK\x03\x04"
+#: Bytes of a packed array read at once.
+_PACKED_BYTES = 1 << 20
+#: NumPy reads no header of more characters than 10 000.
+_NPY_HEAD = 1 << 14
 
 
 class NumpyImporter:
@@ -771,22 +916,96 @@ class NumpyImporter:
         SchemaError
             Without a map, or where map and file do not match.
         FormatError
-            Where a file is no NumPy archive, or holds pickled objects.
+            Where a file is no NumPy archive, or what a path names holds pickled objects.
         """
         if map_ is None:
             raise SchemaError(f"{paths[0].name}: expected --map for a NumPy archive, found none")
-        return import_tables([Archive(p.name, _load_npz(p)) for p in paths], map_)
+        return import_tables([Archive(p.name, _open_npz(p)) for p in paths], map_)
 
 
-def _load_npz(path: Path) -> dict[str, Any]:
+def _open_npz(path: Path) -> Mapping[str, Any]:
+    with path.open("rb") as file:
+        head = file.read(len(_NPY))
+    if head == _NPY:
+        return _Named(["data"], lambda _: _npy(path, path.name, path.stat().st_size))
+    with _npz_errors(path.name), zipfile.ZipFile(path) as archive:
+        members = {m.filename.removesuffix(".npy"): m for m in archive.infolist()}
+    return _Named(members, lambda name: _member(path, name, members[name]))
+
+
+@contextmanager
+def _npz_errors(place: str) -> Iterator[None]:
+    """Raise whatever damaged bytes lead zipfile and NumPy to as a FormatError."""
     try:
-        with path.open("rb") as file:
-            loaded = np.load(file, allow_pickle=False)
-            if isinstance(loaded, np.ndarray):
-                return {"data": loaded}
-            return {name: loaded[name] for name in loaded.files}
-    except Exception as error:  # zipfile and NumPy raise whatever damaged bytes lead them to
+        yield
+    except CodecError:
+        raise
+    except Exception as error:
         found = str(error) or type(error).__name__
         raise FormatError(
-            f"{path.name}: expected a NumPy archive without pickled objects, found: {found}"
+            f"{place}: expected a NumPy archive without pickled objects, found: {found}"
         ) from error
+
+
+def _member(path: Path, name: str, member: zipfile.ZipInfo) -> Any:
+    """Return an array of an archive, unpacked into a temporary file."""
+    place = f"{path.name}: {name}"
+    check_member(member, place)
+    spool = Spool(np.uint8)
+    with _npz_errors(place), zipfile.ZipFile(path) as archive, archive.open(member) as content:
+        while block := content.read(_PACKED_BYTES):
+            spool.write(block)
+    return _npy(spool, place, len(spool))
+
+
+def check_member(member: zipfile.ZipInfo, place: str) -> None:
+    """Refuse a member of an archive that is packed as none is, or claims more than it can hold.
+
+    Raises
+    ------
+    FormatError
+        Names ``place``.
+    """
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise FormatError(
+            f"{place}: expected data that are stored or deflated, found method "
+            f"{member.compress_type}"
+        )
+    if member.file_size > (limit := most_inflated(member.compress_size)):
+        raise FormatError(f"{place}: {too_much(limit, member.compress_size, member.file_size)}")
+
+
+def _npy(source: Path | Spool, place: str, size: int) -> Any:
+    """Return the array of a .npy file, a large one in the file (NEP 1, versions 1 and 2)."""
+
+    def read(at: int, count: int) -> bytes:
+        found = source.read(at, count) if isinstance(source, Spool) else _read(source, at, count)
+        if len(found) < count:
+            raise FormatError(f"{place}: byte {at}: expected {count} bytes, found {len(found)}")
+        return found
+
+    with _npz_errors(place):
+        head = io.BytesIO(read(0, min(size, _NPY_HEAD)))
+        version = np.lib.format.read_magic(head)
+        known = np.lib.format
+        headers = {(1, 0): known.read_array_header_1_0, (2, 0): known.read_array_header_2_0}
+        if version not in headers:
+            raise FormatError(f"{place}: expected version 1 or 2 of the format, found {version}")
+        shape, fortran, dtype = headers[version](head)
+        begin, claimed = head.tell(), math.prod(shape) * dtype.itemsize
+        if dtype.hasobject:
+            raise FormatError(
+                f"{place}: expected a NumPy archive without pickled objects, found some"
+            )
+        if claimed > size - begin:
+            raise FormatError(
+                f"{place}: expected {claimed} bytes of shape {shape}, found {size - begin}"
+            )
+        found = rows_in(place, lambda at, n: read(begin + at, n), shape, dtype, fortran=fortran)
+        return found if claimed > _SMALL_BYTES else np.asarray(found)
+
+
+def _read(path: Path, at: int, count: int) -> bytes:
+    with path.open("rb") as file:
+        file.seek(at)
+        return file.read(count)

@@ -28,6 +28,8 @@ import numpy as np
 import zstandard
 from zlib_ng import zlib_ng
 
+from ..unpacking import most_unpacked, too_much
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterable, Iterator
 
@@ -457,11 +459,6 @@ _CHUNK_HEAD: Final = struct.Struct("<QQQI")
 # What each format can reach at best (zstd: a 4-byte block repeats 128 KiB; LZ4: 255 bytes a byte);
 # more is a lie, and would be allocated before it is found out.
 _MAX_RATIO: Final = {"": 1, "lz4": 256, "zstd": 1 << 15}
-# Chunks of more bytes than the first must be compressed by no more than the second: a few kB that
-# become a gigabyte are no signal. Chosen by judgement: 32 MiB are 100 of our own chunks, and what
-# sensors at rest record is compressed 100 times at most.
-_LARGE_BYTES: Final = 1 << 25
-_LARGE_RATIO: Final = 1000
 
 
 class MisplacedError(MalformedError):
@@ -649,12 +646,9 @@ class ChunkReader:
         if compression not in _MAX_RATIO:
             raise MalformedError(f"expected compression zstd, lz4 or none, found {compression!r}")
         possible = len(packed) * _MAX_RATIO[compression]
-        limit = min(MAX_RECORD_BYTES, possible, max(_LARGE_BYTES, len(packed) * _LARGE_RATIO))
+        limit = min(MAX_RECORD_BYTES, possible, most_unpacked(len(packed)))
         if size > limit:
-            raise MalformedError(
-                f"expected at most {limit} uncompressed bytes of {len(packed)} compressed ones, "
-                f"found {size}"
-            )
+            raise MalformedError(too_much(limit, len(packed), size))
         records = packed if compression == "" else self._decompress(compression, packed, size)
         if len(records) != size:
             raise MalformedError(f"expected {size} uncompressed bytes, found {len(records)}")

@@ -1,0 +1,295 @@
+"""Arrays that stay in their file, or in a temporary one, and are read piece by piece.
+
+An array of a gigabyte is a shape, and a way to fetch some of its rows. What a path of a map takes
+of it is one column as a rule: it has a length and gives slices, as a NumPy array of one axis does.
+Whoever reads columns piece by piece need not know which of both it has.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from ..errors import FormatError, NoRoomError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+#: Rows read at once: half a megabyte of four channels.
+PIECE = 1 << 14
+#: A block of rows with many columns is no larger than this [bytes].
+_BLOCK_BYTES = 1 << 24
+#: What is no column of samples, such as events of a reference, is no larger than this [bytes].
+_WHOLE_BYTES = 1 << 27
+#: Temporary files of less stay in memory [bytes].
+_IN_MEMORY = 1 << 22
+
+
+class Column(Protocol):
+    """Rows of one or more columns: an array, or what gives slices of one that is not in memory."""
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        ...
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        """Return rows from a start to a stop."""
+        ...
+
+
+def pieces(count: int) -> Iterator[slice]:
+    """Yield so many rows as slices of :data:`PIECE`."""
+    for start in range(0, count, PIECE):
+        yield slice(start, min(start + PIECE, count))
+
+
+class Spool:
+    """Rows of numbers in a temporary file, written once and read as often as wanted.
+
+    Parameters
+    ----------
+    dtype
+        Of the numbers.
+    shape
+        Of one row.
+    """
+
+    def __init__(self, dtype: Any, shape: tuple[int, ...] = ()) -> None:
+        self._dtype, self._shape = np.dtype(dtype), shape
+        self._row_bytes = self._dtype.itemsize * math.prod(shape)
+        self._file: IO[bytes] = tempfile.SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115
+        self._bytes = 0
+
+    def __del__(self) -> None:
+        self._file.close()
+
+    def write(self, content: bytes | memoryview | NDArray[Any]) -> None:
+        """Add what follows, whole rows or the bytes of them."""
+        if isinstance(content, np.ndarray):
+            content = np.ascontiguousarray(content, self._dtype).data.cast("B")
+        try:
+            self._file.seek(self._bytes)
+            self._file.write(content)
+        except OSError as error:
+            raise NoRoomError(Path(tempfile.gettempdir()), error.strerror) from error
+        self._bytes += len(content)
+
+    def __len__(self) -> int:
+        return self._bytes // self._row_bytes if self._row_bytes else 0
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        start, stop, _ = rows.indices(len(self))
+        count = max(0, stop - start)
+        found = self.read(start * self._row_bytes, count * self._row_bytes)
+        return np.frombuffer(found, self._dtype).reshape(count, *self._shape)
+
+    def read(self, at: int, count: int) -> bytes:
+        """Return bytes from a place on, fewer than wanted at the end."""
+        self._file.seek(at)
+        return self._file.read(count)
+
+
+@dataclass(slots=True, eq=False)
+class StoredArray:
+    """An array outside memory, of which indices and whole axes can be taken.
+
+    Attributes
+    ----------
+    place
+        File and name, for messages.
+    whole, dtype
+        Lengths of all axes as they are stored, and what the numbers are.
+    fetch
+        Given indices of the first axes, one of them ``[start, stop)``, returns an array of the
+        shape ``(stop - start, *shape of the axes after it)``.
+    fortran
+        True: its axes are named the other way round, the last one first.
+    taken
+        What is taken of each axis: an index, or None for all of it.
+    """
+
+    place: str
+    whole: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fetch: Callable[[tuple[int, ...], int, int], NDArray[Any]]
+    fortran: bool = False
+    taken: tuple[int | None, ...] = ()
+    _last: dict[Any, NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.taken = self.taken or (None,) * len(self.whole)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Lengths of the axes that are left."""
+        return tuple(self.whole[axis] for axis in self._free())
+
+    def _free(self) -> list[int]:
+        """Return the axes that are left, in the order in which they are named."""
+        free = [axis for axis, at in enumerate(self.taken) if at is None]
+        return free[::-1] if self.fortran else free
+
+    def at(self, index: tuple[int | slice, ...]) -> StoredArray:
+        """Return what lies at indices of the axes that are left; a slice leaves an axis whole.
+
+        Raises
+        ------
+        IndexError
+            Where there is no such axis or index.
+        """
+        free = self._free()
+        if len(index) > len(free):
+            raise IndexError(f"{len(index)} indices of {len(free)} axes")
+        taken = list(self.taken)
+        for axis, at in zip(free, index, strict=False):
+            if isinstance(at, slice):
+                continue
+            length = self.whole[axis]
+            if not -length <= at < length:
+                raise IndexError(f"index {at} is out of bounds for an axis of {length}")
+            taken[axis] = at % length
+        # what one column has read of the rows, the next one finds
+        return replace(self, taken=tuple(taken))
+
+    def column(self) -> StoredColumn | None:
+        """Return the one axis that is longer than 1 as a column, None where several are."""
+        free = self._free()
+        long = [axis for axis in free if self.whole[axis] != 1] or free[:1]
+        if len(long) != 1:
+            return None
+        taken = [0 if at is None else at for at in self.taken]
+        return StoredColumn(self, long[0], tuple(taken))
+
+    def block(self, lead: tuple[int, ...], start: int, stop: int) -> NDArray[Any]:
+        """Return what :attr:`fetch` does; what was fetched last is at hand."""
+        key = (lead, start, stop)
+        if key not in self._last:
+            found = self.fetch(lead, start, stop)
+            self._last.clear()
+            self._last[key] = found
+        return self._last[key]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return what is left as an array in memory.
+
+        Raises
+        ------
+        FormatError
+            Where the whole is too large for that.
+        """
+        size = math.prod(self.whole) * self.dtype.itemsize
+        if size > _WHOLE_BYTES:
+            raise FormatError(
+                f"{self.place}: expected at most {_WHOLE_BYTES} bytes of what is used as a whole, "
+                f"found {size}"
+            )
+        if not self.whole:
+            found = self.fetch((), 0, 1)[0]
+        else:
+            found = self.fetch((), 0, self.whole[0])
+            taken: tuple[Any, ...] = tuple(slice(None) if at is None else at for at in self.taken)
+            found = found[taken]
+        return np.array(found.T if self.fortran else found, dtype, copy=copy)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredColumn:
+    """One axis of a stored array.
+
+    Attributes
+    ----------
+    of
+        The array.
+    axis
+        Which axis.
+    taken
+        Indices of all axes; that of this axis does not matter.
+    """
+
+    of: StoredArray
+    axis: int
+    taken: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return self.of.whole[self.axis]
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        start, stop, _ = rows.indices(len(self))
+        lead, rest = self.taken[: self.axis], self.taken[self.axis + 1 :]
+        row_bytes = self.of.dtype.itemsize * math.prod(self.of.whole[self.axis + 1 :])
+        most = max(1, min(PIECE, _BLOCK_BYTES // max(1, row_bytes)))
+        edges = [start, *range((start // most + 1) * most, stop, most), stop]
+        parts = []
+        for a, b in pairwise(edges):
+            first = a // most * most  # whole blocks, which the next column finds as well
+            block = self.of.block(lead, first, min(first + most, len(self)))
+            inside: tuple[Any, ...] = (slice(a - first, b - first), *rest)
+            parts.append(block[inside])
+        return np.concatenate(parts) if parts else np.empty(0, self.of.dtype)
+
+
+def rows_in(
+    place: str,
+    read: Callable[[int, int], bytes],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
+    *,
+    fortran: bool = False,
+) -> StoredArray:
+    """Return the array that lies in bytes one number after the other.
+
+    Parameters
+    ----------
+    place
+        As of :class:`StoredArray`.
+    read
+        Returns bytes from a place on, as many as wanted; fewer are an error of its own.
+    shape, dtype
+        Of the array.
+    fortran
+        True: the first index goes on fastest.
+    """
+    # where the first index goes on fastest, the same bytes are the array of the axes turned round
+    lengths = shape[::-1] if fortran else shape
+
+    def fetch(lead: tuple[int, ...], start: int, stop: int) -> NDArray[Any]:
+        inner = lengths[len(lead) + 1 :]
+        row = math.prod(inner)
+        at = 0
+        for index, length in zip(lead, lengths, strict=False):
+            at = at * length + index
+        at = at * (lengths[len(lead)] if lengths else 1) + start
+        found = read(at * row * dtype.itemsize, (stop - start) * row * dtype.itemsize)
+        return np.frombuffer(found, dtype).reshape(stop - start, *inner)
+
+    return StoredArray(place, lengths, dtype, fetch, fortran)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Converted:
+    """A column of which each piece is converted when it is read.
+
+    Attributes
+    ----------
+    of
+        The column.
+    convert
+        Returns as many rows as it is given.
+    """
+
+    of: Column
+    convert: Callable[[NDArray[Any]], NDArray[Any]]
+
+    def __len__(self) -> int:
+        return len(self.of)
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        return self.convert(self.of[rows])
