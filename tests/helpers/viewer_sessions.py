@@ -189,6 +189,16 @@ def write_walker(path: Path) -> Path:
     return path
 
 
+def write_walk(path: Path, labels: tuple[Label, ...], *items: Event | SignalBlock) -> Path:
+    """Write a walker's events into a viewer's file."""
+    sink = RerunSink(path)
+    sink.open(replace(walker_session(), labels=labels))
+    for item in items:
+        sink.write(item)
+    sink.close()
+    return path
+
+
 def read_back(path: Path, entity: str, component: str) -> tuple[np.ndarray, list]:
     """Return the times [ns] and values of one component of an entity, in time order."""
     import pyarrow as pa

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES
 
 from ..errors import ViewerError
+from .headings import DIAL_SIDE, HEADING, TURN
 from .samples import FULL_RATE_HZ
 from .shots import FAR_HIGH, FAR_WIDE, HIGH, WIDE
 from .spectrogram import AROUND_S
 from .stations import ROOT as HODOGRAM
 from .stations import extent
 from .timeline import PAGE, TIMELINE
-from .walk import HEADING
 from .walk import ROOT as STREETS
 
 if TYPE_CHECKING:
@@ -58,6 +58,7 @@ DECIDED = (0.9, 1.9)
 #: of a vehicle.
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
+HEADING_S = 5.0
 #: Behind what is drawn in light colours, so that it is seen in a light theme too.
 GROUND = (17, 19, 22, 255)
 
@@ -86,6 +87,8 @@ def blueprint(
 
     if _of(entities, "section"):
         return _page(_shots(session, entities, shown), follow=follow)
+    if _of(entities, "dial") and not _of(entities, "detector"):
+        return _page(_headings(session, entities), follow=follow)
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
     # Bands over the samples would double the legend; its colours stand in the overview's too.
@@ -148,6 +151,25 @@ def _shots(
     parts.append((rrb.Horizontal(*words, column_shares=[5.0, 6.0][: len(words)]), 4.2))
     parts += _parts(rest, 1.9)
     return rrb.Horizontal(section, _rows(parts), column_shares=[1.05, 1.0])
+
+
+def _headings(session: ReplaySession, entities: Sequence[Entity]) -> rrb.Container:
+    """Show the heading at the cursor, and over the whole recording how far off it is, and why."""
+    import rerun.blueprint as rrb
+
+    span_ns = _shown_span(session)
+    left: list[Part] = [(text(e), 1.7) for e in _of(entities, "card")]
+    left += [(dial(e), 3.4) for e in _of(entities, "dial")]
+    tabs: list[Any] = [log(), page()]
+    left += _parts(tabs, 2.7)
+    curves: list[Any] = [headings_view(_of(entities, "heading"))]
+    right = _parts(curves, 2.6)
+    plots = [*_of(entities, "heading-error"), *_of(entities, "heading-gates")]
+    right += [(whole(e, span_ns), 2.0) for e in plots]
+    rest: list[Any] = [lanes_view()] if _of(entities, "lane") else []
+    rest += [view for view, _ in _worn(entities)]
+    right += _parts(rest, 1.8)
+    return rrb.Horizontal(_rows(left), _rows(right), column_shares=[0.55, 1.0])
 
 
 def _shown_span(session: ReplaySession) -> tuple[int, int]:
@@ -293,7 +315,8 @@ def _believed(entities: Sequence[Entity]) -> list[Part]:
     """Show the masses of each source, and headings."""
     parts: list[Part] = [(masses(e), 1.5) for e in _of(entities, "masses")]
     headings = _of(entities, "heading")
-    return [*parts, (headings_view(headings), 3.0)] if headings else parts
+    errors = [bounded(e) for e in _of(entities, "heading-error")]
+    return [*parts, *_parts([headings_view(headings), *errors], 3.0)] if headings else parts
 
 
 def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]:
@@ -398,6 +421,7 @@ def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         axis_x=axis,
+        axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)) if entity.top else None,
         plot_legend=legend(entity.series),
     )
 
@@ -500,16 +524,31 @@ def masses(entity: Entity) -> rrb.View:
 
 
 def headings_view(entities: Sequence[Entity]) -> rrb.View:
-    """Return the headings of all stages."""
+    """Return the headings of all stages around the cursor."""
     import rerun.blueprint as rrb
 
     curves = ", ".join(e.title for e in entities)
 
     return rrb.TimeSeriesView(
         origin=HEADING,
-        name=f"Heading [°], counter-clockwise from east, ± 1 σ: {curves}; disturbed shaded",
-        axis_x=linked(),
+        name=f"Heading [°], cursor ± {HEADING_S:g} s: {curves}",
+        axis_x=around(HEADING_S, HEADING_S),
+        axis_y=rrb.ScalarAxis(range=(-TURN, TURN)),
         plot_legend=rrb.PlotLegend(visible=False),
+    )
+
+
+def dial(entity: Entity) -> rrb.View:
+    """Return the dial of the heading at the cursor."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=entity.path,
+        name=entity.title,
+        background=GROUND,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-DIAL_SIDE, DIAL_SIDE), y_range=(-DIAL_SIDE, DIAL_SIDE)
+        ),
     )
 
 

@@ -62,7 +62,7 @@ class Entity:
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
         ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
         ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
-        ``bars``, ``margins``.
+        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``.
     title
         Heading of its view.
     series
@@ -832,8 +832,10 @@ Rejected candidates below half the threshold are in the results alone.
 * Walkers: the detector's plot has its filtered signal at every sample, with accepted peaks as \
 green triangles, their valleys as blue ones, and rejected ones as red crosses. Masses: what each \
 sensor, and both combined, believe of each candidate; the three add up to one.
-* Headings are drawn with the full turn that is nearest to the truth, or without jumps where there \
-is none. The shade is where a stage finds the field disturbed; the truth's own spans are a lane.
+* Headings go from -180 to 180 degrees, counter-clockwise from east, and are interrupted where \
+they pass them. The shade is where a stage finds the field disturbed; the truth's own spans are a \
+lane. Errors are taken where truth has a direction, outside spans to ignore; the blue band is \
+twice the claimed deviation. The dial is at the cursor.
 * The way of a walker: truth, waypoints, satellite fixes in metres from the first, tracks. Up is \
 north where the arrow says so; elsewhere a track's direction is free, and the truth is turned and \
 shifted onto the last track, as the key then says: distances between the two are then no errors.

@@ -18,13 +18,14 @@ from .decisions import (
     StepCurves,
     StepView,
 )
+from .headings import HeadingView
 from .places import DisagreementView, FixView, MapTracks, StepDetails
 from .shots import ShotViews
 from .signals import SignalViews
 from .site import SensorMap
 from .spectrogram import FineSpectrograms, SpectrogramViews
 from .vehicles import CourseView, LikelihoodView, PassView, PresenceLanes, RatioViews
-from .walk import AzimuthView, HeadingView, StreetMap, WalkMap
+from .walk import AzimuthView, StreetMap, WalkMap
 from .wrong_decisions import WrongPasses, WrongSteps
 
 if TYPE_CHECKING:
