@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from command_runs import done
 
-from groundtrace.cli.main import ANALYSES, COMMANDS, SIMULATIONS, application
+from groundtrace.cli.main import ANALYSES, COMMANDS, SIMULATIONS, application, piped
 from groundtrace.explain.redecide import parse_axis
 from groundtrace.pipeline.config import checked_pipeline, named_pipelines
 from groundtrace_recordings import path_of
@@ -68,7 +68,7 @@ def arguments_of(app: App, command: str) -> dict[str, Any]:
     words = shlex.split(command, comments=True)
     words = words[: words.index(">")] if ">" in words else words
     assert words[0] == "groundtrace"
-    _, bound, _ = app.parse_args(words[1:], exit_on_error=False, print_error=False)
+    _, bound, _ = app.parse_args(piped(words[1:]), exit_on_error=False, print_error=False)
     return dict(bound.arguments)
 
 

@@ -17,7 +17,7 @@ from .errors import CodecError, SchemaError
 from .geometry import SITE_NAME, Geometry, placed
 from .mcap.chunks import Damage, MessageTable
 from .mcap.reader import McapFile
-from .schemas.event_messages import TRUTH_TOPIC, labels_of
+from .schemas.event_messages import TRUTH_TOPIC, Described, labels_of
 from .schemas.protobuf import field_names, get_time, parse
 from .schemas.ros2 import (
     KINDS,
@@ -279,13 +279,27 @@ class Recording:
         """Yield decoded blocks by log time, one batch after the other."""
         tables = self.file.tables(readers.keys(), low_ns, high_ns, self._clock)
         for batch in batches(tables, joined_ns or BATCH_NS):
-            blocks = [
-                stamped
-                for i, messages in batch
-                for stamped in readable(readers[i], messages, self._leave_out, joined=joined_ns > 0)
-            ]
-            # The sort is stable: blocks of one log time stay in the order of their channels' ids.
-            yield from sorted(blocks, key=attrgetter("log_ns"))
+            yield from self._blocks_of(batch, readers, joined=joined_ns > 0)
+
+    def decoded(self, messages: MessageTable) -> list[LoggedBlock]:
+        """Return the blocks of messages of any channels, in the order of log time."""
+        known = messages.of_channels([i for i in messages.counts() if i in self._readers])
+        return self._blocks_of(_by_channel([known]), self._readers) if known else []
+
+    def _blocks_of(
+        self,
+        batch: Iterable[tuple[int, MessageTable]],
+        readers: dict[int, ChannelReader],
+        *,
+        joined: bool = False,
+    ) -> list[LoggedBlock]:
+        blocks = [
+            stamped
+            for i, messages in batch
+            for stamped in readable(readers[i], messages, self._leave_out, joined=joined)
+        ]
+        # The sort is stable: blocks of one log time stay in the order of their channels' ids.
+        return sorted(blocks, key=attrgetter("log_ns"))
 
     def _leave_out(self, message: Message, error: CodecError) -> None:
         if self._strict:
@@ -318,8 +332,9 @@ def _unify(readers: dict[int, ChannelReader]) -> tuple[Stream, ...]:
     return tuple(streams.values())
 
 
-_PROBE_MESSAGES = 500
-_PROBE_NS = 30 * NS_PER_S
+#: So many messages of a channel, or so much of their log time [ns], are looked at to know its rate.
+#: Chosen by judgement: some seconds of a worn sensor, and thirty fixes of a receiver.
+PROBE_MESSAGES, PROBE_NS = 500, 30 * NS_PER_S
 _LOCATION_KINDS = {"foxglove.LocationFix", "foxglove.LocationFixes"}
 
 
@@ -343,8 +358,8 @@ def probe(file: McapFile, channel_id: int) -> MessageTable:
     """Return the first messages of a channel, at most 500 and 30 s, enough to know its rate."""
     found = MessageTable.none()
     for table in file.tables({channel_id}):
-        end_ns = (found or table)[0].log_time + _PROBE_NS
-        count = min(table.before(end_ns), _PROBE_MESSAGES - len(found))
+        end_ns = (found or table)[0].log_time + PROBE_NS
+        count = min(table.before(end_ns), PROBE_MESSAGES - len(found))
         found = MessageTable.joined([found, table[:count]])
         if count < len(table):
             break
@@ -663,7 +678,7 @@ class OtherTopic:
     fields: tuple[str, ...] = ()
 
 
-def is_ours(file: McapFile, channel: ChannelRecord) -> bool:
+def is_ours(file: Described, channel: ChannelRecord) -> bool:
     """Tell whether groundtrace wrote a channel: an event, a preview, a mirror."""
     schema = file.schemas.get(channel.schema_id)
     if schema is not None and schema.name.startswith("groundtrace."):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import threading
 import wave
 import zipfile
 from collections import Counter
@@ -38,7 +39,9 @@ from groundtrace_codecs.importers.tables import (
     NumpyImporter,
 )
 from groundtrace_codecs.importers.xsens import XsensImporter
+from groundtrace_codecs.live import LiveRecording
 from groundtrace_codecs.mcap.chunks import CHUNK, DATA_END
+from groundtrace_codecs.mcap.follow import PipeBytes
 from groundtrace_codecs.mcap.reader import McapFile
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.schemas.event_messages import events_of
@@ -147,6 +150,14 @@ def _recording(data: bytes, _: Path) -> None:
             assert found.labels is not None
         with suppress(CodecError):
             assert found.annotations is not None
+        for _, block in found.blocks():
+            assert block.samples.ndim == 2
+
+
+def _followed(data: bytes, _: Path) -> None:
+    """Read typed blocks and labels out of anything that comes through a pipe."""
+    pipe = PipeBytes(io.BytesIO(data), "any")
+    with LiveRecording.open(pipe, threading.Event(), lambda _: None) as found:
         for _, block in found.blocks():
             assert block.samples.ndim == 2
 
@@ -378,6 +389,7 @@ TARGETS: dict[str, Target] = {
     "MCAP, any bytes": Target(lambda data, _: _drain(data), lambda _: _sound(), share=2),
     "MCAP, a sound file edited": Target(_damaged, _edits, share=2),
     "recording, any bytes": Target(_recording, _small_recording),
+    "recording, piped": Target(_followed, _small_recording),
     "messages inside a sound MCAP": Target(_messages, _payloads),
     "annotations, sidecar": Target(_of_file(read_sidecar), _sidecars),
     "annotations, journal": Target(_of_file(read_journal), _journals, OURS),

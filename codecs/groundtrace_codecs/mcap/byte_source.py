@@ -131,6 +131,10 @@ class Window:
         self._start = 0
         self._block = memoryview(b"")
 
+    def forget(self) -> None:
+        """Read anew what is asked for next: the source may have changed."""
+        self._block = memoryview(b"")
+
     def view(self, offset: int, length: int) -> memoryview:
         """Give the ``length`` bytes at ``offset`` without a copy; fewer at the end."""
         inside = offset - self._start

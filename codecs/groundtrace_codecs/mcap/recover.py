@@ -1,5 +1,7 @@
 """The front scan: every record that can be believed, for files whose summary cannot be used.
 
+A file that is still being written is scanned as far as it came, and on from there as it grows.
+
 Every chunk is decompressed and checked once, so that times, channels and counts come from the
 messages themselves and no unprotected record is believed. Where the head of a record is broken, the
 chunk's own fields are tried, then the next record is searched for. Files that were written one
@@ -53,10 +55,10 @@ from .chunks import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterator
+    from collections.abc import Callable, Container, Iterator
 
     from .byte_source import ByteSource
-    from .chunks import AttachmentRef, MetadataRecord
+    from .chunks import AttachmentRef, MessageTable, MetadataRecord
 
 #: No time bound: log times are u64.
 ANY_TIME: Final = (0, 1 << 64)
@@ -70,38 +72,88 @@ _ATTACHMENT_HEAD_BYTES: Final = 1 << 16
 
 def front_scan(source: ByteSource) -> tuple[Scan, ...]:
     """Walk the records of every file in ``source``: one, unless some were put together."""
-    scans = [_Scanner(source, 0).run()]
+    scans = [Scanner(source, 0).run()]
     while scans[-1].stop < source.size:
-        scans.append(_Scanner(source, scans[-1].stop).run())
+        scans.append(Scanner(source, scans[-1].stop).run())
     return tuple(scans)
 
 
-class _Scanner:
-    def __init__(self, source: ByteSource, start: int) -> None:
+class Scanner:
+    """Walks the records of one file, once or as the file grows.
+
+    Parameters
+    ----------
+    source
+        The file; its size may grow between two calls of `advance`.
+    start
+        Where it begins in the source [bytes].
+    deliver
+        Takes the messages of each sound chunk, in order, as soon as they are checked.
+
+    Attributes
+    ----------
+    found
+        What the records said so far.
+    offset
+        Where the first record lies that was not taken yet [bytes].
+    ended
+        True behind the file's own end.
+    """
+
+    def __init__(
+        self, source: ByteSource, start: int, deliver: Callable[[MessageTable], None] | None = None
+    ) -> None:
         self._source = source
-        self._found = Scan(start, source.size)
-        self._heads = RecordHeaderScan(source, self._found.definitions.channels)
+        self.found = Scan(start, source.size)
+        self._heads = RecordHeaderScan(source, self.found.definitions.channels)
         self._window = self._heads.window
         self._indexing = False
         self._chunked = False
-        self._reader = ChunkReader(source, self._found.definitions)
+        self._reader = ChunkReader(source, self.found.definitions)
+        self._deliver = deliver
+        self.offset = start + len(MAGIC)
+        self.ended = False
 
     def run(self) -> Scan:
-        offset, size = self._found.start + len(MAGIC), self._source.size
-        while offset < size:
-            head = self._heads.believed(offset)
-            if head is not None and head[0] in (DATA_END, FOOTER):
-                self._end(offset, head[0])
-                break
-            taken = 0 if head is None else self._take(offset, *head)
-            if taken:
-                offset += taken
-            elif self._heads.begins_file(offset):
-                self._found.stop = offset
-                break
-            else:
-                offset = self._broken(offset)
-        return self._found
+        """Walk to the end of the file, whatever is broken on the way."""
+        while self.step(growing=False):
+            pass
+        return self.found
+
+    def refresh(self) -> None:
+        """Look again at what was only seen in part: the file may have grown."""
+        self._window.forget()
+
+    def step(self, *, growing: bool) -> bool:
+        """Take the next record, or run of messages outside chunks; return whether there was one.
+
+        Parameters
+        ----------
+        growing
+            Leave what is not whole yet to a later call; else it is damage.
+        """
+        if self.ended:
+            return False
+        offset, size = self.offset, self._source.size
+        self._heads.stop = self.found.stop = size
+        if offset >= size or (growing and self._heads.is_cut(offset)):
+            return False
+        head = self._heads.believed(offset)
+        if head is not None and head[0] in (DATA_END, FOOTER):
+            if growing and self._closing(offset) is None:
+                return False
+            self._end(offset, head[0])
+            self.ended = True
+            return True
+        taken = 0 if head is None else self._take(offset, *head)
+        if taken:
+            self.offset += taken
+        elif self._heads.begins_file(offset):
+            self.found.stop = offset
+            self.ended = True
+        else:
+            self.offset = self._broken(offset, growing=growing)
+        return self.offset > offset or self.ended
 
     def _take(self, offset: int, opcode: int, length: int) -> int:
         """Take one record, or one run of bare messages; give its length, 0 if it is not sound."""
@@ -110,7 +162,7 @@ class _Scanner:
         if opcode == MESSAGE and indexing and self._reads_as_index(offset, length):
             self._indexing = True
             reason = "message index: expected opcode 0x07, found 0x05"
-            self._found.note(offset, whole, reason, 0)
+            self.found.note(offset, whole, reason, 0)
         elif opcode == MESSAGE:
             whole = self._bare_run(offset)
             if whole:
@@ -151,24 +203,26 @@ class _Scanner:
         self._keep(entry, records)
 
     def _keep(self, entry: ChunkEntry, records: memoryview) -> None:
-        channels = self._found.definitions.channels
+        channels = self.found.definitions.channels
         try:
             messages, strays = self._reader.messages(records, channels, *ANY_TIME)
         except MalformedError as error:
             self._lost(entry, error)
             return
         if strays:
-            self._found.note(entry.offset, entry.length, gap_reason(entry), strays)
+            self.found.note(entry.offset, entry.length, gap_reason(entry), strays)
+        if messages and self._deliver is not None:
+            self._deliver(messages)
         if messages:
             counts = messages.counts()
             start_ns, end_ns = messages[0].log_time, messages[-1].log_time
             there = (start_ns, end_ns, frozenset(counts), entry.bare)
-            self._found.counts.append(counts)
-            self._found.chunks.append(ChunkEntry(entry.offset, entry.length, *there))
+            self.found.counts.append(counts)
+            self.found.chunks.append(ChunkEntry(entry.offset, entry.length, *there))
 
     def _note(self, opcode: int, offset: int, length: int) -> None:
         """Take a definition, metadata or attachment record; a malformed one is damage."""
-        start, found = offset + RECORD_HEAD.size, self._found
+        start, found = offset + RECORD_HEAD.size, self.found
         try:
             if opcode == ATTACHMENT:
                 head = Fields(self._window.view(start, min(length, _ATTACHMENT_HEAD_BYTES)))
@@ -188,22 +242,27 @@ class _Scanner:
         return memoryview(self._source.read_at(start, length))
 
     def _end(self, offset: int, opcode: int) -> None:
-        """Check the data section's CRC, and look at what comes after the file's own end."""
+        """Check the data section's CRC, and look at what comes after the file's own end.
+
+        Messages that were delivered cannot be taken back: their CRC is left to who reads the file.
+        """
+        if self._deliver is not None:
+            return
         if opcode == DATA_END:
             self._check_data(offset)
-        elif (last := self._found.running_on()) is not None:
+        elif (last := self.found.running_on()) is not None:
             # there are messages alone: nothing is defined on the way
             place = int(message_places(self._reader.records(last), int)[-1])
-            self._found.drop_last(last, place)
+            self.found.drop_last(last, place)
             if place:
                 self._entry(replace(last, length=place))
         closing = self._closing(offset)
         following = self._heads.next_file(closing or offset)
-        self._found.stop = self._source.size if following is None else following
-        rest = 0 if closing is None else self._found.stop - closing
+        self.found.stop = self._source.size if following is None else following
+        rest = 0 if closing is None else self.found.stop - closing
         if closing is not None and rest > 0:
             reason = f"end of file: expected nothing after the closing magic, found {rest} bytes"
-            self._found.note(closing, rest, reason, 0)
+            self.found.note(closing, rest, reason, 0)
 
     def _closing(self, offset: int) -> int | None:
         """Give where the file's closing magic ends; None where the records do not lead to it."""
@@ -226,30 +285,35 @@ class _Scanner:
         messages outside chunks, and which of them is wrong cannot be told.
         """
         expected = U32.unpack(self._window.view(offset + RECORD_HEAD.size, U32.size))[0]
-        if not expected or not any(chunk.bare for chunk in self._found.chunks):
+        if not expected or not any(chunk.bare for chunk in self.found.chunks):
             return
-        found = crc32_of(self._source, self._found.start, offset)
+        found = crc32_of(self._source, self.found.start, offset)
         if found != expected:
-            self._found.drop_bare(
+            self.found.drop_bare(
                 "messages outside chunks: "
                 f"expected data section CRC 0x{expected:08x}, found 0x{found:08x}"
             )
 
-    def _broken(self, offset: int) -> int:
-        """Go on after a head that cannot be believed; give the offset of the next record."""
+    def _broken(self, offset: int, *, growing: bool) -> int:
+        """Go on after a head that cannot be believed; give the offset of the next record.
+
+        Where none is found in a growing file it is the same offset: one may come.
+        """
         mended = self._mended(offset)
         if mended:
             return offset + mended
         measured = self._heads.measured(offset)
         if measured:
             return offset + self._measured(offset, measured)
-        if self._cut_attachment(offset):
+        if not growing and self._cut_attachment(offset):
             self._torn(offset, self._source.size)
             return self._source.size
         if not self._chunked:
             raw = self._window.view(offset, 1)
             self._chunked = raw[0] == CHUNK or self._heads.has_chunks(offset)
         following = self._heads.next_record(offset + 1, chunked=self._chunked)
+        if following is None and growing:
+            return offset
         stop = self._source.size if following is None else following
         self._torn(offset, stop)
         return stop
@@ -266,7 +330,7 @@ class _Scanner:
         except MalformedError:
             return 0
         self._chunked = self._indexing = True
-        self._found.note(offset, RECORD_HEAD.size, self._reader.head_fault(entry), 0)
+        self.found.note(offset, RECORD_HEAD.size, self._reader.head_fault(entry), 0)
         self._keep(entry, records)
         return whole
 
@@ -277,7 +341,7 @@ class _Scanner:
             f"record head: expected opcode 0x{opcode:02x} of {length} bytes, found {stated}; "
             "read by the record's own fields"
         )
-        self._found.note(offset, RECORD_HEAD.size, reason, 0)
+        self.found.note(offset, RECORD_HEAD.size, reason, 0)
         return self._take(offset, opcode, length)
 
     def _cut_attachment(self, offset: int) -> bool:
@@ -294,7 +358,7 @@ class _Scanner:
             times = U64_U64.unpack(self._window.view(entry.offset + RECORD_HEAD.size, U64_U64.size))
         messages = indexed_messages(self._source, entry.offset + entry.length).messages
         reason = f"{'messages outside chunks' if entry.bare else 'chunk'}: {error}"
-        self._found.damage.append(Damage(entry.offset, entry.length, *times, messages, reason))
+        self.found.damage.append(Damage(entry.offset, entry.length, *times, messages, reason))
 
     def _torn(self, offset: int, stop: int) -> None:
         """Note that nothing can be told of the bytes from ``offset`` to ``stop``."""
@@ -306,7 +370,7 @@ class _Scanner:
         reason = truncation_reason(head, self._source.size - offset)
         if stop < self._source.size:
             reason += f"; found again at byte {stop}"
-        self._found.damage.append(Damage(offset, stop - offset, *times, index.messages, reason))
+        self.found.damage.append(Damage(offset, stop - offset, *times, index.messages, reason))
 
 
 @dataclass(slots=True)
@@ -426,6 +490,9 @@ _FIELDS_BYTES: Final = 64
 # Unknown records in a row that are passed over to find a known one.
 _UNKNOWN_RECORDS: Final = 64
 _SEARCH_BYTES: Final = 1 << 20
+# So many zeros in the place of a record of a growing file are room for those to come. Chosen by
+# judgement: a sector.
+_ROOM_BYTES: Final = 512
 
 
 @dataclass(slots=True)
@@ -528,6 +595,18 @@ class RecordHeaderScan:
             if offset > self.stop:
                 return False
         return False
+
+    def is_cut(self, offset: int) -> bool:
+        """Tell whether the source ends in the record at ``offset``, which may go on."""
+        raw = self.window.view(offset, RECORD_HEAD.size)
+        if len(raw) < RECORD_HEAD.size:
+            return True
+        opcode, length = RECORD_HEAD.unpack(raw)
+        if opcode == 0:  # room that a file system or a writer took before there was content
+            return not any(self.window.view(offset, _ROOM_BYTES))
+        if offset + RECORD_HEAD.size + length <= self.stop:
+            return False
+        return bool(opcode <= DATA_END and self._is_cut(offset, opcode, length))
 
     def _is_cut(self, offset: int, opcode: int, length: int) -> bool:
         """Tell whether the end of the source cuts a record, and not a wrong length leads past it.

@@ -153,10 +153,13 @@ class McapWriter:
         publish_ns: int,
         sequence: int,
     ) -> None:
-        """Write a message; its times [ns] are 0 or more."""
+        """Write a message; its times [ns] are 0 or more.
+
+        Chunks that it ends are passed on at once: somebody may follow the file.
+        """
         length = self._open_of[channel_id].add(channel_id, log_ns, data, publish_ns, sequence)
         if length > self._chunk_bytes:
-            self._end_chunks()
+            self.flush()
 
     def add_attachment(
         self, made_ns: int, log_ns: int, name: str, media_type: str, data: bytes

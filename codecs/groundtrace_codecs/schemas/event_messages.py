@@ -9,7 +9,7 @@ from functools import partial
 from math import prod
 from operator import attrgetter
 from sys import intern
-from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Protocol, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from ..events import Event
+    from ..mcap.chunks import ChannelRecord, MessageTable, Schema
     from ..mcap.reader import McapFile
 
 
@@ -298,7 +299,23 @@ def decode_label(data: bytes | memoryview, place: str = "Label") -> Label:
     return Label(get_time(message.timestamp, place), intern(message.kind), **fields)
 
 
-def label_channels(file: McapFile, topic: str) -> set[int]:
+class Described(Protocol):
+    """What describes the messages of a file, whether it is whole or grows."""
+
+    @property
+    def name(self) -> str:
+        """What errors call the file."""
+
+    @property
+    def channels(self) -> dict[int, ChannelRecord]:
+        """By id."""
+
+    @property
+    def schemas(self) -> dict[int, Schema]:
+        """By id."""
+
+
+def label_channels(file: Described, topic: str) -> set[int]:
     """Return the ids of the channels of a topic that hold labels."""
     return {
         channel.id
@@ -322,3 +339,16 @@ def labels_of(file: McapFile, topic: str) -> tuple[Label, ...]:
         return ()
     place = f"{file.name}: {topic}"
     return tuple(decode_label(m.data, place) for m in file.messages(wanted))
+
+
+def labels_in(messages: MessageTable, file: Described, topic: str) -> list[Label]:
+    """Return the labels on a topic among messages of a file, in their order.
+
+    Raises
+    ------
+    SchemaError
+        Where a message there is not a label.
+    """
+    wanted = label_channels(file, topic) & messages.counts().keys()
+    place = f"{file.name}: {topic}"
+    return [decode_label(m.data, place) for m in messages.of_channels(sorted(wanted))]

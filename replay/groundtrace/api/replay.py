@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,8 @@ import numpy as np
 from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.units import RANGES
+from groundtrace_codecs.live import LiveRecording
+from groundtrace_codecs.mcap.follow import GrowingFile, PipeBytes
 from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -41,15 +43,19 @@ from .known_truth import annotations_to_show, truth_beside
 from .pipelines import default_pipeline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from threading import Event as Stop
 
     from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event, Gap, Note
+    from groundtrace_codecs.mcap.follow import Growing
 
     from ..pipeline.engine import ReplayCounts, Sink
     from .files import Report
 
+#: Stands for standard input; the command line takes ``-`` for it.
+STANDARD_INPUT = Path("/dev/stdin")
 #: What is shown before and after a missed step [s]. Chosen by judgement: some steps to either side.
 AROUND_S = 5.0
 
@@ -127,6 +133,8 @@ class PlannedReplay:
         What is replayed and shown of it.
     span
         First and last time [ns]; None where it begins or ends by itself.
+    live
+        The recording where it still grows; ``recording`` is its beginning then.
     """
 
     recording: File
@@ -134,6 +142,7 @@ class PlannedReplay:
     ready: Prepared
     session: ReplaySession
     span: tuple[int | None, int | None]
+    live: LiveRecording | None = None
 
     @classmethod
     def of(
@@ -144,6 +153,7 @@ class PlannedReplay:
         from_s: float | None = None,
         to_s: float | None = None,
         report: Report = unheard,
+        live: LiveRecording | None = None,
     ) -> PlannedReplay:
         """Check a replay.
 
@@ -155,6 +165,8 @@ class PlannedReplay:
             Replay from <= time < to alone [s since the first sample].
         report
             Told what is left out of the annotations.
+        live
+            The recording where it still grows, of which ``recording`` is the beginning.
 
         Raises
         ------
@@ -174,13 +186,14 @@ class PlannedReplay:
             labels=recording.labels,
             pipeline=ready.chain.recipe(),
             annotations=annotations_to_show(recording, path, report),
+            live=live is not None,
         )
         start_ns, end_ns = _span(session, from_s, to_s)
         if (start_ns, end_ns) != (None, None):
             first_ns = session.start_ns if start_ns is None else start_ns
             last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
             session = replace(session, shown_ns=(first_ns, last_ns))
-        return cls(recording, path, ready, session, (start_ns, end_ns))
+        return cls(recording, path, ready, session, (start_ns, end_ns), live)
 
     def again(self) -> PlannedReplay:
         """Return the same with a pipeline that has seen nothing yet."""
@@ -191,12 +204,12 @@ class PlannedReplay:
 
     def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
         """Return where its results come from; ``arguments`` are those of the command."""
-        session = self.session
+        session, live = self.session, self.live
         return Provenance(
             recording=session.name,
-            sha256=self.recording.file.sha256(),
+            sha256=self.recording.file.sha256() if live is None else live.sha256(),
             start_ns=session.start_ns,
-            end_ns=session.end_ns,
+            end_ns=session.end_ns if live is None else live.end_ns,
             pipeline=session.pipeline,
             arguments=arguments,
             versions=package_versions(),
@@ -214,7 +227,8 @@ class PlannedReplay:
     ) -> ReplayCounts:
         """Replay into sinks, from opening to closing them.
 
-        A replay that is stopped leaves no output under its name.
+        A replay that is stopped leaves no output under its name. One of a recording that grows is
+        ended by whoever follows it, and then is a whole one of what there was.
 
         Parameters
         ----------
@@ -234,22 +248,73 @@ class PlannedReplay:
                 progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
 
         start_ns, stop_ns = self.span
-        block_s = 0.0 if rate else None
-        source = Source(self.recording, start_ns=start_ns, stop_ns=stop_ns, block_s=block_s)
+        # who waits for samples is given them as they come, and nothing is taken ahead
+        waits = bool(rate) or self.live is not None
+        source = Source(
+            self.live or self.recording,
+            start_ns=start_ns,
+            stop_ns=stop_ns,
+            block_s=0.0 if waits else None,
+        )
         for sink in sinks:
             sink.open(session)
         done = False
         try:
-            clock = Clock(rate) if rate else None
+            clock = Clock(rate) if waits else None
             loop = ReplayLoop(self.ready.chain, sinks, clock=clock, progress=reached)
             items = with_warnings(source, self.ready.looked_at)
             tally = loop.through(itertools.chain(self.ready.notes, items))
+            if self.live is not None:
+                _completed(sinks, self.live)
             done = True
             return tally
         finally:
             with ExitStack() as closing:  # each is closed, whatever comes of the others
                 for sink in reversed(sinks):
                     closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))
+
+
+def _completed(sinks: Sequence[Sink], live: LiveRecording) -> None:
+    """Let results say which bytes they are of, where these end, and what truth came late."""
+    early = set(live.head.labels)
+    late = [label for label in live.labels if label not in early]
+    for sink in sinks:
+        if isinstance(sink, ResultsSink):
+            known = sink.provenance
+            known = replace(known, sha256=live.sha256(), end_ns=live.end_ns)
+            sink.complete(known, late)
+
+
+@contextmanager
+def growing(path: Path, stop: Stop, report: Report = unheard) -> Iterator[LiveRecording]:
+    """Open a recording that is still being written, and wait until its streams are known.
+
+    Parameters
+    ----------
+    path
+        The file; the one that grows beside it as ``NAME.partial``, as our own writer names it; or
+        :data:`STANDARD_INPUT`.
+    stop
+        Set to end the replay as if the recording ended there.
+    report
+        Told what a person should know of the writer.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no such file.
+    CodecError
+        Where it is no recording, or has no signals.
+    """
+    source: Growing
+    if path == STANDARD_INPUT:
+        # unbuffered: a thread that waits inside a buffer would hold the interpreter's end
+        source = PipeBytes(open(0, "rb", buffering=0, closefd=False), "standard input")  # noqa: SIM115
+    else:
+        partial = path.with_name(f"{path.name}.partial")
+        source = GrowingFile(partial if partial.is_file() else existing(path))
+    with LiveRecording.open(source, stop, report) as live:
+        yield live
 
 
 def with_warnings(source: Source, looked_at: Iterable[str]) -> Iterable[SignalBlock | Gap | Note]:

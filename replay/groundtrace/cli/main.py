@@ -288,10 +288,15 @@ def _public(arguments: Sequence[str]) -> list[str]:
     return found
 
 
+def piped(arguments: Sequence[str]) -> list[str]:
+    """Return arguments with the file that ``-`` stands for: the parser takes it for an option."""
+    return ["/dev/stdin" if argument == "-" else argument for argument in arguments]
+
+
 def _run(arguments: Sequence[str]) -> int:
     """Run the command line; say known errors in one line, and return the exit code."""
     try:
-        application()(arguments, exit_on_error=False, result_action="return_value")
+        application()(piped(arguments), exit_on_error=False, result_action="return_value")
     except CycloptsError:
         return 2
     except KeyboardInterrupt:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -16,9 +19,11 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import OriginFile, existing, results_writable, writable
 from ..api.replay import (
+    STANDARD_INPUT,
     PlannedReplay,
     TimeWindowSink,
     configured_for,
+    growing,
     missed_step,
 )
 from ..errors import RecordingError
@@ -29,8 +34,9 @@ from .console import print_json, print_line, print_stderr, print_warnings, progr
 from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from groundtrace_codecs.live import LiveRecording
     from groundtrace_codecs.signals import Stream
 
     from ..pipeline.config import Pipeline
@@ -55,6 +61,7 @@ def replay(
     map_tiles: Annotated[bool, FLAG] = False,
     rate: Annotated[float, NOT_NEGATIVE] = 0.0,
     strict: Annotated[bool, FLAG] = False,
+    follow: Annotated[bool, FLAG] = False,
     force: ForceOthers = False,
     quiet: Quiet = False,
     json: Json = False,
@@ -64,7 +71,7 @@ def replay(
     Parameters
     ----------
     recording
-        MCAP file, or its URL (https://, s3://, ...), read in ranges.
+        MCAP file, or its URL (https://, s3://, ...), read in ranges; - is standard input.
     pipeline
         Name of a shipped pipeline (see groundtrace pipelines) or a TOML file.
     geometry
@@ -98,16 +105,27 @@ def replay(
         Recorded seconds per second; 0 is as fast as possible.
     strict
         Stop at the first damage of the recording instead of leaving it out.
+    follow
+        Replay a file that is still being written, as it grows, until its own end; Ctrl-C ends it
+        before and keeps what was decided.
     """
     settings = set_ or []
     asked = checked_pipeline(pipeline, settings) if pipeline else None
-    path = existing(recording) if recording is not None else _bundled()
+    follow = follow or recording == STANDARD_INPUT
     partly = from_ is not None or to is not None or rate or no_viewer
     if at_miss is not None and partly:
         raise RecordingError("--at-miss: expected no --from, --to, --rate or --no-viewer with it")
+    if follow and (recording is None or rate or strict or at_miss is not None):
+        raise RecordingError(
+            "--follow: expected a recording, and no --rate, --strict or --at-miss with it"
+        )
+    path = _bundled() if recording is None else recording if follow else existing(recording)
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
-    with Recording.open(path, strict=strict) as opened:
+    with ExitStack() as held:
+        live = held.enter_context(_followed(path)) if follow else None
+        opened = live.head if live else held.enter_context(Recording.open(path, strict=strict))
+        path = _PIPED if path == STANDARD_INPUT else path
         opened.geometry = site or opened.geometry
         ready = configured_for(opened, asked, settings)
         results = out or Path(f"{_stem(path, at_miss)}.results.mcap")
@@ -115,7 +133,7 @@ def replay(
         results_writable(results, origin, force=force)
         viewer = {"spawn": spawn, "web": web, "no_viewer": no_viewer}
         spawn, rrd = _where_to_show(origin, results, rrd, force=force, **viewer)
-        plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr)
+        plan = PlannedReplay.of(opened, path, ready, from_, to, print_stderr, live)
         provenance = plan.provenance(public_arguments(sys.argv[1:]))
         sinks: list[Sink] = [ResultsSink(results, provenance, force=True)]
         if at_miss is None and (rrd is not None or spawn or web):
@@ -129,11 +147,35 @@ def replay(
             at_ns = missed_step(results, at_miss, print_stderr)
             shown = load("sinks", "rerun-moment")(rrd, at_ns=at_ns, spawn=spawn, web=web)
             _run(plan.again(), [TimeWindowSink(shown, at_ns)], quiet=quiet)
-        damage = len(set(opened.damage))
+        damage = len(set((live or opened).damage))
     timeline = shown.summary if shown is not None else ""
     report(plan.session, ready.chain, tally, results, rrd, timeline, damage, json=json)
     if web:
         _stay_with_the_page(shown)
+
+
+#: What outputs are named after that are made of standard input.
+_PIPED = Path("stdin.mcap")
+
+
+@contextmanager
+def _followed(path: Path) -> Iterator[LiveRecording]:
+    """Open a recording that grows; the first Ctrl-C ends the recording, the second the replay."""
+    stop = Event()
+
+    def end(number: int, _frame: object) -> None:
+        signal.signal(number, before[signal.Signals(number)])
+        stop.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        name = "standard input" if path == STANDARD_INPUT else path
+        print_stderr(f"following {name} (Ctrl-C ends it and keeps what was decided)")
+        with growing(path, stop, print_stderr) as live:
+            yield live
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _bundled() -> Path:
@@ -260,7 +302,8 @@ def report(
         size = f"{rrd.stat().st_size / 1e6:.1f} MB, {timeline}"
         print_line(f"timeline: {rrd}, {size} (open it with: rerun {rrd})")
     if damage:
-        print_line(f"damage: {damage} places were skipped; see groundtrace info {session.name}")
+        seen = "" if session.live else f"; see groundtrace info {session.name}"
+        print_line(f"damage: {damage} places were skipped{seen}")
 
 
 def _print_report(

@@ -289,6 +289,8 @@ class ReplaySession:
         The part of the recording that is shown, first and last time [ns]; None for all of it.
     annotations
         What people marked, beside the recording or inside it.
+    live
+        Whether the recording still grows: then ``end_ns`` is where it is known so far.
     """
 
     name: str
@@ -301,6 +303,7 @@ class ReplaySession:
     pipeline: str
     shown_ns: tuple[int, int] | None = None
     annotations: tuple[Annotation, ...] = ()
+    live: bool = False
 
 
 class Sink(Protocol):

@@ -157,7 +157,17 @@ CHUNK_BYTES = 256 << 10
 
 
 class ResultsSink:
-    """Writes events, labels and geometry to a results MCAP; signals stay in the recording."""
+    """Writes events, labels and geometry to a results MCAP; signals stay in the recording.
+
+    Parameters
+    ----------
+    path
+        The file.
+    provenance
+        Where the results come from.
+    force
+        Replace an existing file.
+    """
 
     def __init__(self, path: Path, provenance: Provenance, *, force: bool = False) -> None:
         self.path = path
@@ -176,8 +186,19 @@ class ResultsSink:
         self._writer.add_labels(session.labels)
         if session.annotations:
             self._writer.add_annotations(session.annotations)
-        provenance = msgspec.json.encode(self.provenance).decode()
-        self._writer.add_metadata(RUN, {"json": provenance})
+        self._state(self.provenance)
+
+    def complete(self, provenance: Provenance, labels: Sequence[Label]) -> None:
+        """State what is known of the recording only when it ends: its bytes, and labels in it."""
+        self.provenance = provenance
+        self._state(provenance)
+        if self._writer is not None:
+            self._writer.add_labels(labels)
+
+    def _state(self, provenance: Provenance) -> None:
+        """Write where the results come from; the last that is written counts."""
+        if self._writer is not None:
+            self._writer.add_metadata(RUN, {"json": msgspec.json.encode(provenance).decode()})
 
     def write(self, item: SignalBlock | Event) -> None:
         """Take an event; signals are left out."""
