@@ -14,21 +14,26 @@ from groundtrace_recordings import path_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-#: Run as a program: hides what one system alone has, then runs a command.
+#: Executed by every process of Python before anything else, workers too: hides what one system
+#: alone has, and notes that.
 HIDDEN = """
 import os, signal, sys
 for name in ("fcntl", "resource", "pwd", "grp", "termios"):
     sys.modules[name] = None
-for name in ("pread", "pwrite", "preadv", "fork", "killpg", "getuid", "geteuid", "statvfs",
-             "sched_getaffinity", "mkfifo", "set_blocking", "O_NONBLOCK"):
-    if hasattr(os, name):
-        delattr(os, name)
-for name in ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM"):
-    if hasattr(signal, name):
-        delattr(signal, name)
-from groundtrace.cli.main import main
-sys.exit(main(sys.argv[1:]))
+names = {"pread", "pwrite", "preadv", "fork", "killpg", "getuid", "geteuid", "statvfs",
+         "sched_getaffinity", "mkfifo", "set_blocking", "O_NONBLOCK",
+         "SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM"}
+for name in names - set(os.environ["LEFT"].split()):
+    for module in (os, signal):
+        if hasattr(module, name):
+            delattr(module, name)
+with open(os.environ["TOLD"], "a", encoding="utf-8") as told:
+    told.write(f"{os.getpid()}\\n")
 """
+#: Of these, what functions of the standard library call here that every system has: the end of a
+#: process, the room on a disk.
+LEFT = "SIGKILL statvfs"
+FLEET = "fleet {walk} {copy} --pipeline waist-steps -o fleet.parquet --workers 2"
 
 
 @pytest.mark.parametrize(
@@ -43,6 +48,7 @@ sys.exit(main(sys.argv[1:]))
         ),
         ("annotate {copy} --add note@2 --note left", "annotate {copy} --list"),
         ("simulate room -o room.mcap --steps 2",),
+        (FLEET,),
     ],
     ids=lambda commands: commands[-1].split()[0],
 )
@@ -50,14 +56,18 @@ def test_a_command_needs_nothing_that_one_system_alone_has(
     commands: tuple[str, ...], tmp_path: Path
 ) -> None:
     walk = path_of("waist-walk.mcap")
-    copy = tmp_path / "copy.mcap"
+    copy, told = tmp_path / "copy.mcap", tmp_path / "told"
     copy.write_bytes(walk.read_bytes())
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "sitecustomize.py").write_text(HIDDEN, "utf-8")
+    left = LEFT if commands == (FLEET,) else ""
+    hidden = {"PYTHONPATH": str(tmp_path / "own"), "TOLD": str(told), "LEFT": left}
     for command in commands:
         words = [word.format(walk=walk, copy=copy) for word in command.split()]
-        ran = subprocess.run(
-            [sys.executable, "-c", HIDDEN, *words], cwd=tmp_path, capture_output=True, text=True
-        )
+        ran = groundtrace(words, tmp_path, **hidden)
         assert (ran.returncode, ran.stderr.count("Traceback")) == (0, 0), ran.stderr
+    processes = len(set(told.read_text("utf-8").split()))
+    assert processes >= (3 if commands == (FLEET,) else len(commands))
 
 
 def test_a_console_without_a_letter_is_told_its_number(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from command_runs import check_schema, run
 
-from groundtrace.fleet.engines import OVERDUE
+from groundtrace.fleet.engines import OVERDUE, MisfitError
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.walk import simulate_walk
@@ -38,7 +38,7 @@ class Here:
         self.given: list[Any] = []
 
     def run(
-        self, function: Callable[[Any], Any], tasks: Sequence[Any]
+        self, function: Callable[[Any], Any], tasks: Sequence[Any], _: object
     ) -> Iterator[tuple[int, Any]]:
         for number in reversed(range(len(tasks))):
             if self.left == 0:
@@ -81,3 +81,17 @@ def overdue(_: int) -> None:
     with Path(os.environ["FLEET_TEST_MARKER"]).open("a", encoding="utf-8") as stream:
         stream.write("once\n")
     os._exit(OVERDUE)
+
+
+def refused(_: int) -> None:
+    """Say that this worker is not one of the run."""
+    raise MisfitError("expected another worker, found this one")
+
+
+def but_not_on_the_first(number: int) -> int:
+    """Return a number turned about, on every worker of Dask but the first."""
+    from distributed import get_worker
+
+    if get_worker().name == 0:
+        raise MisfitError("expected another worker, found the first")
+    return -number

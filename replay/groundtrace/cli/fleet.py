@@ -59,6 +59,7 @@ class FleetReport:
     done: int
     known: int
     failed: int
+    left_out: list[str]
     digest: str | None
     wall_s: float
 
@@ -141,7 +142,7 @@ def fleet(
         mine = tasks if part is None else shard_tasks(tasks, *part)
         runs = engine_of(engine, workers or os.cpu_count() or 1)
         with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
-            listed = run(mine, runs, parts, count, show, resume=resume)
+            listed = run(mine, runs, parts, count, show, print_stderr, resume=resume)
         joined = join(parts, listed, out) if part is None else None
     said = _report(out, parts, len(locations), count, joined, time.perf_counter() - began)
     if json:
@@ -210,6 +211,7 @@ def _report(
         count.done,
         count.known,
         count.failed,
+        count.left_out,
         joined.digest if joined is not None else None,
         wall_s,
     )
@@ -218,6 +220,8 @@ def _report(
 def _print(said: FleetReport) -> None:
     known = f", {said.known} were done before" if said.known else ""
     print_line(f"{said.done} replayed, {said.failed} failed{known}; {said.wall_s:.1f} s")
+    if said.left_out:
+        print_line(f"workers left out: {len(said.left_out)}; {said.left_out[0]}")
     if said.table is None:
         print_line(f"parts: {said.parts} (when all shards are there, join them with --join)")
         return

@@ -20,7 +20,7 @@ import time
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Self
@@ -66,7 +66,7 @@ from ..pipeline.results import (
 )
 from ..pipeline.source import Source
 from ..runtime import installed_version
-from .engines import OVERDUE
+from .engines import OVERDUE, MisfitError
 from .table import FIGURES, FORMAT, Joined, Listed, Part, Row, StepRow, failed, join
 
 if TYPE_CHECKING:
@@ -94,11 +94,14 @@ class Count:
     ----------
     done, known, failed
         Tasks that went well, were done before, and ended in an error.
+    left_out
+        Which workers were given none, and why: a line for each.
     """
 
     done: int = 0
     known: int = 0
     failed: int = 0
+    left_out: list[str] = field(default_factory=list)
 
     @property
     def total(self) -> int:
@@ -114,6 +117,11 @@ def tasks_of(
     limit_s: float | None = None,
 ) -> list[Task]:
     """Return a task for each recording and pipeline, recording by recording."""
+    software = Software(
+        code_sha256(),
+        tuple(f"{name} {number}" for name, number in package_versions().items()),
+        tuple(sorted({owner for recipe in recipes for owner in recipe.owners})),
+    )
     return [
         Task(
             location,
@@ -122,7 +130,7 @@ def tasks_of(
             str(truths[location].resolve()) if location in truths else None,
             folder=str(Path.cwd()),
             limit_s=limit_s,
-            code=code_sha256(),
+            software=software,
             made_by=(platform.node(), os.getpid()),
         )
         for location in locations
@@ -142,6 +150,7 @@ def run(
     parts: Parts,
     count: Count,
     shown: Callable[[float], None],
+    left_out: Callable[[str], None],
     *,
     resume: bool,
 ) -> list[Listed]:
@@ -159,18 +168,24 @@ def run(
         Counts, also where the run is interrupted.
     shown
         Is told the number of tasks behind us.
+    left_out
+        Is told, in a line, which worker is given no task, and why.
     resume
         Leave out tasks whose parts are there.
 
     Raises
     ------
     RecordingError
-        Where a worker has other code than this process.
+        Where a cluster is not reached, or no worker is of this run.
     """
+
+    def leave_out(line: str) -> None:
+        count.left_out.append(line)
+        left_out(line)
+
     keys = [""] * len(tasks)
-    for index, done in _answers(_knowing(tasks, parts) if resume else tasks, engine):
-        if done.refused:
-            raise RecordingError(done.refused)
+    todo = _knowing(tasks, parts) if resume else tasks
+    for index, done in _answers(todo, engine, leave_out):
         keys[index] = done.key
         if done.data is None:
             count.known += 1
@@ -182,8 +197,10 @@ def run(
     return [Listed(task.location, key) for task, key in zip(tasks, keys, strict=True)]
 
 
-def _answers(tasks: Sequence[Task], engine: Engine) -> Iterator[tuple[int, Done]]:
-    with closing(engine.run(evaluate, tasks)) as answers:  # type: ignore[type-var]
+def _answers(
+    tasks: Sequence[Task], engine: Engine, left_out: Callable[[str], None]
+) -> Iterator[tuple[int, Done]]:
+    with closing(engine.run(evaluate, tasks, left_out)) as answers:  # type: ignore[type-var]
         for index, done in answers:
             yield index, lost(tasks[index]) if done is None else done
 
@@ -251,11 +268,33 @@ class Recipe:
         With every parameter; empty for what fits each recording.
     sha256
         Of that, the tolerance, and the versions that decide.
+    owners
+        Name and version of the packages that bring its plugins.
     """
 
     name: str
     toml: str
     sha256: str
+    owners: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Software:
+    """What decides, for workers to compare with theirs.
+
+    Attributes
+    ----------
+    code
+        Digest of the code, see `code_sha256`.
+    versions
+        Name and version of Python and of the packages that decide.
+    owners
+        The same of the packages that bring plugins.
+    """
+
+    code: str = ""
+    versions: tuple[str, ...] = ()
+    owners: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,8 +317,8 @@ class Task:
         What a path is relative to: workers may be started elsewhere.
     limit_s
         The most that it may take [s]; None: by the length of the recording, see `TimeLimit`.
-    code
-        Digest of the code that is to decide, see `code_sha256`.
+    software
+        What is to decide.
     made_by
         Host and process that gives tasks to workers.
     """
@@ -291,7 +330,7 @@ class Task:
     known: frozenset[str] = frozenset()
     folder: str = ""
     limit_s: float | None = None
-    code: str = ""
+    software: Software = Software()
     made_by: tuple[str, int] = ("", 0)
 
     @property
@@ -312,14 +351,11 @@ class Done:
         The part; None where it was known.
     failed
         Whether it is an error.
-    refused
-        Why the worker is not one of this run; it did nothing.
     """
 
     key: str
     data: bytes | None = None
     failed: bool = False
-    refused: str = ""
 
 
 def recipes_of(
@@ -346,7 +382,7 @@ def recipes_of(
         raise PipelineError(f"--pipeline: expected different names, found {twice!r} twice")
     recipes = [(c.name, build_pipeline(c).recipe(), owners_of(c)) for c in configs]
     return tuple(
-        Recipe(name, toml, recipe_sha256(toml, owners, tolerance_s))
+        Recipe(name, toml, recipe_sha256(toml, owners, tolerance_s), owners)
         for name, toml, owners in recipes or [(FITTING, "", ())]
     )
 
@@ -404,7 +440,13 @@ def identity_of(task: Task) -> Identity:
 
 
 def _key(task: Task, content: str) -> str:
-    told = (name_of(task.location), content, _truth_content(task), task.recipe.sha256, task.code)
+    told = (
+        name_of(task.location),
+        content,
+        _truth_content(task),
+        task.recipe.sha256,
+        task.software.code,
+    )
     return f"{name_part(task.location)}-{_sha256(msgspec.json.encode(told))[:32]}"
 
 
@@ -453,7 +495,7 @@ _DECIDING = (
 
 @cache
 def code_sha256() -> str:
-    """Return the hash of the installed code that decides; workers with another one are refused."""
+    """Return the hash of the installed code that decides."""
     found = hashlib.sha256()
     for package in _DECIDING:
         (folder,) = importlib.import_module(package).__path__
@@ -462,15 +504,36 @@ def code_sha256() -> str:
     return found.hexdigest()
 
 
+@cache
+def misfit(software: Software) -> str:
+    """Return in what this process decides with other software, or nothing."""
+    here = {name: f"{name} {number}" for name, number in package_versions().items()}
+    for wanted in software.versions:
+        found = here.get(wanted.partition(" ")[0], "none")
+        if found != wanted:
+            return f"expected {wanted}, found {found}"
+    brought = (
+        {f"{p.distribution} {p.version}" for p in plugins("stages")} if software.owners else ()
+    )
+    for wanted in software.owners:
+        if wanted not in brought:
+            return f"expected {wanted}, which has plugins, found none"
+    if software.code and software.code != code_sha256():
+        found = f"groundtrace {installed_version()} with code {code_sha256()[:12]}"
+        return f"expected the code of this run, {software.code[:12]}, found {found}"
+    return ""
+
+
 def evaluate(task: Task) -> Done:
-    """Replay, score and explain; whatever goes wrong becomes the row's error."""
-    if task.code and task.code != code_sha256():
-        here = f"groundtrace {installed_version()}, code {code_sha256()[:12]}"
-        return Done(
-            "",
-            refused=f"worker {platform.node()}: expected the code of this run, {task.code[:12]}, "
-            f"found {here}",
-        )
+    """Replay, score and explain; whatever goes wrong becomes the row's error.
+
+    Raises
+    ------
+    MisfitError
+        Where this process decides with other software than the run has.
+    """
+    if wrong := misfit(task.software):
+        raise MisfitError(f"{platform.node()}: {wrong}")
     identity = identity_of(task)
     if identity.key in task.known:
         return Done(identity.key)

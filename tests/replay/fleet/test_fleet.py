@@ -20,11 +20,14 @@ from pyarrow import parquet
 
 from groundtrace.evaluation import __path__ as score_path
 from groundtrace.fleet import run as fleet_run
+from groundtrace.fleet.engines import MisfitError
+from groundtrace.fleet.run import Software, evaluate, misfit, recipes_of, tasks_of
 from groundtrace.fleet.table import FIGURES, decoded
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
 from groundtrace_codecs.copies import convert
+from groundtrace_codecs.location import Location
 
 Capture = pytest.CaptureFixture[str]
 WAIST = ("--pipeline", "waist-peaks")
@@ -302,11 +305,11 @@ def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not
     capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     class Elsewhere(Here):
-        def run(self, function: Any, tasks: Any) -> Any:
+        def run(self, function: Any, tasks: Any, left_out: Any) -> Any:
             Path("small/walk-2.mcap").unlink()
             with monkeypatch.context() as there:
                 there.chdir("/")
-                answers = list(super().run(function, tasks))
+                answers = list(super().run(function, tasks, left_out))
             yield from answers
 
     use(monkeypatch, Elsewhere())
@@ -318,19 +321,43 @@ def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not
     assert errors["small/walk-2.mcap"] == said
 
 
-def test_a_worker_with_other_code_is_refused_before_anything_is_kept(
+@pytest.mark.parametrize(
+    ("software", "told"),
+    [
+        (Software("f" * 64), f"expected the code of this run, {'f' * 12}, found groundtrace "),
+        (Software("", ("python 2.7",)), "expected python 2.7, found python 3."),
+        (Software("", ("lisp 1.5",)), "expected lisp 1.5, found none"),
+        (Software("", (), ("lisp 1.5",)), "expected lisp 1.5, which has plugins, found none"),
+    ],
+    ids=("code", "version", "package", "plugin"),
+)
+def test_a_worker_with_other_software_does_nothing_and_says_so(
+    software: Software, told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (task,) = tasks_of(
+        [Location("small/walk-1.mcap")], recipes_of(["waist-peaks"], [], 0.12), 0.12, {}
+    )
+    assert misfit(task.software) == ""
+    assert task.software.owners[0].startswith("groundtrace ")
+    with pytest.raises(MisfitError) as refused:
+        evaluate(replace(task, software=software))
+    assert str(refused.value).startswith(f"{platform.node()}: {told}")
+
+
+def test_workers_that_are_left_out_are_named_and_counted(
     capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Other(Here):
-        def run(self, function: Any, tasks: Any) -> Any:
-            other = [replace(task, code="f" * 64) for task in tasks]
-            return super().run(function, other)
+    class Some(Here):
+        def run(self, function: Any, tasks: Any, left_out: Any) -> Any:
+            left_out("worker ada is left out: expected python 3.99")
+            return super().run(function, tasks, left_out)
 
-    use(monkeypatch, Other())
-    said = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST).error
-    expected = f"worker {platform.node()}: expected the code of this run, {'f' * 12}, found ground"
-    assert said.startswith(expected)
-    assert not Path("t.parts").exists()
+    use(monkeypatch, Some())
+    done = run(capsys, "fleet", "small", "-o", "t.parquet", *WAIST)
+    line = "worker ada is left out: expected python 3.99"
+    assert f"workers left out: 1; {line}" in done.out
+    assert line in done.err
+    assert ran(capsys, *WAIST, "--resume")["left_out"] == [line]
 
 
 def test_a_disk_without_room_is_told_first(
