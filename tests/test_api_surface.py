@@ -30,7 +30,8 @@ SURFACE = {
         Candidates Decisions Gate GateState Level Reach Refractory decide decided_block
         gate_specs never_passed stated""",
     "groundtrace.pipeline.parameters": """
-        ParameterInfo Part Updates build describe gate given_waypoints measured parse_value""",
+        ParameterInfo Part Updates build checked_value describe gate given_waypoints measured
+        parse_value""",
     "groundtrace.pipeline.stage": """
         CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS
         LocationEstimate Measured NO_FRAMES Numbers POWERS PresenceIntervals Stage StageConfig

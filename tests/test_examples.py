@@ -42,8 +42,9 @@ QUICK = ("replay", "info", "score", "why", "sweep", "export", "cut", "filter", "
 
 
 def commands_of(page: str) -> list[str]:
-    """Return the commands of a page's blocks, one by one."""
+    """Return the commands of a page's blocks, one by one, but for those shown to fail."""
     text = re.sub(r"\\\n\s*", " ", (ROOT / page).read_text("utf-8"))
+    text = re.sub(r"^\$ .*\n(?:(?!\$ |```).*\n)*?\[exit \d+\]\n", "", text, flags=re.M)
     blocks = re.findall(r"^```(?:sh|console)?\n(.*?)^```", text, re.M | re.S)
     lines = "\n".join(blocks).splitlines()
     indented = re.findall(r"^ {4}(groundtrace .*)$", text, re.M)

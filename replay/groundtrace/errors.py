@@ -11,19 +11,23 @@
     ├── PipelineError     a pipeline, setting or parameter is not what it must be
     ├── PluginError       a plugin is unknown or does not load
     ├── RecordingError    a recording lacks what was asked of it
-    └── SimulationError   a simulator cannot do what was asked of it
+    ├── SimulationError   a simulator cannot do what was asked of it
+    └── UsageError        names, values or options that there are not, or that do not go together
+        └── SettingError  of pipelines, stages and parameters; a PipelineError as well
 
-The command line prints each as one line and exits with 1.
+The command line prints each as one line and exits with 1; of wrong usage it prints a line for each
+problem and exits with 2.
 """
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from groundtrace_codecs.errors import Error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
 
@@ -107,3 +111,53 @@ class RecordingError(GroundtraceError):
 
 class SimulationError(GroundtraceError):
     """A simulator cannot do what was asked of it."""
+
+
+class UsageError(GroundtraceError):
+    """Names, values or options that there are not, or that do not go together.
+
+    Parameters
+    ----------
+    problems
+        A line each.
+    """
+
+    def __init__(self, *problems: str) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+
+
+class SettingError(PipelineError, UsageError):
+    """A pipeline, stage or parameter that there is not, or a value that it does not take."""
+
+
+class Usage:
+    """Collects what is wrong with how a command was asked, to say all of it at once.
+
+    Parameters
+    ----------
+    kind
+        Raised at the end, where anything is wrong.
+    """
+
+    def __init__(self, kind: type[UsageError] = UsageError) -> None:
+        self._kind = kind
+        self._problems: list[str] = []
+
+    @contextmanager
+    def collected(self) -> Iterator[None]:
+        """Go on after wrong usage, which is said later."""
+        try:
+            yield
+        except UsageError as error:
+            self._problems += error.problems
+
+    def refuse(self, problem: str, when: object) -> None:
+        """Collect a problem of one line, where there is it."""
+        if when:
+            self._problems.append(problem)
+
+    def check(self) -> None:
+        """Raise what was collected, if anything."""
+        if self._problems:
+            raise self._kind(*self._problems)

@@ -86,7 +86,8 @@ def test_spawn_without_a_display_writes_the_file_and_says_so(
 def test_a_torn_recording_replays_and_says_what_is_damaged(capsys: Capture) -> None:
     whole = WALK.read_bytes()
     Path("torn.mcap").write_bytes(whole[: len(whole) // 2])
-    ran = done(capsys, "replay", "torn.mcap", "--pipeline", "waist-peaks", "--no-viewer")
+    replay = ("replay", "torn.mcap", "--pipeline", "waist-peaks", "--no-viewer")
+    ran = done(capsys, *replay, losses=True)
     assert re.search(r"damage: \d places were skipped; see groundtrace info torn.mcap", ran.out)
     torn = decisions(Path("torn.results.mcap"))["steps"]
     done(capsys, "replay", WALK, "--pipeline", "waist-peaks", "--no-viewer", "--out", "whole.mcap")

@@ -36,6 +36,6 @@ def test_what_full_rate_does_not_know_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ran = run(capsys, "replay", recorded(), "--rrd", "r.rrd", "--full-rate", "some")
-    assert ran.code == 1
+    assert ran.code == 2
     assert ran.error.startswith("--full-rate: expected none, misses, events, all")
     assert not (tmp_path / "r.rrd").exists()

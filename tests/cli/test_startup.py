@@ -127,5 +127,11 @@ def test_what_only_lists_loads_no_compiler(tmp_path: Path, command: tuple[str, .
 def test_help_loads_the_names_of_commands_alone(tmp_path: Path) -> None:
     loaded = loaded_by(tmp_path, "--help")
     ours = {name for name in loaded if name.startswith("groundtrace")}
-    assert ours == {"groundtrace", "groundtrace.cli", "groundtrace.cli.main", "groundtrace.runtime"}
+    assert ours == {
+        "groundtrace",
+        "groundtrace.cli",
+        "groundtrace.cli.exit_codes",
+        "groundtrace.cli.main",
+        "groundtrace.runtime",
+    }
     assert not loaded & {"email", "importlib.metadata", "msgspec", "numpy"}

@@ -32,8 +32,8 @@ class Ran(NamedTuple):
 
     @property
     def error(self) -> str:
-        """The one line that a known error says."""
-        assert self.code == 1, (self.code, self.err)
+        """The one line that a known error says, or wrong usage."""
+        assert self.code in (1, 2), (self.code, self.err)
         assert self.out == ""
         lines = self.err.splitlines()
         assert len(lines) == 1, self.err
@@ -52,10 +52,10 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
     return Ran(code, *capsys.readouterr())
 
 
-def done(capsys: pytest.CaptureFixture[str], *arguments: object) -> Ran:
-    """Run a command that must succeed."""
+def done(capsys: pytest.CaptureFixture[str], *arguments: object, losses: bool = False) -> Ran:
+    """Run a command that must succeed; with ``losses`` it must say so."""
     ran = run(capsys, *arguments)
-    assert ran.code == 0, ran.err
+    assert ran.code == (3 if losses else 0), ran.err
     return ran
 
 

@@ -12,7 +12,7 @@ from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.schemas.event_messages import events_of
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..errors import RecordingError
+from ..errors import RecordingError, UsageError
 from ..export.base import (
     Material,
     Origin,
@@ -234,7 +234,7 @@ def _span(recording: Recording, from_s: float, to_s: float | None) -> tuple[int,
     duration_s = (recording.end_ns - recording.start_ns) / NS_PER_S
     if from_s > duration_s or (to_s is not None and to_s <= from_s):
         found = f"{from_s:g} s to " + ("the end" if to_s is None else f"{to_s:g} s")
-        raise RecordingError(
+        raise UsageError(
             f"{recording.name}: --from, --to: expected a span of 0 to {duration_s:.3f} s, "
             f"found {found}"
         )

@@ -170,10 +170,7 @@ def with_parameters(config: PipelineConfig, settings: Mapping[str, Any]) -> Pipe
     PipelineError, PluginError
         As :func:`~.pipeline.config.checked_pipeline` does, in the same words.
     """
-    changed = with_settings(config, (f"{name}={setting_text(v)}" for name, v in settings.items()))
-    for stage in changed.stage:
-        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
-    return changed
+    return with_settings(config, (f"{name}={setting_text(v)}" for name, v in settings.items()))
 
 
 def setting_text(value: Any) -> str:

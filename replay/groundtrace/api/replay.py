@@ -18,7 +18,7 @@ from groundtrace_codecs.mcap.follow import GrowingFile, PipeBytes
 from groundtrace_codecs.recording import Recording as File
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
-from ..errors import RecordingError
+from ..errors import RecordingError, UsageError
 from ..explain.suitability import Prepared, prepared
 from ..pipeline.config import (
     PipelineConfig,
@@ -336,6 +336,12 @@ def with_warnings(source: Source, looked_at: Iterable[str]) -> Iterable[SignalBl
     return judged(noted(source, dict.fromkeys(looked_at)), source.streams)
 
 
+def check_order(from_s: float | None, to_s: float | None) -> None:
+    """Raise UsageError where a part ends before it begins [s since the first sample]."""
+    if from_s is not None and to_s is not None and to_s <= from_s:
+        raise UsageError(f"--to: expected more than --from {from_s:g}, found {to_s:g}")
+
+
 def _span(
     session: ReplaySession, from_s: float | None, to_s: float | None
 ) -> tuple[int | None, int | None]:
@@ -344,11 +350,10 @@ def _span(
     def at(seconds: float | None) -> int | None:
         return None if seconds is None else session.start_ns + round(seconds * NS_PER_S)
 
-    if from_s is not None and to_s is not None and to_s <= from_s:
-        raise RecordingError(f"--to: expected more than --from {from_s:g}, found {to_s:g}")
+    check_order(from_s, to_s)
     length_s = (session.end_ns - session.start_ns) / NS_PER_S
     if from_s is not None and from_s > length_s:
-        raise RecordingError(
+        raise UsageError(
             f"--from: expected at most the {length_s:g} s of {session.name}, found {from_s:g}"
         )
     return at(from_s), at(to_s)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from ..api.doctor import Health, Installation, Place, health_of, inspect_installation
 from ..api.files import existing, writable
-from ..errors import PluginError, RecordingError
+from ..errors import PluginError, UsageError
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.parameters import describe
 from ..pipeline.plugins import GROUPS, load
@@ -58,7 +58,7 @@ def doctor(
     """
     if recording is None:
         if repair is not None:
-            raise RecordingError("--repair: expected a recording to repair, found none")
+            raise UsageError("--repair: expected a recording to repair, found none")
         report = Report(installation=inspect_installation())
     else:
         existing(recording)

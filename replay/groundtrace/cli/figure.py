@@ -9,7 +9,7 @@ from typing import Annotated
 from ..api.files import recording_of, writable
 from ..api.plots import FORMATS, save_figure
 from ..api.results import load_results
-from ..errors import RecordingError
+from ..errors import UsageError
 from ..pipeline.results import provenance_of
 from .console import print_line, print_stderr
 from .options import AT_LEAST_ONE, OUT, POSITIVE, ForceOthers, Results
@@ -45,10 +45,10 @@ def figure(
     """
     if out.suffix.lower() not in FORMATS:
         known = ", ".join(FORMATS)
-        raise RecordingError(f"{out}: expected a name that ends in {known}, found {out.name}")
+        raise UsageError(f"{out}: expected a name that ends in {known}, found {out.name}")
     if (step is None) == (at is None):
         found = "neither" if step is None else "both"
-        raise RecordingError(f"figure: expected --step or --at, found {found}")
+        raise UsageError(f"figure: expected --step or --at, found {found}")
     writable(out, force=force, sources=[results], of=lambda: provenance_of(results))
     decided = load_results(results)
     path = recording_of(results, recording, print_stderr)

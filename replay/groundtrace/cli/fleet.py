@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from ..api.files import existing, writable
-from ..errors import RecordingError
+from ..errors import RecordingError, UsageError
 from ..fleet.engines import engine_of
 from ..fleet.report import MEASURES, change_cells, changes, fleet_page, groups_of, pairs_of
 from ..fleet.run import (
@@ -34,6 +34,7 @@ from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_p
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.results import write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
+from .exit_codes import ExitCode
 from .options import AT_LEAST_ONE, FLAG, OUT, POSITIVE, Json, Texts, Tolerance
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def fleet(
     allow_failures: Annotated[bool, FLAG] = False,
     force: Annotated[bool, FLAG] = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Take many recordings through some pipelines, into one table.
 
     OUT holds a row for each recording and pipeline, and beside it NAME.steps.parquet one for each
@@ -125,10 +126,10 @@ def fleet(
     began = time.perf_counter()
     part = shard_of(shard) if shard else None
     if part is not None and join_:
-        raise RecordingError("--shard: expected it without --join, found both")
+        raise UsageError("--shard: expected it without --join, found both")
     recipes = recipes_of(pipeline or [], set_ or [], tolerance)
     if partial and not join_:
-        raise RecordingError("--partial: expected it with --join, found it alone")
+        raise UsageError("--partial: expected it with --join, found it alone")
     locations = recordings_of(recordings)
     _check_target(out, force=force or resume or join_ or part is not None)
     tasks = tasks_of(locations, recipes, tolerance, truth_beside(truth, locations), limit_s)
@@ -155,11 +156,10 @@ def fleet(
         (joined.rows, joined.errors) if joined is not None else (count.total, count.failed)
     )
     if errors and not allow_failures:
-        raise SystemExit(FAILED_SOME if errors < rows else FAILED_ALL)
+        return ExitCode.LOSSES if errors < rows else ExitCode.ERROR
+    return ExitCode.DONE
 
 
-#: Exit codes of a run in which recordings failed.
-FAILED_SOME, FAILED_ALL = 3, 1
 #: What a part takes on a disk, more or less [bytes]. Bench: fleets of real walks, 9 kB a part.
 _PART_BYTES = 20_000
 
@@ -177,7 +177,7 @@ def _check_room(out: Path, parts: int) -> None:
 def _check_target(out: Path, *, force: bool) -> None:
     """Refuse a table that is not Parquet, or to overwrite one unasked."""
     if out.suffix.lower() not in (".parquet", ".pq"):
-        raise RecordingError(f"{out}: expected a name that ends in .parquet, found {out.name}")
+        raise UsageError(f"{out}: expected a name that ends in .parquet, found {out.name}")
     for path in (out, steps_path(out)):
         writable(path, force=force)
 
@@ -302,7 +302,7 @@ def fleet_report(
     fleet = read_table(table)
     old = None if against is None else read_table(against)
     if tags is not None and not group_by:
-        raise RecordingError("--tags: expected --group-by COLUMN with it, found none")
+        raise UsageError("--tags: expected --group-by COLUMN with it, found none")
     listed = None if tags is None else existing(tags, "a table of tags")
     groups = groups_of(fleet, group_by, listed) if group_by else None
     least = _least(matters or [])
@@ -345,7 +345,7 @@ def _least(texts: Sequence[str]) -> dict[str, float]:
             number = math.nan
         if key not in known or not 0 <= number < math.inf:
             said = f"FIGURE=NUMBER with one of {', '.join(known)}"
-            raise RecordingError(f"--matters: expected {said}, found {text}")
+            raise UsageError(f"--matters: expected {said}, found {text}")
         least[key] = number
     return least
 

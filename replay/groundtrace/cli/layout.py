@@ -15,7 +15,7 @@ from groundtrace_codecs.geometry import Geometry
 
 from ..api.calibration import attenuation_of, calibration_of, lengths_of
 from ..api.files import existing, writable
-from ..errors import RecordingError
+from ..errors import UsageError
 from ..layout.report import NAMES, assumed, findings, report
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
@@ -73,7 +73,7 @@ def room(
     if png is not None:
         writable(png, force=force, sources=[geometry])
         if png.suffix.lower() != ".png":
-            raise RecordingError(f"{png}: expected a name that ends in .png, found {png.name}")
+            raise UsageError(f"{png}: expected a name that ends in .png, found {png.name}")
     fallback = Path(f"{geometry.stem}.analysis.rrd")
     checked = partial(writable, force=force, sources=[geometry])
     spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)

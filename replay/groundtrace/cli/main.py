@@ -16,6 +16,7 @@ from ..runtime import (
     limit_blas_threads,
     raise_malloc_trim,
 )
+from .exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -230,7 +231,7 @@ def _version() -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; exit with 0 (done), 1 (known error) or 2 (wrong usage)."""
+    """Run the command line; exit as :class:`.exit_codes.ExitCode` says."""
     leave_working_folder()
     end_as_interrupted()
     limit_blas_threads()  # before a command imports numpy
@@ -247,7 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 stream.flush()
     except BrokenPipeError:  # who reads our output, as head does, has seen enough
         _hush()
-        code = 1
+        code = ExitCode.ERROR
     except OSError as error:
         from ..pipeline.results import NO_ROOM
 
@@ -260,7 +261,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with suppress(OSError):  # it may be the one that has no room
             print_stderr(f"groundtrace: output: {reason}")
         _hush()
-        code = 1
+        code = ExitCode.ERROR
     if code:
         sys.exit(code)
 
@@ -294,27 +295,30 @@ def piped(arguments: Sequence[str]) -> list[str]:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run the command line; say known errors in one line, and return the exit code."""
+    """Run the command line; say known errors in one line each, and return the exit code."""
     try:
-        application()(piped(arguments), exit_on_error=False, result_action="return_value")
+        code = application()(piped(arguments), exit_on_error=False, result_action="return_value")
     except CycloptsError:
-        return 2
+        return ExitCode.USAGE
     except KeyboardInterrupt:
-        return 130
+        return ExitCode.INTERRUPTED
     except OSError as error:
         if error.filename is None:
             raise
         said = f"{error.filename}: expected a file to use, found: {error.strerror}"
+        ended = ExitCode.ERROR
     except Exception as error:
         if not is_known(error):
             raise
         said = str(error)
+        ended = ExitCode.USAGE if is_usage(error) else ExitCode.ERROR
     else:
-        return 0
+        return ExitCode.DONE if code is None else ExitCode(code)
     from .console import print_stderr
 
-    print_stderr(f"groundtrace: {said}")
-    return 1
+    for line in said.splitlines():
+        print_stderr(f"groundtrace: {line}")
+    return ended
 
 
 def _hush() -> None:
@@ -330,3 +334,9 @@ def is_known(error: Exception) -> bool:
     """Tell whether an error is one that is said in one line."""
     errors = sys.modules.get("groundtrace_codecs.errors")  # not loaded, none was raised
     return errors is not None and isinstance(error, errors.Error)
+
+
+def is_usage(error: Exception) -> bool:
+    """Tell whether an error is of how the command was asked."""
+    errors = sys.modules.get("groundtrace.errors")
+    return errors is not None and isinstance(error, errors.UsageError)

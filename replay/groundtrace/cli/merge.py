@@ -23,7 +23,7 @@ from ..api.merging import (
     parts_of,
     unmerged,
 )
-from ..errors import RecordingError
+from ..errors import UsageError
 from ..pipeline.config import checked_pipeline
 from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import FLAG, OUT, Json, Texts
@@ -87,7 +87,7 @@ def merge(
         Overwrite an existing file; take the best alignment though another is nearly as good.
     """
     if not sources:
-        raise RecordingError("merge: expected recordings, found none")
+        raise UsageError("merge: expected recordings, found none")
     keys = Keys.of(sources)
     pipelines = keys.by_file("--pipeline", pipeline or ())
     for name in pipelines.values():
@@ -152,13 +152,11 @@ class Keys:
 
         Raises
         ------
-        RecordingError
+        UsageError
             Where it names none.
         """
         if key not in self.keys:
-            raise RecordingError(
-                f"{option}: expected one of {', '.join(self.names)}, found {key!r}"
-            )
+            raise UsageError(f"{option}: expected one of {', '.join(self.names)}, found {key!r}")
         return self.keys[key]
 
     def by_file(self, option: str, values: Sequence[str]) -> dict[int, str]:
@@ -167,7 +165,7 @@ class Keys:
         for text in values:
             key, equals, value = text.partition("=")
             if not (equals and value):
-                raise RecordingError(f"{option}: expected FILE=VALUE, found {text!r}")
+                raise UsageError(f"{option}: expected FILE=VALUE, found {text!r}")
             found[self.number(option, key)] = value
         return found
 
@@ -190,11 +188,11 @@ class Keys:
             place, equals, new = text.partition("=")
             key, colon, topic = place.rpartition(":")
             if not (equals and colon and new.startswith("/")):
-                raise RecordingError(f"--rename: expected FILE:TOPIC=/TOPIC, found {text!r}")
+                raise UsageError(f"--rename: expected FILE:TOPIC=/TOPIC, found {text!r}")
             number = self.number("--rename", key)
             if topic not in topics[number]:
                 known = ", ".join(sorted(topics[number] - SHARED_TOPICS))
-                raise RecordingError(f"--rename: expected a topic of {known}, found {topic!r}")
+                raise UsageError(f"--rename: expected a topic of {known}, found {topic!r}")
             found[number][topic] = new
         return found
 
@@ -215,15 +213,15 @@ def settings(
         key, _, number = text.rpartition("=")
         if key not in keys.keys and key not in topics:
             known = ", ".join((*keys.names, *sorted(topics)))
-            raise RecordingError(f"{option}: expected one of {known}, found {key!r} in {text!r}")
+            raise UsageError(f"{option}: expected one of {known}, found {key!r} in {text!r}")
         try:
             value = float(number)
         except ValueError:
             value = math.nan
         if not abs(value) < _LARGEST:
-            raise RecordingError(f"{option}: expected a number, found {number!r} in {text!r}")
+            raise UsageError(f"{option}: expected a number, found {number!r} in {text!r}")
         if option == "--drift" and abs(value) > 1e5:
-            raise RecordingError(f"--drift: expected at most 1e5 ppm, found {number!r} in {text!r}")
+            raise UsageError(f"--drift: expected at most 1e5 ppm, found {number!r} in {text!r}")
         found[keys.keys.get(key, key)] = value
     return found
 

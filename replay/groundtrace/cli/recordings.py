@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import CycloptsError, Parameter, validators
+from cyclopts import Parameter, validators
 
 from groundtrace_codecs.annotations import sidecar_path
 from groundtrace_codecs.copies import convert as convert_file
@@ -16,10 +16,11 @@ from groundtrace_codecs.mcap.writer import CHUNK_BYTES
 
 from ..api.exporting import cut_span, export_file
 from ..api.files import existing, writable
-from ..errors import RecordingError
+from ..errors import UsageError
 from ..export.base import Origin
 from ..pipeline.results import write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
+from .exit_codes import ExitCode
 from .options import FLAG, OUT, Force, Json, Quiet
 
 if TYPE_CHECKING:
@@ -67,15 +68,14 @@ def import_(
         Stop at the first thing that would be a warning.
     """
     if not sources:
-        raise RecordingError("import: expected at least one file, found none")
+        raise UsageError("import: expected at least one file, found none")
     if guess:
         if json:
-            raise RecordingError("import: expected --guess or --json, found both")
+            raise UsageError("import: expected --guess or --json, found both")
         _guess(sources, out, force=force)
         return
     if out is None:
-        print_stderr("import: expected --out, found none")
-        raise CycloptsError
+        raise UsageError("import: expected --out, found none")
     read = [path for path in (stationxml, map_, geometry, truth) if path is not None]
     # what computes is not imported before there is something to compute
     from ..inertial.worn_sensor_faults import ImportedImu
@@ -118,7 +118,7 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
     from groundtrace_codecs.importers.guess import guess_map, remark_line
 
     if len(sources) != 1:
-        raise RecordingError(f"import --guess: expected one table, found {len(sources)} files")
+        raise UsageError(f"import --guess: expected one table, found {len(sources)} files")
     table = existing(sources[0], "a table")
     check_needs_map(table)
     written = out or table.with_name(f"{table.name}.map.toml")
@@ -154,7 +154,7 @@ def cut_(
     to: Annotated[float | None, SECONDS] = None,
     force: Force = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Copy a span of a recording, cut to the sample; labels, geometry, attachments stay.
 
     Parameters
@@ -170,7 +170,7 @@ def cut_(
     """
     writable(out, force=force, sources=[existing(recording)])
     found = cut_span(recording, out, from_ or 0.0, to, force=force)
-    _report(recording, out, found, json=json)
+    return _report(recording, out, found, json=json)
 
 
 def filter_(
@@ -181,7 +181,7 @@ def filter_(
     without: Annotated[list[str] | None, Parameter(negative="", consume_multiple=True)] = None,
     force: Force = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Copy some topics of a recording, message by message as they are.
 
     Truth is the topic /truth, annotations are /annotations. Attachments and metadata stay.
@@ -198,10 +198,10 @@ def filter_(
         Topics to leave out of these.
     """
     if not (topic or without):
-        raise RecordingError("filter: expected --topic or --without, found neither")
+        raise UsageError("filter: expected --topic or --without, found neither")
     writable(out, force=force, sources=[existing(recording)])
     found = filter_topics(recording, out, topic or (), without or (), force=force)
-    _report(recording, out, found, json=json)
+    return _report(recording, out, found, json=json)
 
 
 def convert(
@@ -214,7 +214,7 @@ def convert(
     force: Force = False,
     quiet: Quiet = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Copy a recording with another compression, chunks or blocks; no sample changes.
 
     Parameters
@@ -241,11 +241,12 @@ def convert(
             force=force,
             progress=show,
         )
-    _report(recording, out, found, json=json)
+    return _report(recording, out, found, json=json)
 
 
-def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
-    """Say what is in the copy, and what of the source is not."""
+def _report(source: Path, out: Path, found: Copied, *, json: bool) -> ExitCode:
+    """Say what is in the copy, and what of the source is not; return how the command ends."""
+    ended = ExitCode.of(losses=bool(found.damage or found.faults))
     for damage in found.damage:
         count = "some" if damage.messages is None else damage.messages
         print_stderr(f"warning: {source.name}: damage, {count} messages lost: {damage.reason}")
@@ -271,11 +272,12 @@ def _report(source: Path, out: Path, found: Copied, *, json: bool) -> None:
                 "lost": None if None in lost else sum(filter(None, lost)),
             }
         )
-        return
+        return ended
     print_line(f"wrote {out}: {size / 1e6:.2f} MB out of {source_size / 1e6:.2f} MB")
     topics = dict.fromkeys((*found.messages, *found.left))
     rows = [(t, str(found.messages.get(t, 0)), str(found.left.get(t, 0))) for t in topics]
     print_table(("topic", "messages", "left out"), rows)
+    return ended
 
 
 def export_(
@@ -289,7 +291,7 @@ def export_(
     origin: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     force: Annotated[bool, FLAG] = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Write events of a result, or signals of a recording, for other tools.
 
     Parameters
@@ -328,14 +330,16 @@ def export_(
     )
     for reason in report.damage:
         print_stderr(f"warning: {report.source}: damage, not exported: {reason}")
+    ended = ExitCode.of(losses=bool(report.damage))
     if json:
         print_json(report)
-        return
+        return ended
     words = {"signals": "samples"}
     counts = ", ".join(f"{n} {words.get(name, name)}" for name, n in report.counts.items())
     print_line(f"wrote {report.path}: {report.format}, {counts}")
     for remark in report.remarks:
         print_line(f"  {remark}")
+    return ended
 
 
 def _origin(text: str | None) -> Origin | None:
@@ -348,7 +352,7 @@ def _origin(text: str | None) -> Origin | None:
         numbers = []
     fits = len(numbers) in (2, 3) and all(map(math.isfinite, numbers))
     if not fits or abs(numbers[0]) > 89.9 or abs(numbers[1]) > 360:
-        raise RecordingError(
+        raise UsageError(
             f"--origin: expected LATITUDE,LONGITUDE or LATITUDE,LONGITUDE,AZIMUTH [deg], "
             f"found {text!r}"
         )

@@ -22,15 +22,17 @@ from ..api.replay import (
     STANDARD_INPUT,
     PlannedReplay,
     TimeWindowSink,
+    check_order,
     configured_for,
     growing,
     missed_step,
 )
-from ..errors import RecordingError
+from ..errors import RecordingError, Usage
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
 from ..pipeline.results import ResultsSink, public_arguments
 from .console import print_json, print_line, print_stderr, print_warnings, progress, where_to_show
+from .exit_codes import ExitCode
 from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
 
 if TYPE_CHECKING:
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from groundtrace_codecs.live import LiveRecording
     from groundtrace_codecs.signals import Stream
 
-    from ..pipeline.config import Pipeline
+    from ..pipeline.config import Pipeline, PipelineConfig
     from ..pipeline.engine import ReplayCounts, ReplaySession, Sink
 
 
@@ -65,7 +67,7 @@ def replay(
     force: ForceOthers = False,
     quiet: Quiet = False,
     json: Json = False,
-) -> None:
+) -> ExitCode:
     """Stream a recording through a pipeline; show and store what was decided.
 
     Parameters
@@ -109,16 +111,23 @@ def replay(
         Replay a file that is still being written, as it grows, until its own end; Ctrl-C ends it
         before and keeps what was decided.
     """
-    settings = set_ or []
-    asked = checked_pipeline(pipeline, settings) if pipeline else None
+    settings, usage = set_ or [], Usage()
+    asked: PipelineConfig | None = None
+    with usage.collected():
+        asked = checked_pipeline(pipeline, settings) if pipeline else None
+    with usage.collected():
+        check_order(from_, to)
     follow = follow or recording == STANDARD_INPUT
     partly = from_ is not None or to is not None or rate or no_viewer
-    if at_miss is not None and partly:
-        raise RecordingError("--at-miss: expected no --from, --to, --rate or --no-viewer with it")
-    if follow and (recording is None or rate or strict or at_miss is not None):
-        raise RecordingError(
-            "--follow: expected a recording, and no --rate, --strict or --at-miss with it"
-        )
+    usage.refuse(
+        "--at-miss: expected no --from, --to, --rate or --no-viewer with it",
+        at_miss is not None and partly,
+    )
+    usage.refuse(
+        "--follow: expected a recording, and no --rate, --strict or --at-miss with it",
+        follow and (recording is None or rate or strict or at_miss is not None),
+    )
+    usage.check()
     path = _bundled() if recording is None else recording if follow else existing(recording)
     shown: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
@@ -152,6 +161,7 @@ def replay(
     report(plan.session, ready.chain, tally, results, rrd, timeline, damage, json=json)
     if web:
         _stay_with_the_page(shown)
+    return ExitCode.of(losses=damage > 0)
 
 
 #: What outputs are named after that are made of standard input.

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..api.files import existing, recording_of
-from ..errors import RecordingError
+from ..errors import UsageError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
 from .console import print_line, print_stderr, print_warnings
@@ -49,10 +49,10 @@ def share(
         Replace what was shared there before.
     """
     if zip_ and single_file:
-        raise RecordingError("--zip: expected it without --single-file, found both")
+        raise UsageError("--zip: expected it without --single-file, found both")
     form = "zip" if zip_ else "html" if single_file else "folder"
     if form != "folder" and out.suffix.lower() != f".{form}":
-        raise RecordingError(f"{out}: expected a name that ends in .{form}, found {out.name}")
+        raise UsageError(f"{out}: expected a name that ends in .{form}, found {out.name}")
     existing(results, "results")
     timeline = None if rrd is None else existing(rrd, "a viewer's file")
     found = recording_of(results, recording, print_stderr)

@@ -9,7 +9,7 @@ import numpy as np
 
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..errors import RecordingError
+from ..errors import RecordingError, UsageError
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.truth import kinds_of
 from .reasons import StepReasons, matched
@@ -76,7 +76,7 @@ class Question:
 
         Raises
         ------
-        RecordingError
+        UsageError
             Where a number is of something else.
         """
         numbers: dict[Kind, int | None] = {
@@ -89,7 +89,7 @@ class Question:
         if any(name != wanted for name in given):
             options = {"steps": "--step", "fixes": "--fix", "picks": "--pick"}
             found = " and ".join(options[name] for name in given)
-            raise RecordingError(f"--kind {wanted}: expected {options[wanted]}, found {found}")
+            raise UsageError(f"--kind {wanted}: expected {options[wanted]}, found {found}")
         return wanted
 
 
@@ -145,7 +145,7 @@ def explained(evidence: Evidence, name: str, asked: Question) -> Answer:
     at_ns = None if asked.at_s is None else evidence.start_ns + round(asked.at_s * NS_PER_S)
     if at_ns is not None and not evidence.start_ns <= at_ns <= evidence.end_ns:
         length_s = (evidence.end_ns - evidence.start_ns) / NS_PER_S
-        raise RecordingError(f"--at: expected 0 to {length_s:.3f} s, found {asked.at_s:g} s")
+        raise UsageError(f"--at: expected 0 to {length_s:.3f} s, found {asked.at_s:g} s")
     if chosen == "steps" and asked.kind is None and asked.step is None:
         chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
     return EXPLAINERS[chosen](evidence, name, asked, at_ns)
@@ -175,7 +175,7 @@ def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int 
 def _time_of(evidence: Evidence, name: str, asked: Question) -> int:
     steps = matched(evidence, asked.tolerance_s).truth_ns
     if asked.step is None or not 1 <= asked.step <= len(steps):
-        raise RecordingError(f"{name}: --step: expected 1 to {len(steps)}, found {asked.step}")
+        raise UsageError(f"{name}: --step: expected 1 to {len(steps)}, found {asked.step}")
     return int(steps[asked.step - 1])
 
 
@@ -186,7 +186,7 @@ def _explained_place(evidence: Evidence, _name: str, asked: Question, at_ns: int
     if fix is None and at_ns is None:
         return Answer("fixes", explainer.account(), reference=reference)
     if not 0 < (1 if fix is None else fix) <= len(steps_ns):
-        raise RecordingError(f"{evidence.name}: --fix: expected 1 to {len(steps_ns)}, found {fix}")
+        raise UsageError(f"{evidence.name}: --fix: expected 1 to {len(steps_ns)}, found {fix}")
     row = fix - 1 if fix is not None else int(np.abs(steps_ns - (at_ns or 0)).argmin())
     one = explainer.moment(row)
     time_ns = evidence.start_ns + round(one.fix.time_s * NS_PER_S)
@@ -201,7 +201,7 @@ def _explained_picks(evidence: Evidence, _name: str, asked: Question, at_ns: int
         return Answer("picks", found)
     if not 1 <= asked.pick <= len(found.bad):
         expected = f"1 to {len(found.bad)}" if found.bad else "none, as no pick is bad"
-        raise RecordingError(f"{evidence.name}: --pick: expected {expected}, found {asked.pick}")
+        raise UsageError(f"{evidence.name}: --pick: expected {expected}, found {asked.pick}")
     bad = found.bad[asked.pick - 1]
     time_ns = evidence.start_ns + round(bad.time_s * NS_PER_S)
     return Answer("picks", pick_moment(evidence, time_ns, bad, asked.stage), time_ns)

@@ -21,7 +21,7 @@ import numpy as np
 
 from groundtrace_codecs.events import CandidateBlock, Pick, StageSpec, StepEvent
 
-from ..errors import PipelineError, RecordingError, did_you_mean
+from ..errors import PipelineError, RecordingError, SettingError, did_you_mean
 from ..evaluation.matching import STEP_TOLERANCE_S, match_steps
 from ..pipeline.gates import Candidates, decide, decided_block, gate_specs, stated
 from ..pipeline.parameters import build, describe, parse_value
@@ -611,19 +611,19 @@ def parse_axis(text: str, config: PipelineConfig) -> Axis:
     left, equals, right = text.partition("=")
     key, dot, parameter = left.strip().rpartition(".")
     if not (equals and dot and parameter and right.strip()):
-        raise PipelineError(
+        raise SettingError(
             f"--grid: expected stage.param=FROM:TO:COUNT or stage.param=VALUE,VALUE, found {text!r}"
         )
     stages = {stage.key: stage for stage in config.stage}
     if key not in stages:
-        raise PipelineError(
+        raise SettingError(
             f"--grid: expected a stage of {', '.join(stages)}, found {key!r} in {text!r}"
             f"{did_you_mean(key, stages)}"
         )
     kind = stage_named(stages[key].use)
     counted = scored_event(config)
     if not (detects(kind) or associates(kind)) and emitted(kind) != counted:
-        raise PipelineError(
+        raise SettingError(
             f"--grid: expected a stage that decides about {event_noun(counted)}, found {key!r}"
         )
     info = next((i for i in describe(kind.Parameters) if i.name == parameter), None)
@@ -650,12 +650,12 @@ def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
     except ValueError:
         low, high, count = math.nan, math.nan, 0
     if not (math.isfinite(low + high) and count >= 2 and count == int(count) and low < high):
-        raise PipelineError(
+        raise SettingError(
             f"--grid: expected FROM:TO:COUNT with FROM < TO and a COUNT of 2 or more, "
             f"found {whole!r}"
         )
     if count > MOST:
-        raise PipelineError(f"--grid: expected at most {MOST} values, found {whole!r}")
+        raise SettingError(f"--grid: expected at most {MOST} values, found {whole!r}")
     values = np.linspace(low, high, int(count)).tolist()
     if info is not None and type(info.default) is int:
         return [round(v) for v in values]
@@ -664,7 +664,10 @@ def _range(text: str, whole: str, info: ParameterInfo | None) -> list[Any]:
 
 def _checked(stage: StageConfig, kind: Any, parameter: str, value: Any) -> Any:
     """Return a value as the parameter has it."""
-    built = build(kind.Parameters, {**stage.parameters, parameter: value}, stage.key)
+    try:
+        built = build(kind.Parameters, {**stage.parameters, parameter: value}, stage.key)
+    except PipelineError as error:
+        raise SettingError(str(error)) from None
     return getattr(built, parameter)
 
 

@@ -14,8 +14,8 @@ from groundtrace_codecs.events import EVENTS, Fix, Gap, Label, Presence, StepEve
 from groundtrace_codecs.geometry import UNKNOWN_UNIT
 from groundtrace_codecs.signals import SignalBlock
 
-from ..errors import PipelineError, did_you_mean
-from .parameters import build, describe, parse_value
+from ..errors import PipelineError, SettingError, Usage, did_you_mean
+from .parameters import build, checked_value, describe, parse_value
 from .plugins import stage_named
 from .stage import StageConfig, StageRunner
 from .track_check import TrackCheck, Tracking
@@ -101,7 +101,7 @@ def load_pipeline(name_or_path: str) -> PipelineConfig:
     shipped = named_pipelines()
     path = shipped.get(name_or_path, Path(name_or_path))
     if not path.is_file():
-        raise PipelineError(
+        raise SettingError(
             f"{name_or_path}: expected a file or one of {', '.join(shipped)}, found neither"
             f"{did_you_mean(name_or_path, shipped)}"
         )
@@ -157,23 +157,53 @@ def with_settings(config: PipelineConfig, settings: Iterable[str]) -> PipelineCo
 
     Raises
     ------
-    PipelineError
-        A setting of another form, or of a stage that the pipeline does not have.
+    SettingError
+        Settings of another form, of a stage or parameter that the pipeline does not have, with a
+        value of another type or out of range, or that do not go together: all of them.
     """
     stages = {stage.key: stage for stage in config.stage}
+    usage = Usage(SettingError)
+    changed = set()
     for setting in settings:
-        left, equals, value = setting.partition("=")
-        stage, dot, parameter = left.rpartition(".")
-        if not (equals and dot and parameter):
-            raise PipelineError(f"--set: expected stage.param=value, found {setting!r}")
-        if stage not in stages:
-            raise PipelineError(
-                f"--set: expected a stage of {', '.join(stages)}, found {stage!r} in {setting!r}"
-                f"{did_you_mean(stage, stages)}"
+        with usage.collected():
+            key, parameter, value = _parsed_setting(setting, stages)
+            stages[key] = replace(
+                stages[key], parameters=stages[key].parameters | {parameter: value}
             )
-        values = stages[stage].parameters | {parameter: parse_value(value)}
-        stages[stage] = replace(stages[stage], parameters=values)
+            changed.add(key)
+    usage.check()
+    for key in changed:
+        with usage.collected():
+            _checked_stage(stages[key])
+    usage.check()
     return replace(config, stage=tuple(stages.values()))
+
+
+def _parsed_setting(setting: str, stages: Mapping[str, StageConfig]) -> tuple[str, str, Any]:
+    """Return the stage, the parameter and the value of a setting, checked."""
+    left, equals, text = setting.partition("=")
+    key, dot, parameter = left.rpartition(".")
+    if not (equals and dot and parameter):
+        raise SettingError(f"--set: expected stage.param=value, found {setting!r}")
+    if key not in stages:
+        raise SettingError(
+            f"--set: expected a stage of {', '.join(stages)}, found {key!r} in {setting!r}"
+            f"{did_you_mean(key, stages)}"
+        )
+    value = parse_value(text)
+    try:
+        checked_value(stage_named(stages[key].use).Parameters, parameter, value, key)
+    except PipelineError as error:
+        raise SettingError(str(error)) from None
+    return key, parameter, value
+
+
+def _checked_stage(stage: StageConfig) -> None:
+    """Raise where values of a stage, each of them right, do not go together."""
+    try:
+        build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
+    except PipelineError as error:
+        raise SettingError(str(error)) from None
 
 
 def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> PipelineConfig:
@@ -184,10 +214,10 @@ def checked_pipeline(name_or_path: str, settings: Iterable[str] = ()) -> Pipelin
     PipelineError, PluginError
         An unknown pipeline, plugin or parameter, or a value of another type or out of range.
     """
-    config = with_settings(load_pipeline(name_or_path), settings)
+    config = load_pipeline(name_or_path)
     for stage in config.stage:
         build(stage_named(stage.use).Parameters, stage.parameters, stage.key)
-    return config
+    return with_settings(config, settings)
 
 
 class Pipeline:

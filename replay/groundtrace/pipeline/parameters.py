@@ -122,28 +122,36 @@ def build(parameters: type[T], values: Mapping[str, Any], place: str) -> T:
     PipelineError
         One line naming the key, what is allowed and what was found.
     """
-    known = {info.name: info for info in describe(parameters)}
-    kind: Any = parameters
-    hints = _hints(kind)
-    converted: dict[str, Any] = {}
-    for key, value in values.items():
-        if key not in known:
-            raise PipelineError(
-                f"{place}.{key}: expected one of {', '.join(known) or 'no parameter'}, "
-                f"found an unknown key{did_you_mean(key, known)}"
-            )
-        try:
-            converted[key] = msgspec.convert(value, hints[key])
-        except msgspec.ValidationError:
-            raise PipelineError(
-                f"{place}.{key}: expected {known[key].allowed}, found {value!r}"
-            ) from None
-        if isinstance(value, float) and not math.isfinite(value):
-            raise PipelineError(f"{place}.{key}: expected a finite number, found {value!r}")
+    converted = {key: checked_value(parameters, key, v, place) for key, v in values.items()}
     try:
         return parameters(**converted)
     except ValueError as error:  # of values that do not go together, in ``__post_init__``
         raise PipelineError(f"{place}.{error}") from None
+
+
+def checked_value(parameters: Any, key: str, value: Any, place: str) -> Any:
+    """Return a value as a parameter has it.
+
+    Raises
+    ------
+    PipelineError
+        As :func:`build` does.
+    """
+    known = {info.name: info for info in describe(parameters)}
+    if key not in known:
+        raise PipelineError(
+            f"{place}.{key}: expected one of {', '.join(known) or 'no parameter'}, "
+            f"found an unknown key{did_you_mean(key, known)}"
+        )
+    try:
+        converted = msgspec.convert(value, _hints(parameters)[key])
+    except msgspec.ValidationError:
+        raise PipelineError(
+            f"{place}.{key}: expected {known[key].allowed}, found {value!r}"
+        ) from None
+    if isinstance(value, float) and not math.isfinite(value):
+        raise PipelineError(f"{place}.{key}: expected a finite number, found {value!r}")
+    return converted
 
 
 def given_waypoints(labels: Sequence[Label], updates: str) -> list[Label]:

@@ -19,8 +19,8 @@ from viewer_sessions import (
     seismic_samples,
 )
 
+from groundtrace.errors import UsageError
 from groundtrace_codecs.events import Label, StepEvent
-from groundtrace_viewers.errors import ViewerError
 from groundtrace_viewers.rerun.samples import FullRate, planned
 from groundtrace_viewers.rerun.sink import EVERY_NS, CloseUpTimes, RerunSink
 from groundtrace_viewers.rerun.timeline import SINGLES
@@ -77,7 +77,7 @@ def test_what_is_asked_for_is_a_word_or_a_span(text: str, found: FullRate) -> No
 
 @pytest.mark.parametrize("text", ["", "some", "3", "5-5", "5-2", "-1-3", "1-inf", "nan-3"])
 def test_anything_else_is_refused_in_one_line(text: str) -> None:
-    with pytest.raises(ViewerError, match="--full-rate: expected none, misses, events"):
+    with pytest.raises(UsageError, match="--full-rate: expected none, misses, events"):
         FullRate.parse(text)
 
 

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from groundtrace.errors import UsageError
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
-
-from ..errors import ViewerError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -129,7 +128,7 @@ class FullRate:
 
         Raises
         ------
-        ViewerError
+        UsageError
             Where it is neither a mode nor a span.
         """
         if text in MODES:
@@ -141,7 +140,7 @@ class FullRate:
             span_s = (0.0, 0.0)
         if not 0.0 <= span_s[0] < span_s[1] < math.inf:
             expected = ", ".join(MODES)
-            raise ViewerError(
+            raise UsageError(
                 f"--full-rate: expected {expected} or FROM-TO in seconds, found {text!r}"
             )
         return cls("span", span_s)
