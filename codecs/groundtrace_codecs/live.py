@@ -167,7 +167,7 @@ def _head(source: Growing, stop: threading.Event) -> Recording:
         source.grow()
         size = min(source.size, limit)
         over = source.ended or stop.is_set()
-        if size > looked_at and (size >= len(MAGIC) or over):
+        if over or (size > looked_at and size >= len(MAGIC)):
             looked_at = size
             head = Recording.open(Prefix(source, size))
             if _settled(head) or (over and head.streams and size == source.size):
