@@ -80,8 +80,9 @@ fuzz: dev ## 100 000 mutated inputs for every parser; findings are kept in build
 	$(BIN)/pip install --quiet atheris
 	nice $(BIN)/python bench/fuzz.py --inputs 100000 --out build/fuzz
 
-big: dev ## memory and time of every command on an hour of recording, 2.5 GB
+big: dev ## memory and time of every command on an hour of recording, and of importing 2 GB
 	$(BIN)/python bench/big_memory.py
+	$(BIN)/python bench/import_memory.py
 
 accept: dev ## steps of real recordings (GROUNDTRACE_DATA), places in random rooms; the targets
 	$(BIN)/python bench/step_accuracy.py

@@ -10,18 +10,14 @@ from typing import Final
 _LARGE_BYTES: Final = 1 << 25
 _LARGE_RATIO: Final = 250
 
-#: Deflate packs no more bytes into one (zlib's technical details): more is a lie.
+#: Deflate packs no more bytes into one (zlib's technical details): of what is read piece by piece,
+#: only more than that is refused, as it is a lie.
 DEFLATE_RATIO: Final = 1032
 
 
-def most_unpacked(packed: int) -> int:
-    """Return how much may be held in memory of so many compressed bytes [bytes]."""
-    return max(_LARGE_BYTES, packed * _LARGE_RATIO)
-
-
-def most_inflated(packed: int) -> int:
-    """Return how much so many bytes of deflate can be, or a part that is small anyhow [bytes]."""
-    return max(_LARGE_BYTES, packed * DEFLATE_RATIO)
+def most_unpacked(packed: int, ratio: int = _LARGE_RATIO) -> int:
+    """Return how much so many compressed bytes may be, of what is held in memory [bytes]."""
+    return max(_LARGE_BYTES, packed * ratio)
 
 
 def too_much(limit: int, packed: int, found: int) -> str:

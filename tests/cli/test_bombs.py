@@ -152,6 +152,11 @@ class Planted:
         return pytest.exit, ("a pickle was run",)
 
 
+def phone_table_of_zeros(path: Path) -> Path:
+    head = b"time,seconds_elapsed,z,y,x\n"
+    return zipped(path / "a.zip", "Gyroscope.csv", head + b"0,0,0,0,0\n" * 10_000_000)
+
+
 def hdf5_that_claims(path: Path) -> Path:
     with h5py.File(path / "a.h5", "w") as file:
         file.create_dataset("data", (CLAIMED,), "f8", chunks=(1024,), compression="gzip")
@@ -261,6 +266,10 @@ def bag_without_end(path: Path) -> Path:
         (npz_that_lies, "a.npz: data: expected at most 401"),
         (npy_that_claims, "a.npy: expected 8000000000000 bytes of shape (1000000000000,), found"),
         (npy_of_objects, "a.npy: expected a NumPy archive without pickled objects, found some"),
+        (
+            phone_table_of_zeros,
+            "a.zip: Gyroscope.csv: expected at most 33554432 uncompressed",
+        ),
         (hdf5_that_claims, "a.h5: /data: expected at most 33554432 uncompressed bytes of 0"),
         (hdf5_in_one_chunk, "a.h5: /data: expected chunks of at most 134217728 bytes, found"),
         (hdf5_elsewhere, "a.h5: data: expected data in the file itself, found a link to another"),
@@ -292,3 +301,12 @@ def test_a_small_file_of_another_tool_takes_little_memory_and_is_told(
     said = " ".join(capsys.readouterr().err.split())
     assert not out.exists()
     assert found in said
+
+
+def test_what_can_be_so_long_is_imported_in_little_memory(
+    tmp_path: Path,
+) -> None:
+    small, out, map_ = npz_of_zeros(tmp_path), tmp_path / "out.mcap", tmp_path / "map.toml"
+    map_.write_text(ARCHIVE_MAP.format(form="npz", column="data"))
+    assert held(["import", small, "-o", out, "--map", map_]) < MOST_BYTES / 3
+    assert out.exists()

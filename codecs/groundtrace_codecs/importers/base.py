@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import msgspec
 import numpy as np
 
-from ..mcap.reader import set_backs
+from ..mcap.reader import BACK_NS, set_backs
 from ..signals import NS_PER_S, SignalBlock, Stream
+from .stored import Computed, median, pieces, steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from ..events import Label
     from ..geometry import Geometry
+    from .stored import Column
 
     Source = tuple[Stream, str, Iterable[SignalBlock]]
 
@@ -348,7 +350,7 @@ _ROUNDING = 0.55
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timing:
-    """When the samples of one stream were taken.
+    """When the n samples of one stream were taken: a column of their times [ns].
 
     Attributes
     ----------
@@ -357,9 +359,9 @@ class Timing:
     anchor_ns
         Time of the first sample [ns].
     index
-        Shape (n,), int64: place of each sample on the grid; None where there is no grid.
+        n whole numbers: place of each sample on the grid; None where there is no grid.
     times_ns
-        Shape (n,), int64: the samples' own times; None where the grid holds.
+        n whole numbers: the samples' own times; None where the grid holds.
     set_back
         Where the clock was set back: the first sample after it, and the sum of it and all before
         [ns], which the samples from there on are earlier than their place on the grid says.
@@ -367,49 +369,112 @@ class Timing:
 
     rate_hz: float
     anchor_ns: int
-    index: NDArray[np.int64] | None
-    times_ns: NDArray[np.int64] | None
+    index: Column | None
+    times_ns: Column | None
     set_back: tuple[tuple[int, int], ...] = ()
 
     def shifted(self, by_ns: int) -> Timing:
         """Return the same timing ``by_ns`` later."""
-        times = None if self.times_ns is None else self.times_ns + by_ns
-        return replace(self, anchor_ns=self.anchor_ns + by_ns, times_ns=times)
+        own = self.times_ns
+        later = None if own is None else Computed(len(own), lambda rows: own[rows] + by_ns)
+        return replace(self, anchor_ns=self.anchor_ns + by_ns, times_ns=later)
 
-    def sample_times(self) -> NDArray[np.int64]:
-        """Return the time of every sample [ns], shape (n,)."""
+    def __len__(self) -> int:
+        column = self.times_ns if self.index is None else self.index
+        assert column is not None
+        return len(column)
+
+    def __getitem__(self, rows: slice, /) -> NDArray[np.int64]:
+        """Return the times of some samples [ns]."""
         if self.index is None:
             assert self.times_ns is not None
-            return self.times_ns
+            return self.times_ns[rows]
+        start, stop, _ = rows.indices(len(self))
         period_ns = NS_PER_S / self.rate_hz
-        times: NDArray[np.int64] = np.rint(self.index * period_ns).astype(np.int64)
-        return times + self.anchor_ns - earlier_by(self.set_back, len(times))
+        times: NDArray[np.int64] = np.rint(self.index[start:stop] * period_ns).astype(np.int64)
+        return times + self.anchor_ns - earlier_by(self.set_back, slice(start, stop))
 
-    def runs(self) -> list[slice]:
-        """Return the contiguous runs: cut at gaps and where time does not go on."""
-        if self.index is not None:
-            holes = np.flatnonzero(np.diff(self.index) != 1) + 1
-            breaks = np.union1d(holes, [at for at, _ in self.set_back]).astype(np.int64)
-        else:
-            breaks = np.flatnonzero(np.diff(self.sample_times()) < 0) + 1
-        edges = [0, *breaks.tolist(), len(self.sample_times())]
-        return [slice(a, b) for a, b in pairwise(edges)]
+    def first_ns(self) -> int:
+        """Return the earliest time [ns]."""
+        return min(int(self[rows].min()) for rows in pieces(len(self)))
 
-    def blocks(self, stream: Stream, samples: NDArray[Any]) -> Iterator[SignalBlock]:
-        """Yield each contiguous run of ``samples``, shape (n, n_channels), as a block."""
-        for run in self.runs():
-            first = run.start if self.index is None else int(self.index[run.start])
-            times = None if self.times_ns is None else self.times_ns[run]
-            back_ns = 0 if times is not None else sum_before(self.set_back, run.start)
-            yield SignalBlock(stream, self.anchor_ns - back_ns, first, samples[run], times)
+    def blocks(self, stream: Stream, samples: Column) -> Blocks:
+        """Return contiguous runs of n samples as blocks."""
+        return Blocks(self, stream, samples)
 
 
-def earlier_by(set_back: Sequence[tuple[int, int]], count: int) -> NDArray[np.int64]:
-    """Return by how much a clock is set back at each of so many samples [ns], shape (count,)."""
-    earlier_ns = np.zeros(count, np.int64)
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """The samples of a stream as blocks, which are read anew each time they are gone through.
+
+    Attributes
+    ----------
+    timing
+        When each was taken.
+    stream
+        What they are.
+    samples
+        As they are stored, shape (n, n_channels).
+    """
+
+    timing: Timing
+    stream: Stream
+    samples: Column
+
+    def __iter__(self) -> Iterator[SignalBlock]:
+        timing = self.timing
+        for piece in pieces(len(timing)):
+            samples = self.samples[piece]
+            own = timing[piece] if timing.index is None else None
+            index = None if timing.index is None else timing.index[piece]
+            for a, b in pairwise(self._edges(piece, own, index)):
+                first = piece.start + a if index is None else int(index[a])
+                back_ns = 0 if own is not None else sum_before(timing.set_back, piece.start + a)
+                yield SignalBlock(
+                    self.stream,
+                    timing.anchor_ns - back_ns,
+                    first,
+                    samples[a:b],
+                    None if own is None else own[a:b],
+                )
+
+    def _edges(
+        self, piece: slice, own: NDArray[Any] | None, index: NDArray[Any] | None
+    ) -> list[int]:
+        """Return where in a piece runs begin, at gaps and where time does not go on, and its end.
+
+        Blocks of a run that follow each other are one: that a piece ends in it does not matter.
+        """
+        if index is not None:
+            holes = np.flatnonzero(np.diff(index) != 1) + 1
+            inside = (at - piece.start for at, _ in self.timing.set_back)
+            backs = [at for at in inside if 0 < at < len(index)]
+            return [0, *np.union1d(holes, backs).astype(int).tolist(), len(index)]
+        assert own is not None
+        return [0, *(np.flatnonzero(np.diff(own) < 0) + 1).tolist(), len(own)]
+
+
+def earlier_by(set_back: Sequence[tuple[int, int]], rows: slice) -> NDArray[np.int64]:
+    """Return by how much a clock is set back at some of the samples [ns]."""
+    earlier_ns = np.zeros(rows.stop - rows.start, np.int64)
     for at, sum_ns in set_back:
-        earlier_ns[at:] = sum_ns
+        earlier_ns[max(0, at - rows.start) :] = sum_ns
     return earlier_ns
+
+
+def without_set_backs(times_ns: Column, set_back: Sequence[tuple[int, int]]) -> Column:
+    """Return the times of a clock that was set back as if it had not been [ns]."""
+    return Computed(len(times_ns), lambda rows: times_ns[rows] + earlier_by(set_back, rows))
+
+
+def steps_back(times_ns: Column) -> list[tuple[int, int]]:
+    """Return where a clock was set back: :func:`.set_backs`, of a column.
+
+    The times of such a clock are held in memory.
+    """
+    if not any((step < -BACK_NS).any() for step in steps(times_ns)):
+        return []
+    return set_backs(times_ns[:])
 
 
 def set_back_lines(set_back: Sequence[tuple[int, int]]) -> list[str]:
@@ -429,16 +494,18 @@ def sum_before(set_back: Sequence[tuple[int, int]], at: int) -> int:
 
 def uniform(count: int, rate_hz: float, start_ns: int = 0) -> Timing:
     """Return the timing of ``count`` samples without a break."""
-    return Timing(rate_hz, start_ns, np.arange(count, dtype=np.int64), None)
+    index = Computed(count, lambda rows: np.arange(rows.start, rows.stop, dtype=np.int64))
+    return Timing(rate_hz, start_ns, index, None)
 
 
-def even(times_ns: NDArray[np.int64]) -> Timing:
+def even(times_ns: Column) -> Timing:
     """Return a timing with the samples evenly between the first and the last time."""
-    rate_hz = (len(times_ns) - 1) * NS_PER_S / float(times_ns[-1] - times_ns[0])
-    return uniform(len(times_ns), rate_hz, int(times_ns[0]))
+    first_ns, last_ns = int(times_ns[:1][0]), int(times_ns[len(times_ns) - 1 :][0])
+    rate_hz = (len(times_ns) - 1) * NS_PER_S / float(last_ns - first_ns)
+    return uniform(len(times_ns), rate_hz, first_ns)
 
 
-def fit(times_ns: NDArray[np.int64]) -> Timing:
+def fit(times_ns: Column) -> Timing:
     """Return the timing behind ``times_ns``: a grid where one holds, else the times themselves.
 
     A grid holds where every time lies on it within 1 % of a period, or within half of the step
@@ -448,37 +515,60 @@ def fit(times_ns: NDArray[np.int64]) -> Timing:
     Parameters
     ----------
     times_ns
-        Shape (n,), n >= 2, at least two of them different.
+        n >= 2 whole numbers, at least two of them different.
     """
-    if back := tuple(set_backs(times_ns)):
-        on = fit(times_ns + earlier_by(back, len(times_ns)))
+    if back := tuple(steps_back(times_ns)):
+        on = fit(without_set_backs(times_ns, back))
         return replace(on, times_ns=None if on.times_ns is None else times_ns, set_back=back)
-    steps = np.diff(times_ns)
-    median = float(np.median(steps[steps > 0]))
-    places = np.concatenate(([0.0], np.cumsum(np.rint(steps / median))))
-    relative = (times_ns - times_ns[0]).astype(np.float64)
-    tolerance = max(_JITTER * median, min(_ROUNDING * float(np.gcd.reduce(steps)), 0.25 * median))
-    for period, offset in _periods(relative, places, median):
-        index = np.rint((relative - offset) / period)
+    usual = median(lambda: (step[step > 0] for step in steps(times_ns)))
+    whole = int(np.gcd.reduce([np.gcd.reduce(step) for step in steps(times_ns) if len(step)]))
+    tolerance = max(_JITTER * usual, min(_ROUNDING * float(whole), 0.25 * usual))
+    first_ns = int(times_ns[:1][0])
+    for period, offset in _periods(times_ns, usual):
+        index = _places(times_ns, period, offset, tolerance)
+        if index is not None:
+            return Timing(NS_PER_S / period, first_ns + round(offset), index, None)
+    return Timing(NS_PER_S / usual, first_ns, None, times_ns)
+
+
+def _places(times_ns: Column, period: float, offset: float, tolerance: float) -> Column | None:
+    """Return the place of each time on a grid [ns], None where one lies too far from it."""
+    first_ns = int(times_ns[:1][0])
+
+    def places(rows: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        relative = (times_ns[rows] - first_ns).astype(np.float64)
+        return relative, np.rint((relative - offset) / period)
+
+    for rows in pieces(len(times_ns)):
+        relative, index = places(rows)
         if index.min() < 0 or np.abs(relative - offset - index * period).max() > tolerance:
-            continue
-        first = int(index[0])
-        anchor_ns = int(times_ns[0]) + round(offset)
-        index = index.astype(np.int64) - first
-        return Timing(NS_PER_S / period, anchor_ns, index, None)
-    return Timing(NS_PER_S / median, int(times_ns[0]), None, times_ns)
+            return None
+    first = int(places(slice(0, 1))[1][0])
+    return Computed(len(times_ns), lambda rows: places(rows)[1].astype(np.int64) - first)
 
 
-def _periods(
-    relative: NDArray[np.float64], places: NDArray[np.float64], median: float
-) -> Iterator[tuple[float, float]]:
+def _periods(times_ns: Column, usual: float) -> Iterator[tuple[float, float]]:
     """Yield (period, offset) [ns] to try: a whole rate, a whole period, the best line."""
-    rate = round(NS_PER_S / median)
+    rate = round(NS_PER_S / usual)
     if rate:
         yield NS_PER_S / rate, 0.0
-    yield median, 0.0
-    spread = places - places.mean()
-    if spread.any():
-        slope = float(spread @ relative / (spread @ spread))
+    yield usual, 0.0
+    count, first_ns = len(times_ns), int(times_ns[:1][0])
+
+    def of_line() -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        place = 0.0
+        for rows, step in zip(pieces(count), steps(times_ns), strict=True):
+            passed = np.rint(step / usual)
+            if rows.start == 0:
+                passed = np.concatenate(([0.0], passed))
+            places = place + np.cumsum(passed)
+            place = float(places[-1])
+            yield places, (times_ns[rows] - first_ns).astype(np.float64)
+
+    mean = sum(float(places.sum()) for places, _ in of_line()) / count
+    mean_ns = sum(float(relative.sum()) for _, relative in of_line()) / count
+    spread = sum(float((places - mean) @ (places - mean)) for places, _ in of_line())
+    if spread:
+        slope = sum(float((places - mean) @ relative) for places, relative in of_line()) / spread
         if slope > 0:
-            yield slope, float(relative.mean() - slope * places.mean())
+            yield slope, mean_ns - slope * mean

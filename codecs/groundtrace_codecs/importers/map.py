@@ -37,6 +37,7 @@ from ..errors import FormatError, SchemaError, did_you_mean
 from ..events import TRUTH_KINDS, Label
 from ..mcap.reader import set_backs
 from ..schemas.ros2 import kind_of
+from ..schemas.waveform import FORMATS
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_quantity
 from . import base
 from . import time as time_columns
@@ -53,11 +54,11 @@ from .base import (
     Timing,
     TruthMap,
 )
-from .stored import Column, Converted, StoredArray
+from .stored import Column, Computed, StoredArray, pieces, steps
 from .time import check_time, leap_seconds, parse_start, timestamps, zone_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -220,11 +221,11 @@ class Table(Protocol):
         """Return one column of n numbers; empty cells are NaN."""
         ...
 
-    def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
-        """Return the sample times [ns], shape (n,), of a column of numbers."""
+    def times_ns(self, time: TimeMap) -> Column:
+        """Return the n sample times [ns] of a column of numbers."""
         ...
 
-    def texts(self, column: str | int) -> list[str]:
+    def texts(self, column: str | int) -> Iterable[str]:
         """Return the cells of a column of times in words."""
         ...
 
@@ -242,7 +243,7 @@ class _Read:
     map
         What it is.
     timing, samples
-        When its samples were taken, and the samples as stored, shape (n, n_channels).
+        When its samples were taken, and the samples as stored, n rows of n_channels.
     row_times_ns
         Time of every row of the file [ns]: more than there are samples where some came twice.
     warnings, remarks
@@ -251,15 +252,16 @@ class _Read:
 
     map: StreamMap
     timing: Timing
-    samples: NDArray[Any]
-    row_times_ns: NDArray[np.int64]
+    samples: Column
+    row_times_ns: Column
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
     def shifted(self, by_ns: int) -> _Read:
         """Return the same stream ``by_ns`` later."""
-        rows = self.row_times_ns + by_ns
-        return replace(self, timing=self.timing.shifted(by_ns), row_times_ns=rows)
+        own = self.row_times_ns
+        later = Computed(len(own), lambda rows: own[rows] + by_ns)
+        return replace(self, timing=self.timing.shifted(by_ns), row_times_ns=later)
 
 
 def import_tables(tables: Sequence[Table], map_: ImportMap) -> Imported:
@@ -287,7 +289,7 @@ def import_table(table: Table, map_: ImportMap) -> Imported:
     start_ns = _start_ns(table, map_)
     reads = [_read_stream(table, map_, stream).shifted(start_ns) for stream in map_.stream]
     warnings = list(dict.fromkeys(w for r in reads for w in (*r.warnings, *_timing_warnings(r))))
-    earliest = min(int(r.timing.sample_times().min()) for r in reads)
+    earliest = min(r.timing.first_ns() for r in reads)
     if ahead_s := leap_seconds(earliest, map_.scale):
         reads = [r.shifted(-ahead_s * NS_PER_S) for r in reads]
         earliest -= ahead_s * NS_PER_S
@@ -310,18 +312,54 @@ def import_table(table: Table, map_: ImportMap) -> Imported:
     )
 
 
-def sample_format(samples: NDArray[np.float64]) -> tuple[str, NDArray[Any]]:
+def sample_format(samples: Column) -> tuple[str, Column]:
     """Return the smallest format that keeps every value exactly, and the samples in it."""
-    if np.isfinite(samples).all() and (np.rint(samples) == samples).all():
-        for name, kind in (("i16le", np.int16), ("i32le", np.int32)):
-            limits = np.iinfo(kind)
-            if samples.size and samples.min() >= limits.min and samples.max() <= limits.max:
-                return name, samples.astype(kind)
-    with np.errstate(over="ignore"):  # what does not fit is kept as it is
-        single = samples.astype(np.float32)
-    if np.array_equal(single.astype(np.float64), samples, equal_nan=True):
-        return "f32le", single
-    return "f64le", samples
+    name = _whole_format(samples) or _real_format(samples)
+    kind = np.dtype(FORMATS[name])
+    if isinstance(samples, np.ndarray):
+        return name, samples.astype(kind)
+    return name, Computed(len(samples), lambda rows: samples[rows].astype(kind))
+
+
+def _whole_format(samples: Column) -> str:
+    """Return the smallest format of whole numbers that all samples fit, if they are such."""
+    lowest, highest, seen = 0.0, 0.0, False
+    for rows in pieces(len(samples)):
+        part = samples[rows]
+        if part.dtype.kind == "f" and not (np.isfinite(part) & (np.rint(part) == part)).all():
+            return ""
+        if part.size:
+            lowest, highest = min(lowest, float(part.min())), max(highest, float(part.max()))
+            seen = True
+    for name in _WHOLE:
+        limits = np.iinfo(FORMATS[name])
+        if seen and lowest >= limits.min and highest <= limits.max:
+            return name
+    return ""
+
+
+def _real_format(samples: Column) -> str:
+    for rows in pieces(len(samples)):
+        part = samples[rows].astype(np.float64)
+        with np.errstate(over="ignore"):  # what does not fit is kept as it is
+            single = part.astype(np.float32)
+        if not np.array_equal(single.astype(np.float64), part, equal_nan=True):
+            return "f64le"
+    return "f32le"
+
+
+#: Formats of whole numbers, the smallest first.
+_WHOLE = ("i16le", "i32le")
+
+
+def _common_format(names: Iterable[str]) -> str:
+    """Return the smallest format that keeps what is exact in each of some."""
+    found = set(names)
+    if len(found) == 1:
+        return found.pop()
+    if found == set(_WHOLE):
+        return _WHOLE[-1]
+    return "f32le" if found == {_WHOLE[0], "f32le"} else "f64le"
 
 
 def _start_ns(table: Table, map_: ImportMap) -> int:
@@ -344,16 +382,17 @@ def _start_ns(table: Table, map_: ImportMap) -> int:
 
 
 def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
-    columns = [table.numbers(c.column)[:] for c in stream.columns]
+    columns = [table.numbers(c.column) for c in stream.columns]
     lengths = sorted({len(c) for c in columns})
     if len(lengths) != 1 or lengths[0] == 0:
         raise SchemaError(
             f"{table.name}: {stream.topic}: expected columns of one length, found {lengths}"
         )
-    samples, count = np.stack(columns, axis=1), lengths[0]
+    count = lengths[0]
+    samples = Computed(count, lambda rows: np.stack([c[rows] for c in columns], axis=1))
     own = stream.time is not None or stream.rate_hz is not None
     time, rate_hz = (stream.time, stream.rate_hz) if own else (map_.time, map_.rate_hz)
-    times_ns: NDArray[np.int64] | None = None
+    times_ns: Column | None = None
     warnings: list[str] = []
     if time is not None:
         times_ns, warnings = _times(table, map_, stream.topic, time, count)
@@ -365,40 +404,56 @@ def _read_stream(table: Table, map_: ImportMap, stream: StreamMap) -> _Read:
         timing = base.uniform(count, rate_hz)
     else:
         timing = base.even(times_ns) if time.even else base.fit(times_ns)
-    return _Read(stream, timing, samples, timing.sample_times(), tuple(warnings))
+    return _Read(stream, timing, samples, timing, tuple(warnings))
 
 
 def _by_counter(
     table: Table,
     stream: StreamMap,
-    samples: NDArray[np.float64],
+    samples: Column,
     counter: CounterMap,
-    clock: tuple[NDArray[np.int64] | None, float | None],
+    clock: tuple[Column | None, float | None],
     warnings: list[str],
 ) -> _Read:
-    """Return a stream whose device counts its samples."""
+    """Return a stream whose device counts its samples; counts and times are held in memory."""
     place = f"{table.name}: {stream.topic}: {counter.column}"
     values = table.numbers(counter.column)[:]
     if len(values) != len(samples):
         raise SchemaError(f"{place}: expected {len(samples)} counts, found {len(values)}")
-    found = time_columns.count(values, counter.modulus, clock[0], place)
-    timing, text = time_columns.timed(found, *clock, place)
-    rows = Timing(timing.rate_hz, timing.anchor_ns, found.of_row, None).sample_times()
+    host_ns = None if clock[0] is None else clock[0][:]
+    found = time_columns.count(values, counter.modulus, host_ns, place)
+    timing, text = time_columns.timed(found, host_ns, clock[1], place)
+    rows = Timing(timing.rate_hz, timing.anchor_ns, found.of_row, None)
     if found.resets:
         warnings.append(
             f"{stream.topic}: the counter began again {found.resets} times: what was lost there is "
-            + ("told by the times only" if clock[0] is not None else "not known")
+            + ("told by the times only" if host_ns is not None else "not known")
         )
     said = (f"counter {counter.column}: {found.line()}", text)
-    return _Read(stream, timing, samples[found.rows], rows, tuple(warnings), said)
+    return _Read(stream, timing, _picked(samples, found.rows), rows, tuple(warnings), said)
+
+
+def _picked(samples: Column, rows: NDArray[np.intp]) -> Column:
+    """Return some rows of a column; those of a piece lie near each other."""
+
+    def picked(piece: slice) -> NDArray[Any]:
+        wanted = rows[piece]
+        if not len(wanted):
+            return samples[0:0]
+        low = int(wanted.min())
+        found: NDArray[Any] = samples[low : int(wanted.max()) + 1][wanted - low]
+        return found
+
+    return Computed(len(rows), picked)
 
 
 def _times(
     table: Table, map_: ImportMap, topic: str, time: TimeMap, count: int
-) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the times of the rows, shape (count,) [ns], and what is to be said of them."""
+) -> tuple[Column, list[str]]:
+    """Return the times of so many rows [ns], and what is to be said of them."""
     place = f"{table.name}: {topic}: {time.column}"
     remarks: list[str] = []
+    times_ns: Column
     if time.unit == "iso":
         where = f"{table.name}: {time.column}"
         times_ns, remarks = timestamps(table.texts(time.column), where, map_.zone)
@@ -406,22 +461,23 @@ def _times(
         times_ns = table.times_ns(time)
     if time.wraps is not None and time.unit != "iso":
         period_ns = time.wraps * TIME_UNITS_NS[time.unit]
-        times_ns, turns = time_columns.times_going_on(times_ns, period_ns)
+        times_ns, turns = time_columns.times_going_on(times_ns[:], period_ns)
         if turns:
             remarks.append(f"{place}: the clock began again {turns} times: taken to go on")
     if len(times_ns) != count:
         raise SchemaError(f"{place}: expected {count} times, found {len(times_ns)}")
-    back = [] if time.even else set_backs(times_ns)
-    on_ns = times_ns + base.earlier_by(back, len(times_ns))
-    if count < 2 or not (np.diff(times_ns) > 0).any() or on_ns[-1] <= on_ns[0]:
+    back = [] if time.even else base.steps_back(times_ns)
+    on_ns = base.without_set_backs(times_ns, back)
+    forward = any((step > 0).any() for step in steps(times_ns))
+    if count < 2 or not forward or on_ns[count - 1 :][0] <= on_ns[:1][0]:
         raise SchemaError(f"{place}: expected times that go on, found {count} that do not")
     return times_ns, remarks
 
 
 def _timing_warnings(read: _Read) -> list[str]:
     """Return what a reader should know about the stream's times."""
-    times_ns, set_back = read.timing.sample_times(), read.timing.set_back
-    back = int((np.diff(times_ns) <= 0).sum()) - len(set_back)
+    set_back = read.timing.set_back
+    back = sum(int((step <= 0).sum()) for step in steps(read.timing)) - len(set_back)
     warnings = [f"{read.map.topic}: {line}" for line in base.set_back_lines(set_back)]
     if back:
         warnings.append(f"{read.map.topic}: {back} samples are not later than the one before")
@@ -440,7 +496,8 @@ def _source(read: _Read) -> Source:
     values = read.samples
     unscaled = replace(stream, channels=tuple(replace(c, scale=1.0) for c in stream.channels))
     if kind_of(unscaled) is not None:
-        values, stream = values * stream.scales, unscaled
+        scales, stream = stream.scales, unscaled
+        values = Computed(len(read.samples), lambda rows: read.samples[rows] * scales)
     name, samples = sample_format(values)
     return stream, name, read.timing.blocks(stream, samples)
 
@@ -501,7 +558,7 @@ def in_order(sampled: Sampled) -> tuple[Sampled, tuple[str, ...]]:
     times, values = sampled.times_ns, sampled.values
     set_back = set_backs(times)
     remarks = [f"{sampled.topic}: {line}" for line in base.set_back_lines(set_back)]
-    on = times + base.earlier_by(set_back, len(times))
+    on = times + base.earlier_by(set_back, slice(0, len(times)))
     late = int((np.diff(on) < 0).sum())
     if late:
         worst_s = float((np.maximum.accumulate(on) - on).max()) / NS_PER_S
@@ -601,7 +658,7 @@ def orientation_labels(reference: Reference, map_: OrientationMap) -> list[Label
     SchemaError
         Where a path leads to something of another shape.
     """
-    times = reference.sample_times_ns
+    times = reference.sample_times_ns[:]
     q = _matrix(reference, map_.quaternion, len(times), 4)
     known = np.asarray(np.isfinite(q).all(axis=1))
     labels = list(_headings(times, q, known, map_))
@@ -715,14 +772,14 @@ class Reference:
     start_ns
         Time of the recording's first sample [ns].
     sample_times_ns
-        Of the first stream, shape (n,) [ns].
+        Of the first stream, n of them [ns].
     numbers, groups
         Look up a column, or a path with one entry for each bout.
     """
 
     name: str
     start_ns: int
-    sample_times_ns: NDArray[np.int64]
+    sample_times_ns: Column
     numbers: Callable[[str | int], Column]
     groups: Callable[[str], list[Any]]
 
@@ -764,7 +821,7 @@ def _increments(reference: Reference, truth: TruthMap) -> list[Label]:
         )
     grown = np.diff(counts[known])
     rows = np.repeat(known[1:], np.maximum(grown, 0).astype(np.int64))
-    return [Label(int(t), truth.kind) for t in reference.sample_times_ns[rows]]
+    return [Label(int(t), truth.kind) for t in reference.sample_times_ns[:][rows]]
 
 
 def _total(reference: Reference, truth: TruthMap) -> list[Label]:
@@ -776,7 +833,7 @@ def _total(reference: Reference, truth: TruthMap) -> list[Label]:
         raise SchemaError(
             f"{reference.name}: {truth.total_of}: expected one filled cell, found {found.size}"
         )
-    times = reference.sample_times_ns
+    times = reference.sample_times_ns[:]
     end_ns = int(times.max()) + int(np.median(np.diff(times)))
     return [Label(int(times.min()), truth.kind, end_ns, value=float(found[0]))]
 
@@ -855,7 +912,7 @@ def _reference_moment(truth: TruthMap, reference: Reference, time: float) -> int
             f"{reference.name}: {truth.time}: expected a sample below "
             f"{len(reference.sample_times_ns)}, found {index}"
         )
-    return int(reference.sample_times_ns[index])
+    return int(reference.sample_times_ns[index : index + 1][0])
 
 
 def _rules(
@@ -972,7 +1029,7 @@ def column(root: Any, path: str, place: str) -> Column:
                 f"{place}: {path}: expected one column of numbers, found {found[0].dtype} of shape "
                 f"{found[0].shape}"
             )
-        return Converted(stored, lambda rows: rows.astype(np.float64))
+        return Computed(len(stored), lambda rows: stored[rows].astype(np.float64))
     try:
         values = np.squeeze(np.asarray(found[0] if len(found) == 1 else found))
         if values.ndim > 1 or np.iscomplexobj(values):
@@ -1102,30 +1159,21 @@ def one_recording(
     """
     if len(found) == 1:
         return found[0]
-    read = [[(s, list(blocks)) for s, _, blocks in each.sources] for each in found]
     parts = [
-        Part(name, each.start_ns, max(b.end_ns for _, blocks in streams for b in blocks))
-        for name, each, streams in zip(names, found, read, strict=True)
+        Part(name, each.start_ns, max(b.end_ns for _, _, blocks in each.sources for b in blocks))
+        for name, each in zip(names, found, strict=True)
     ]
     laid = lay_out(parts, "files", 0.0 if continuous else GAP_S)
     shifts = [
         start - parts[i].start_ns for i, start in zip(laid.order, laid.starts_ns, strict=True)
     ]
     sources: list[Source] = []
-    for at in range(len(read[0])):
-        stream = _common([read[i][at][0] for i in laid.order], [names[i] for i in laid.order])
-        blocks = [
-            shifted(block, stream, by_ns, laid.starts_ns[0])
-            for i, by_ns in zip(laid.order, shifts, strict=True)
-            for block in read[i][at][1]
-        ]
-        form, samples = sample_format(np.concatenate([b.samples for b in blocks]).astype(float))
-        ends = np.cumsum([len(b) for b in blocks]).tolist()
-        cut = [
-            replace(b, samples=samples[end - len(b) : end])
-            for b, end in zip(blocks, ends, strict=True)
-        ]
-        sources.append((stream, form, cut))
+    for at in range(len(found[0].sources)):
+        read = [found[i].sources[at] for i in laid.order]
+        stream = _common([s for s, _, _ in read], [names[i] for i in laid.order])
+        form = _common_format(name for _, name, _ in read)
+        moved = _Moved([b for _, _, b in read], shifts, stream, form, laid.starts_ns[0])
+        sources.append((stream, form, moved))
     return Imported(
         sources=tuple(sources),
         start_ns=laid.starts_ns[0],
@@ -1141,6 +1189,24 @@ def one_recording(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    """The blocks of several files, each by so much later, as one stream of one format."""
+
+    blocks: Sequence[Iterable[SignalBlock]]
+    by_ns: Sequence[int]
+    stream: Stream
+    form: str
+    origin_ns: int
+
+    def __iter__(self) -> Iterator[SignalBlock]:
+        kind = np.dtype(FORMATS[self.form])
+        for blocks, by_ns in zip(self.blocks, self.by_ns, strict=True):
+            for block in blocks:
+                moved = shifted(block, self.stream, by_ns, self.origin_ns)
+                yield replace(moved, samples=moved.samples.astype(kind))
+
+
 def shifted(block: SignalBlock, stream: Stream, by_ns: int, origin_ns: int) -> SignalBlock:
     """Return a block of ``stream`` ``by_ns`` later, counted from the stream's origin.
 
@@ -1148,10 +1214,10 @@ def shifted(block: SignalBlock, stream: Stream, by_ns: int, origin_ns: int) -> S
     """
     if stream.irregular:
         return SignalBlock(stream, origin_ns, 0, block.samples, block.sample_times() + by_ns)
-    begin_ns = block.start_ns + by_ns
-    first = round((begin_ns - origin_ns) * stream.rate_hz / NS_PER_S)
-    anchor_ns = begin_ns - round(first * NS_PER_S / stream.rate_hz)
-    return SignalBlock(stream, anchor_ns, first, block.samples)
+    begin_ns = block.anchor_ns + by_ns  # of the run: all its blocks go on as they did
+    before = round((begin_ns - origin_ns) * stream.rate_hz / NS_PER_S)
+    anchor_ns = begin_ns - round(before * NS_PER_S / stream.rate_hz)
+    return SignalBlock(stream, anchor_ns, before + block.first, block.samples)
 
 
 def _common(streams: Sequence[Stream], names: Sequence[str]) -> Stream:

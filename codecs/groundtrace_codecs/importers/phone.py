@@ -54,6 +54,9 @@ if TYPE_CHECKING:
 _BESIDE = ("Metadata.csv", "Annotation.csv", "meta/time.csv")
 #: How much of a table is looked at to know it [bytes].
 _HEAD = 4096
+#: Tables are packed no more than so many times: a row of ten characters takes 100 bytes in memory.
+#: Chosen by judgement: tables of numbers are packed 3 to 6 times.
+_RATIO = 25
 #: A table that holds no samples is no longer than this [bytes].
 _RECORDS = 1 << 22
 
@@ -87,6 +90,9 @@ class PhoneImporter:
         if map_ is not None:
             raise SchemaError(f"{map_.file}: expected no map for a phone app, found one")
         with _files(paths) as files:
+            for path in paths:
+                if path.suffix.lower() == ".zip":
+                    _check_sizes(path)
             read = _app(files)
             if read is None:
                 raise FormatError(
@@ -152,10 +158,20 @@ _DAMAGE = (
 
 def _inside(archive: zipfile.ZipFile) -> dict[str, TextFile]:
     """Return the tables of an archive by their names without folder."""
-    found = {m.filename: m for m in archive.infolist() if m.filename.lower().endswith(".csv")}
-    for name, member in found.items():
-        check_member(member, name.rpartition("/")[2])
-    return {n.rpartition("/")[2]: zipfile.Path(archive, n) for n in found if "__MACOSX" not in n}
+    names = [m.filename for m in _tables(archive)]
+    return {n.rpartition("/")[2]: zipfile.Path(archive, n) for n in names}
+
+
+def _tables(archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
+    members = [m for m in archive.infolist() if m.filename.lower().endswith(".csv")]
+    return [m for m in members if "__MACOSX" not in m.filename]
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse an archive with a table that is larger than a table of its packed size can be."""
+    with zipfile.ZipFile(path) as archive:
+        for member in _tables(archive):
+            check_member(member, f"{path.name}: {member.filename}", _RATIO)
 
 
 def _look(file: TextFile) -> AppFile:
@@ -263,11 +279,11 @@ def sampled(
     if not file.head.partition(b"\n")[2].strip():
         return None
     table = TextTable.load(file.file, _map(file, columns, time, unit))
-    times = table.times_ns(TimeMap(time, unit))
+    times = table.times_ns(TimeMap(time, unit))[:]
     if np.abs(times).max() > MAX_NS:
         raise SchemaError(f"{file.name}: {time}: expected times, found {times.max()} ns")
     factors = [to_quantity(c.quantity, c.unit) for c in columns]
-    values = np.stack([table.numbers(c.column) for c in columns], axis=1)
+    values = np.stack([table.numbers(c.column)[:] for c in columns], axis=1)
     values = values * np.array([factor for _, factor in factors])
     channels = tuple(
         Channel(_name(c), c.quantity, si, c.axis)

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import FormatError, NoRoomError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -30,7 +30,7 @@ _BLOCK_BYTES = 1 << 24
 #: What is no column of samples, such as events of a reference, is no larger than this [bytes].
 _WHOLE_BYTES = 1 << 27
 #: Temporary files of less stay in memory [bytes].
-_IN_MEMORY = 1 << 22
+_IN_MEMORY = 1 << 20
 
 
 class Column(Protocol):
@@ -45,10 +45,78 @@ class Column(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Computed:
+    """A column of which each piece is made when it is read.
+
+    Attributes
+    ----------
+    count
+        Number of rows.
+    made
+        Returns the rows of a slice with start and stop.
+    """
+
+    count: int
+    made: Callable[[slice], NDArray[Any]]
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self.count)
+        return self.made(slice(start, max(start, stop)))
+
+
 def pieces(count: int) -> Iterator[slice]:
     """Yield so many rows as slices of :data:`PIECE`."""
     for start in range(0, count, PIECE):
         yield slice(start, min(start + PIECE, count))
+
+
+def steps(column: Column) -> Iterator[NDArray[Any]]:
+    """Yield the differences of rows that follow each other, piece by piece."""
+    for rows in pieces(len(column)):
+        yield np.diff(column[max(0, rows.start - 1) : rows.stop])
+
+
+def median(values: Callable[[], Iterable[NDArray[np.int64]]]) -> float:
+    """Return the median of whole numbers that come in pieces, NaN where there are none.
+
+    Parameters
+    ----------
+    values
+        Gives the pieces, each time it is called: the median is found by counting, in bins that
+        become finer, about the middle.
+    """
+    counted = [(len(v), int(v.min()), int(v.max())) for v in values() if len(v)]
+    if not counted:
+        return float("nan")
+    count = sum(n for n, _, _ in counted)
+    lowest, highest = min(low for _, low, _ in counted), max(high for _, _, high in counted)
+    middle = {(count - 1) // 2, count // 2}
+    return float(np.mean([_ranked(values, rank, lowest, highest) for rank in sorted(middle)]))
+
+
+#: Bins in which :func:`median` counts.
+_BINS = 1 << 16
+
+
+def _ranked(
+    values: Callable[[], Iterable[NDArray[np.int64]]], rank: int, low: int, high: int
+) -> int:
+    """Return the value of a rank, which lies from ``low`` to ``high``."""
+    while low < high:
+        width = (high - low) // _BINS + 1
+        bins: NDArray[np.int64] = np.zeros(_BINS, np.int64)
+        below = 0
+        for piece in values():
+            below += int(np.count_nonzero(piece < low))
+            inside = piece[(piece >= low) & (piece <= high)]
+            bins += np.bincount((inside - low) // width, minlength=_BINS)
+        at = int(np.searchsorted(below + np.cumsum(bins), rank, side="right"))
+        low, high = low + at * width, min(high, low + (at + 1) * width - 1)
+    return low
 
 
 class Spool:
@@ -67,6 +135,7 @@ class Spool:
         self._row_bytes = self._dtype.itemsize * math.prod(shape)
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115
         self._bytes = 0
+        self._last: tuple[slice, NDArray[Any]] | None = None
 
     def __del__(self) -> None:
         self._file.close()
@@ -88,8 +157,12 @@ class Spool:
     def __getitem__(self, rows: slice, /) -> NDArray[Any]:
         start, stop, _ = rows.indices(len(self))
         count = max(0, stop - start)
-        found = self.read(start * self._row_bytes, count * self._row_bytes)
-        return np.frombuffer(found, self._dtype).reshape(count, *self._shape)
+        # what was read last is at hand: columns of one spool are read one after the other
+        if self._last is None or self._last[0] != slice(start, stop):
+            found = self.read(start * self._row_bytes, count * self._row_bytes)
+            array = np.frombuffer(found, self._dtype).reshape(count, *self._shape)
+            self._last = slice(start, stop), array
+        return self._last[1]
 
     def read(self, at: int, count: int) -> bytes:
         """Return bytes from a place on, fewer than wanted at the end."""
@@ -271,25 +344,3 @@ def rows_in(
         return np.frombuffer(found, dtype).reshape(stop - start, *inner)
 
     return StoredArray(place, lengths, dtype, fetch, fortran)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Converted:
-    """A column of which each piece is converted when it is read.
-
-    Attributes
-    ----------
-    of
-        The column.
-    convert
-        Returns as many rows as it is given.
-    """
-
-    of: Column
-    convert: Callable[[NDArray[Any]], NDArray[Any]]
-
-    def __len__(self) -> int:
-        return len(self.of)
-
-    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
-        return self.convert(self.of[rows])

@@ -15,21 +15,23 @@ import math
 import re
 import zipfile
 import zlib
+from collections import deque
 from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
+from itertools import chain, islice
 from typing import IO, TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
 from ..errors import CodecError, FormatError, SchemaError, did_you_mean
 from ..truth import plain_cell
-from ..unpacking import most_inflated, most_unpacked, too_much
+from ..unpacking import DEFLATE_RATIO, most_unpacked, too_much
 from . import map as expressions
+from .base import StartMap
 from .map import TIME_UNITS_NS, import_tables
-from .stored import Spool, StoredArray, rows_in
-from .time import timestamps
+from .stored import Computed, Spool, StoredArray, pieces, rows_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -44,6 +46,8 @@ _SUFFIXES = frozenset({".csv", ".tsv", ".txt"})
 _MAX_NS = 2**62
 #: A line of a table has fewer characters: 30 000 columns of 30 digits.
 _LONGEST_LINE = 1 << 20
+#: Rows of a text table read at once.
+_ROWS = 4096
 #: A row of two numbers or more.
 _ROW = re.compile(rb"\s*[-+\d.,eE]+(?:\s*[,;\t ]\s*[-+\d.,eE]+)+\s*")
 
@@ -98,9 +102,9 @@ class DelimitedImporter:
         return import_tables([TextTable.load(path, map_) for path in paths], map_)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class TextTable:
-    """The rows of a text table and the names of its columns.
+    """The columns of a text table that a map names: read in one go, kept in temporary files.
 
     Attributes
     ----------
@@ -108,17 +112,19 @@ class TextTable:
         Of the file, for messages.
     header
         Names of the columns, empty where the table has none.
-    rows, lines
-        Cells of each row of numbers, and its line in the file.
-    decimal
-        ``.`` or ``,``.
+    lines
+        The line in the file of each row of numbers.
+    numeric
+        Columns of numbers, by place and by what they are: ``number``, or the unit of a time.
+    worded
+        Columns of texts, by place.
     """
 
     name: str
     header: tuple[str, ...]
-    rows: tuple[list[str], ...]
-    lines: tuple[int, ...]
-    decimal: str
+    lines: Column
+    numeric: dict[tuple[int, str], _Numbers]
+    worded: dict[int, _Texts]
 
     @classmethod
     def load(cls, path: TextFile, map_: ImportMap) -> TextTable:
@@ -129,96 +135,254 @@ class TextTable:
         FormatError
             Where the file is no text of the map's encoding, or holds no rows.
         """
-        lines = list(_lines(path, map_))
-        named = set(_names(map_))
-        header: tuple[str, ...] = ()
-        for skipped, (_, cells) in enumerate(lines):
-            if skipped > map_.skip_rows:
-                break
-            stripped = tuple(plain_cell(c.strip()) for c in cells)
-            if skipped >= map_.skip_rows - 1 and (
-                named & set(stripped) or (skipped == map_.skip_rows and _is_header(stripped))
-            ):
-                header = stripped
-        start = map_.skip_rows
-        if header and start < len(lines) and tuple(c.strip() for c in lines[start][1]) == header:
-            start += 1
-        body = [pair for pair in lines[start:] if any(c.strip() for c in pair[1])]
-        if not body:
+        header, body = _head(path, map_)
+        used = {(i, kind) for c, kind in _used(map_) if (i := _index(c, header)) is not None}
+        numbers = sorted((i, kind) for i, kind in used if kind != "text")
+        spool = Spool(np.int64, (1 + len(numbers),))  # the line of each row, then its numbers
+        numeric = {
+            (i, kind): _Numbers(i, kind, map_.decimal, spool, at)
+            for at, (i, kind) in enumerate(numbers, 1)
+        }
+        worded = {i: _Texts(i) for i, kind in used if kind == "text"}
+        while batch := list(islice(body, _ROWS)):
+            lines, rows = zip(*batch, strict=True)
+            block = np.zeros((len(rows), 1 + len(numbers)), np.int64)
+            block[:, 0] = lines
+            for column in numeric.values():
+                column.take(lines, rows, block)
+            for texts in worded.values():
+                texts.take(lines, rows)
+            spool.write(block)
+        if not len(spool):
             raise FormatError(f"{path.name}: expected rows of numbers, found none")
-        numbers, rows = zip(*body, strict=True)
-        return cls(path.name, header, tuple(rows), tuple(numbers), map_.decimal)
+        at_lines = Computed(len(spool), lambda rows: spool[rows][:, 0])
+        return cls(path.name, header, at_lines, numeric, worded)
 
-    def numbers(self, column: str | int) -> NDArray[np.float64]:
-        """Return one column, shape (n,); empty cells are NaN."""
-        cells = self.cells(column)
-        if self.decimal == ",":
-            cells = [c.replace(",", ".") for c in cells]
-        try:
-            return np.array([float(c) if c else np.nan for c in cells])
-        except ValueError as error:
-            raise self.wrong(column, cells, float, "a number") from error
+    def numbers(self, column: str | int) -> Column:
+        """Return one column of numbers; empty cells are NaN."""
+        found = self.numeric[self._find(column), "number"]
+        self._check(column, found, "a number")
+        return found.rows()
 
-    def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
-        """Return the sample times [ns], shape (n,), exact to the digit."""
-        cells = self.cells(time.column)
-        if time.unit == "iso":
-            return timestamps(cells, f"{self.name}: {time.column}")[0]
-        factor = TIME_UNITS_NS[time.unit]
+    def times_ns(self, time: TimeMap) -> Column:
+        """Return the sample times [ns], exact to the digit."""
+        found = self.numeric[self._find(time.column), time.unit]
+        self._check(time.column, found, f"a time in {time.unit}")
+        return found.rows()
 
-        def moment(cell: str) -> int:
-            value = Decimal(cell.replace(",", ".") if self.decimal == "," else cell)
-            if not value.is_finite() or value.adjusted() > 18 or abs(value) * factor > _MAX_NS:
-                raise InvalidOperation
-            return round(value * factor)
-
-        try:
-            return np.array([moment(c) for c in cells], np.int64)
-        except InvalidOperation as error:
-            raise self.wrong(time.column, cells, moment, f"a time in {time.unit}") from error
-
-    def texts(self, column: str | int) -> list[str]:
+    def texts(self, column: str | int) -> Iterable[str]:
         """Return the cells of a column of times in words."""
-        return self.cells(column)
+        found = self.worded[self._find(column)]
+        self._check(column, found, "a text")
+        return found
 
     def groups(self, path: str) -> list[Any]:
         """Return the non-empty cells of a column: a text table has one bout."""
-        return [np.array([c for c in self.cells(path) if c])]
+        return [np.array([c for c in self.texts(path) if c])]
 
-    def cells(self, column: str | int) -> list[str]:
-        """Return the text of one column, stripped."""
-        index = column if isinstance(column, int) else self._find(column)
-        try:
-            return [row[index].strip() for row in self.rows]
-        except IndexError:
-            line, row = next(
-                (n, r)
-                for n, r in zip(self.lines, self.rows, strict=True)
-                if not -len(r) <= index < len(r)
-            )
-            raise SchemaError(
-                f"{self.name}: line {line}: expected a cell for column {column}, "
-                f"found {len(row)} cells"
-            ) from None
-
-    def _find(self, column: str) -> int:
-        if self.header.count(column) != 1:
+    def _find(self, column: str | int) -> int:
+        index = _index(column, self.header)
+        if index is None:
             names = ", ".join(self.header) or "no header (name columns by 0-based index)"
             near = did_you_mean(column, self.header)
             said = f"{column}: expected one column of {names}, found none{near}"
             raise SchemaError(f"{self.name}: {' '.join(said.split())}")  # cells may have lines
-        return self.header.index(column)
+        return index
 
-    def wrong(self, column: str | int, cells: list[str], parse: Any, expected: str) -> SchemaError:
-        """Return the error of the first cell that does not parse."""
-        for line, cell in zip(self.lines, cells, strict=True):
-            try:
-                parse(cell or "nan" if parse is float else cell)
-            except (ValueError, InvalidOperation):
-                return SchemaError(
-                    f"{self.name}: line {line}: {column}: expected {expected}, found {cell[:40]!r}"
-                )
-        return SchemaError(f"{self.name}: {column}: expected {expected}")
+    def _check(self, column: str | int, found: _Cells, expected: str) -> None:
+        """Refuse a column with a cell that is not there, or not what it should be."""
+        if found.short is not None:
+            line, count = found.short
+            raise SchemaError(
+                f"{self.name}: line {line}: expected a cell for column {column}, "
+                f"found {count} cells"
+            )
+        if found.wrong is not None:
+            line, cell = found.wrong
+            raise SchemaError(
+                f"{self.name}: line {line}: {column}: expected {expected}, found {cell[:40]!r}"
+            )
+
+
+def _index(column: str | int, header: Sequence[str]) -> int | None:
+    """Return the place of a column, None where the header has not one of that name."""
+    if isinstance(column, int):
+        return column
+    return header.index(column) if header.count(column) == 1 else None
+
+
+@dataclass(slots=True)
+class _Cells:
+    """One column while it is read.
+
+    Attributes
+    ----------
+    index
+        Its place in a row.
+    short, wrong
+        The first line that has no such cell, and how many it has; the first line whose cell is not
+        what it should be, and the cell.
+    """
+
+    index: int
+    short: tuple[int, int] | None = field(default=None, init=False)
+    wrong: tuple[int, str] | None = field(default=None, init=False)
+
+    def of(self, lines: Sequence[int], rows: Sequence[list[str]]) -> list[str]:
+        """Return the cells of some rows."""
+        try:
+            return [row[self.index] for row in rows]
+        except IndexError:
+            within = [-len(row) <= self.index < len(row) for row in rows]
+            at = within.index(False)
+            self.short = self.short or (lines[at], len(rows[at]))
+            return [row[self.index] if has else "" for row, has in zip(rows, within, strict=True)]
+
+
+@dataclass(slots=True)
+class _Numbers(_Cells):
+    """A column of numbers, or of times of a unit.
+
+    Attributes
+    ----------
+    kind
+        ``number``, or the unit of a time.
+    decimal
+        ``.`` or ``,``.
+    spool, place
+        Where the numbers are kept, and in which column; fractions by their bits.
+    """
+
+    kind: str
+    decimal: str
+    spool: Spool
+    place: int
+
+    def take(
+        self, lines: Sequence[int], rows: Sequence[list[str]], block: NDArray[np.int64]
+    ) -> None:
+        """Put the numbers of some rows into their column of a block."""
+        cells = self.of(lines, rows)
+        if self.decimal == ",":
+            cells = [c.replace(",", ".") for c in cells]
+        number = float if self.kind == "number" else _MOMENTS[self.kind]
+        try:
+            found = list(map(number, cells))
+        except (ValueError, InvalidOperation):
+            found = [self._one(number, line, c) for line, c in zip(lines, cells, strict=True)]
+        kind = np.float64 if self.kind == "number" else np.int64
+        block[:, self.place] = np.array(found, kind).view(np.int64)
+
+    def _one(self, number: Callable[[str], float], line: int, cell: str) -> float:
+        """Return the number of a cell; NaN of an empty one, which is no time."""
+        stripped = cell.strip()
+        if self.kind == "number" and not stripped:
+            return np.nan
+        try:
+            return number(stripped)
+        except (ValueError, InvalidOperation):
+            self.wrong = self.wrong or (line, stripped)
+            return 0
+
+    def rows(self) -> Column:
+        """Return the numbers, or times [ns]."""
+        kind = np.float64 if self.kind == "number" else np.int64
+        spool, place = self.spool, self.place
+        return Computed(
+            len(spool), lambda rows: np.ascontiguousarray(spool[rows][:, place]).view(kind)
+        )
+
+
+@dataclass(slots=True)
+class _Texts(_Cells):
+    """A column of texts, which is gone through as often as wanted."""
+
+    spool: Spool = field(default_factory=lambda: Spool(np.uint8))
+
+    def take(self, lines: Sequence[int], rows: Sequence[list[str]]) -> None:
+        """Keep the cells of some rows."""
+        cells = (cell.strip().replace("\0", "") for cell in self.of(lines, rows))
+        self.spool.write("".join(f"{cell}\0" for cell in cells).encode("utf-8", "surrogatepass"))
+
+    def __iter__(self) -> Iterator[str]:
+        rest = b""
+        for rows in pieces(len(self.spool)):
+            *cells, rest = (rest + self.spool[rows].tobytes()).split(b"\0")
+            yield from (cell.decode("utf-8", "surrogatepass") for cell in cells)
+
+
+def _moment(digits: int) -> Callable[[str], int]:
+    """Return what reads a time as nanoseconds, exact to the digit.
+
+    Parameters
+    ----------
+    digits
+        Of a nanosecond behind the point.
+    """
+    factor = int(10**digits)
+
+    def moment(cell: str) -> int:
+        whole, _, part = cell.partition(".")
+        plain = whole.isdecimal() and (not part or part.isdecimal()) and cell.isascii()
+        if plain and len(whole) <= 18 - digits and len(part) <= digits:
+            return int(whole) * factor + int(part.ljust(digits, "0") or "0")
+        value = Decimal(cell)
+        if not value.is_finite() or value.adjusted() > 18 or abs(value) * factor > _MAX_NS:
+            raise InvalidOperation
+        moment_ns: int = round(value * factor)
+        return moment_ns
+
+    return moment
+
+
+#: What reads the times of each unit.
+_MOMENTS = {"s": _moment(9), "ms": _moment(6), "us": _moment(3), "ns": _moment(0)}
+
+
+def _used(map_: ImportMap) -> Iterator[tuple[str | int, str]]:
+    """Yield the columns that a map uses, and what it takes them for."""
+    for time in (map_.time, *(s.time for s in map_.stream)):
+        if time is not None:
+            yield time.column, "text" if time.unit == "iso" else time.unit
+    for counter in (map_.counter, *(s.counter for s in map_.stream)):
+        if counter is not None:
+            yield counter.column, "number"
+    yield from ((c.column, "number") for s in map_.stream for c in s.columns)
+    for truth in map_.truth:
+        counts = (truth.increments_of, truth.total_of)
+        yield from ((c, "number") for c in counts if c is not None)
+        paths = (truth.time, truth.end, truth.label, truth.value, truth.x, truth.y)
+        yield from ((path, "text") for path in paths if path is not None)
+    if isinstance(map_.start, StartMap):
+        yield map_.start.column, "text"
+    if map_.orientation is not None:
+        yield map_.orientation.quaternion, "text"
+        if map_.orientation.field is not None:
+            yield map_.orientation.field, "text"
+
+
+def _head(
+    path: TextFile, map_: ImportMap
+) -> tuple[tuple[str, ...], Iterator[tuple[int, list[str]]]]:
+    """Return the names of the columns, and the lines and cells of the rows of numbers."""
+    named = {c for c, _ in _used(map_) if isinstance(c, str)}
+    lines = _lines(path, map_)
+    before = deque(islice(lines, map_.skip_rows), 1)  # the last skipped row
+    first = next(lines, None)
+    header: tuple[str, ...] = ()
+    if before and named & set(cells := _stripped(before[0][1])):
+        header = cells
+    if first is not None:
+        cells = _stripped(first[1])
+        if named & set(cells) or _is_header(cells):
+            header = cells
+        if header != cells:
+            lines = chain([first], lines)
+    return header, (pair for pair in lines if any(c.strip() for c in pair[1]))
+
+
+def _stripped(cells: Sequence[str]) -> tuple[str, ...]:
+    return tuple(plain_cell(c.strip()) for c in cells)
 
 
 def _lines(path: TextFile, map_: ImportMap) -> Iterator[tuple[int, list[str]]]:
@@ -252,15 +416,6 @@ def _whole_lines(path: TextFile, encoding: str) -> Iterator[str]:
                 yield line
         except (UnicodeError, LookupError) as error:
             raise FormatError(f"{path.name}: expected {encoding} text, found: {error}") from error
-
-
-def _names(map_: ImportMap) -> Iterator[str]:
-    """Yield the column names the map uses."""
-    times = [t for t in (map_.time, *(s.time for s in map_.stream)) if t is not None]
-    counters = [c for c in (map_.counter, *(s.counter for s in map_.stream)) if c is not None]
-    columns = [t.column for t in times] + [c.column for c in counters]
-    columns += [c.column for s in map_.stream for c in s.columns]
-    yield from (c for c in columns if isinstance(c, str))
 
 
 def _is_header(cells: tuple[str, ...]) -> bool:
@@ -316,16 +471,20 @@ class Archive:
         """Return the vector a path leads to, n numbers."""
         return expressions.column(self.root, str(column), self.name)
 
-    def times_ns(self, time: TimeMap) -> NDArray[np.int64]:
-        """Return the sample times [ns], shape (n,)."""
-        found = self.numbers(time.column)[:]
-        factor = TIME_UNITS_NS[time.unit]
-        if not (np.abs(found) <= _MAX_NS / factor).all():  # NaN is not either
-            raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
-        whole = np.floor(found)  # apart, so that unix times keep all their digits
-        parts = np.rint((found - whole) * factor).astype(np.int64)
-        times_ns: NDArray[np.int64] = whole.astype(np.int64) * factor + parts
-        return times_ns
+    def times_ns(self, time: TimeMap) -> Column:
+        """Return the n sample times [ns]."""
+        found, factor = self.numbers(time.column), TIME_UNITS_NS[time.unit]
+
+        def times(rows: slice) -> NDArray[np.int64]:
+            values = found[rows]
+            if not (np.abs(values) <= _MAX_NS / factor).all():  # NaN is not either
+                raise SchemaError(f"{self.name}: {time.column}: expected times, found others")
+            whole = np.floor(values)  # apart, so that unix times keep all their digits
+            parts = np.rint((values - whole) * factor).astype(np.int64)
+            times_ns: NDArray[np.int64] = whole.astype(np.int64) * factor + parts
+            return times_ns
+
+        return Computed(len(found), times)
 
     def texts(self, column: str | int) -> list[str]:
         """Refuse times in words: arrays hold numbers."""
@@ -846,7 +1005,7 @@ def _hdf5_values(item: Any, name: str) -> Any:
     if item.shape is None or item.dtype.hasobject:
         return _hdf5_objects(item, place)
     size, kept = int(item.size) * item.dtype.itemsize, int(item.id.get_storage_size())
-    if size > (limit := most_inflated(kept)):
+    if size > (limit := most_unpacked(kept, DEFLATE_RATIO)):
         raise FormatError(f"{place}: {too_much(limit, kept, size)}")
     chunk = math.prod(item.chunks or ()) * item.dtype.itemsize if item.chunks else 0
     if chunk > _MOST_CHUNK:
@@ -958,8 +1117,8 @@ def _member(path: Path, name: str, member: zipfile.ZipInfo) -> Any:
     return _npy(spool, place, len(spool))
 
 
-def check_member(member: zipfile.ZipInfo, place: str) -> None:
-    """Refuse a member of an archive that is packed as none is, or claims more than it can hold.
+def check_member(member: zipfile.ZipInfo, place: str, ratio: int = DEFLATE_RATIO) -> None:
+    """Refuse a member of an archive that is packed as none is, or more than ``ratio`` times.
 
     Raises
     ------
@@ -971,7 +1130,7 @@ def check_member(member: zipfile.ZipInfo, place: str) -> None:
             f"{place}: expected data that are stored or deflated, found method "
             f"{member.compress_type}"
         )
-    if member.file_size > (limit := most_inflated(member.compress_size)):
+    if member.file_size > (limit := most_unpacked(member.compress_size, ratio)):
         raise FormatError(f"{place}: {too_much(limit, member.compress_size, member.file_size)}")
 
 

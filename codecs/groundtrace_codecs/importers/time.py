@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 import re
+from array import array
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
@@ -22,7 +23,7 @@ from ..signals import NS_PER_S
 from .base import Timing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
@@ -141,7 +142,7 @@ def parse_start(text: str, place: str, zone: str = "", scale: TimeScale = "utc")
 
 
 def timestamps(
-    texts: Sequence[str], place: str, zone: str = ""
+    texts: Iterable[str], place: str, zone: str = ""
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Return ISO 8601 times of samples, in the order they were taken, and what is to be said.
 
@@ -163,12 +164,24 @@ def timestamps(
         As :func:`parse_start`.
     """
     known = zone_of(zone, f"{place}: zone") if zone else None
-    found = [_at(text, known, place) for text in texts]
-    times, remarks = _resolved(found, place)
-    leaps = np.cumsum([at.civil.leap for at in found]) > 0
+    stamp = ""
+    first, second, leap = array("q"), array("q"), bytearray()
+    for text in texts:
+        at = _at(text, known, place)
+        if at.second_ns >= 1 << 63:
+            raise SchemaError(f"{place}: expected times before the year 2262, found a later one")
+        if at.first_ns < -1 << 63:
+            raise SchemaError(f"{place}: expected times after the year 1677, found an earlier one")
+        stamp = stamp or at.civil.stamp.isoformat(sep=" ")
+        first.append(at.first_ns)
+        second.append(at.second_ns)
+        leap.append(at.civil.leap)
+    ways = (np.array(first, np.int64), np.array(second, np.int64))
+    times, remarks = _resolved(*ways, stamp, place)
+    own = np.frombuffer(leap, np.bool_)
+    leaps = np.cumsum(own) > 0
     if leaps.any():
         # each text of the leap second has its own second already
-        own = np.array([at.civil.leap for at in found])
         times = times + NS_PER_S * (leaps & ~own)
         remarks.append(
             f"{place}: a leap second: what follows is a second ahead of unix time, without a break"
@@ -260,13 +273,10 @@ def _unix_ns(moment: datetime.datetime) -> int:
     return (moment - _EPOCH) // datetime.timedelta(seconds=1) * NS_PER_S
 
 
-def _resolved(found: Sequence[_At], place: str) -> tuple[NDArray[np.int64], list[str]]:
-    """Return times that go on, where summer time ends too."""
-    last = max((at.second_ns for at in found), default=0)
-    if last >= 1 << 63:
-        raise SchemaError(f"{place}: expected times before the year 2262, found a later one")
-    times = np.array([at.first_ns for at in found], np.int64)
-    second = np.array([at.second_ns for at in found], np.int64)
+def _resolved(
+    times: NDArray[np.int64], second: NDArray[np.int64], stamp: str, place: str
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Return times that go on, where summer time ends too; ``stamp`` is the first, as written."""
     twice = times != second
     if not twice.any():
         return times, []
@@ -286,7 +296,6 @@ def _resolved(found: Sequence[_At], place: str) -> tuple[NDArray[np.int64], list
         return times, []
     if (times[:lead] == second[:lead]).any():
         return times, []
-    stamp = found[0].civil.stamp.isoformat(sep=" ")
     return times, [
         f"{place}: {stamp} comes twice that day: taken as the first, in summer time; write the "
         f'offset into the times, or zone = "+01:00", if it was the second'

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import FormatError, SchemaError
 from ..signals import NS_PER_S, Channel, to_quantity
-from .base import ImportMap
+from .base import ColumnMap, ImportMap, StreamMap
 from .map import Sampled, together
 from .tables import TextTable
 from .time import unwrapped
@@ -139,7 +139,11 @@ def _open(path: Path) -> _File:
     comments = "\n".join(line for line in lines if line.lstrip("\ufeffï»¿").startswith("//"))
     names = next((line for line in lines if line and not line.startswith(("//", "ï»¿//"))), "")
     delimiter = max(_DELIMITERS, key=names.count)
-    layout = ImportMap("xsens", (), delimiter=delimiter, comment="//", encoding="utf-8-sig")
+    cells = (cell.strip() for cell in names.split(delimiter))
+    columns = tuple(ColumnMap(cell, "", "") for cell in cells if cell)
+    layout = ImportMap(
+        "xsens", (StreamMap("/", columns),), delimiter=delimiter, comment="//", encoding="utf-8-sig"
+    )
     table = TextTable.load(path, layout)
     rate = _RATE.search(comments)
     device = _DEVICE.search(comments) or _DEVICE_IN_NAME.search(path.stem)
@@ -159,7 +163,7 @@ def _streams(
         if not set(names) <= set(table.header) or set(names) <= used:
             continue
         used |= set(names)
-        values = np.stack([table.numbers(name) for name in names], axis=1)
+        values = np.stack([table.numbers(name)[:] for name in names], axis=1)
         kept = np.isfinite(values).any(axis=1)
         if topic == "/fix":  # the device writes zeros where it has no fix
             kept &= values[:, :2].any(axis=1)
@@ -252,7 +256,7 @@ def _counter(table: TextTable) -> NDArray[np.int64] | None:
     name = next((n for n in _COUNTERS if n in table.header), None)
     if name is None:
         return None
-    values = table.numbers(name)
+    values = table.numbers(name)[:]
     if not _counts(values):
         return None
     return unwrapped(values.astype(np.int64), PACKETS)
@@ -267,7 +271,7 @@ def _elapsed(
     table: TextTable, counter: NDArray[np.int64] | None, rate_hz: float | None, origin: int
 ) -> NDArray[np.int64]:
     """Return the times of the rows on the device's own clock [ns]."""
-    fine = table.numbers(_FINE) if _FINE in table.header else np.array([np.nan])
+    fine = table.numbers(_FINE)[:] if _FINE in table.header else np.array([np.nan])
     if _counts(fine):
         ticks = unwrapped(fine.astype(np.int64), TICKS)
         return ticks * (NS_PER_S // _ticks_hz(ticks, rate_hz))
@@ -276,7 +280,7 @@ def _elapsed(
             f"{table.name}: expected // Update Rate or {_FINE} in every row, found neither"
         )
     if counter is None:
-        counter = np.arange(len(table.rows), dtype=np.int64)
+        counter = np.arange(len(table.lines), dtype=np.int64)
         origin = 0
     first = (int(counter[0]) - origin + PACKETS // 2) % PACKETS - PACKETS // 2
     passed: NDArray[np.float64] = (counter - counter[0] + first) * (NS_PER_S / rate_hz)
@@ -306,12 +310,13 @@ def _utc(table: TextTable) -> tuple[int, int] | None:
     if not set(names) <= set(table.header):
         return None
     more = [f"{prefix}{part}" for part in ("Hour", "Minute", "Nano")]
-    columns = [table.numbers(n) for n in names]
-    columns += [table.numbers(n) if n in table.header else np.zeros(len(table.rows)) for n in more]
+    columns = [table.numbers(n)[:] for n in names]
+    none = np.zeros(len(table.lines))
+    columns += [table.numbers(n)[:] if n in table.header else none for n in more]
     valid = f"{prefix}Valid"
     told = np.isfinite(columns).all(axis=0) & (columns[0] > 1970)
     if valid in table.header:
-        told &= np.nan_to_num(table.numbers(valid)) > 0
+        told &= np.nan_to_num(table.numbers(valid)[:]) > 0
     if not told.any():
         return None
     row = int(np.argmax(told))
@@ -319,8 +324,9 @@ def _utc(table: TextTable) -> tuple[int, int] | None:
     try:
         date = datetime.datetime(int(year), int(month), int(day), tzinfo=datetime.UTC)
     except ValueError as error:
+        line = table.lines[row : row + 1][0]
         raise FormatError(
-            f"{table.name}: line {table.lines[row]}: {names[0]}: expected a date, found: {error}"
+            f"{table.name}: line {line}: {names[0]}: expected a date, found: {error}"
         ) from error
     whole = round(date.timestamp()) + int(hour) * 3600 + int(minute) * 60
     return row, whole * NS_PER_S + round(second * NS_PER_S) + int(nano)
