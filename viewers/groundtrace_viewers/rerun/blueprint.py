@@ -11,7 +11,7 @@ from dataclasses import replace
 from math import isinf
 from typing import TYPE_CHECKING, Any
 
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 from ..errors import ViewerError
 from .headings import DIAL_SIDE, HEADING, TURN
@@ -20,7 +20,7 @@ from .shots import FAR_HIGH, FAR_WIDE, HIGH, WIDE
 from .spectrogram import AROUND_S
 from .stations import ROOT as HODOGRAM
 from .stations import extent
-from .timeline import PAGE, TIMELINE
+from .timeline import APART, AXIS, FIRST_ROW, LANES, MOST_ROWS, PAGE, TIMELINE, lane_number
 from .walk import ROOT as STREETS
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ WORN = frozenset(quantity for row, _ in ROWS for quantity in row)
 #: What is on the map of a walk in metres.
 ON_MAP = frozenset({"latitude", "longitude"})
 #: Parts of the window's height that the lanes' heading and each lane need.
-LANE_HEADING, LANE = 0.065, 0.048
+LANE_HEADING, LANE = 0.08, 0.03
 MOST_LANES, MOST_ON_ROAD = 8, 6
 #: Share of texts below a map, and width of that column as a part of the window's height.
 TEXTS, LEFT_WIDTH = 2.0, 0.8
@@ -59,6 +59,9 @@ DECIDED = (0.9, 1.9)
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
 SPECTRUM_S = (0.05, 0.25)
 HEADING_S = 5.0
+#: Recordings up to this are seen whole at first, of longer ones so much to either side of the
+#: cursor [s].
+WHOLE_S, AROUND_CURSOR_S = 90, 30
 #: Behind what is drawn in light colours, so that it is seen in a light theme too.
 GROUND = (17, 19, 22, 255)
 
@@ -86,9 +89,9 @@ def blueprint(
     import rerun.blueprint as rrb
 
     if _of(entities, "section"):
-        return _page(_shots(session, entities, shown), follow=follow)
+        return _page(_shots(session, entities, shown), session, follow=follow)
     if _of(entities, "dial") and not _of(entities, "detector"):
-        return _page(_headings(session, entities), follow=follow)
+        return _page(_headings(session, entities), session, follow=follow)
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
     # Bands over the samples would double the legend; its colours stand in the overview's too.
@@ -103,13 +106,17 @@ def blueprint(
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
     shares = [2.2, 3.0] if mapped else [1.0, 2.0]
     whole_page = rrb.Horizontal(*columns, column_shares=shares[: len(columns)])
-    return _page(whole_page, follow=follow)
+    return _page(whole_page, session, follow=follow)
 
 
-def _page(content: rrb.Container, *, follow: bool) -> rrb.Blueprint:
+def _page(content: rrb.Container, session: ReplaySession, *, follow: bool) -> rrb.Blueprint:
     """Return a layout of views, with nothing of the viewer's own beside it but the time."""
     import rerun.blueprint as rrb
 
+    for view in _views(content):
+        _grounded(view)
+        if not follow:
+            _opened(view, _shown_span(session))
     return rrb.Blueprint(
         content,
         rrb.TimePanel(
@@ -124,6 +131,55 @@ def _page(content: rrb.Container, *, follow: bool) -> rrb.Blueprint:
         auto_views=False,
         auto_layout=False,
     )
+
+
+def _views(content: rrb.Container) -> Iterable[rrb.View]:
+    """Yield all views of a layout."""
+    import rerun.blueprint as rrb
+
+    for part in content.contents:
+        if isinstance(part, rrb.Container):
+            yield from _views(part)
+        elif isinstance(part, rrb.View):
+            yield part
+
+
+def _grounded(view: rrb.View) -> None:
+    """Give a picture its dark ground in a light theme too: its colours are made for that."""
+    import rerun.blueprint as rrb
+
+    if isinstance(view, rrb.TimeSeriesView):
+        view.properties["PlotBackground"] = rrb.archetypes.PlotBackground(color=GROUND)
+    elif isinstance(view, rrb.Spatial2DView):
+        view.properties["Background"] = rrb.archetypes.Background(
+            kind=rrb.components.BackgroundKind.SolidColor, color=GROUND
+        )
+
+
+def _opened(view: rrb.View, span_ns: tuple[int, int]) -> None:
+    """Say what a plot on the common axis shows at first.
+
+    The viewer's own choice is half a minute to either side of the cursor, before the first sample
+    too. Here that is all of a short recording; of a long one what there is of that half minute.
+    """
+    import rerun.blueprint as rrb
+
+    axis = view.properties.get("TimeAxis")
+    if not isinstance(axis, rrb.archetypes.TimeAxis) or not _is_linked(axis):
+        return
+    edge, around_ns = rrb.TimeRangeBoundary, NS_PER_S * AROUND_CURSOR_S
+    first, last = (edge.absolute(nanos=t) for t in span_ns)
+    if span_ns[1] - span_ns[0] > NS_PER_S * WHOLE_S:
+        first, last = (edge.cursor_relative(nanos=t) for t in (-around_ns, around_ns))
+    seen = rrb.VisibleTimeRange(TIMELINE, start=first, end=last)
+    view.properties["VisibleTimeRanges"] = rrb.VisibleTimeRanges([seen])
+
+
+def _is_linked(axis: rrb.TimeAxis) -> bool:
+    import rerun.blueprint as rrb
+
+    link = axis.link.as_arrow_array().to_pylist() if axis.link is not None else []
+    return link == [rrb.components.LinkAxis.LinkToGlobal.value]
 
 
 def _shots(
@@ -145,7 +201,7 @@ def _shots(
     span_ns = start_ns - edge_ns, end_ns + edge_ns
     rest: list[Any] = [whole(e, span_ns) for e in _of(entities, "shots")]
     rest += [view for view, _ in _overview(session, entities)]
-    rest += [lanes_view()] if _of(entities, "lane") else []
+    rest += lanes_view(entities) if _of(entities, "lane") else []
     rest += [view for view, _ in _detail(session.application, entities, legend=False)]
     parts: list[Part] = _parts(far, 4.6)
     parts.append((rrb.Horizontal(*words, column_shares=[5.0, 6.0][: len(words)]), 4.2))
@@ -166,7 +222,7 @@ def _headings(session: ReplaySession, entities: Sequence[Entity]) -> rrb.Contain
     right = _parts(curves, 2.6)
     plots = [*_of(entities, "heading-error"), *_of(entities, "heading-gates")]
     right += [(whole(e, span_ns), 2.0) for e in plots]
-    rest: list[Any] = [lanes_view()] if _of(entities, "lane") else []
+    rest: list[Any] = lanes_view(entities) if _of(entities, "lane") else []
     rest += [view for view, _ in _worn(entities)]
     right += _parts(rest, 1.8)
     return rrb.Horizontal(_rows(left), _rows(right), column_shares=[0.55, 1.0])
@@ -336,7 +392,7 @@ def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> lis
         return []
     height = LANE_HEADING + LANE * min(lanes, most)
     rest = sum(share for _, share in others) or 1.0
-    return [(lanes_view(), rest * height / (1.0 - height))]
+    return _parts(lanes_view(entities), rest * height / (1.0 - height))
 
 
 def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> list[Part]:
@@ -368,6 +424,8 @@ def _stream(mark: Entity) -> str:
     return mark.path[mark.path.index("/", 1) :]
 
 
+#: What a plot shows: its entity and those below it, and the axis that all have alike.
+ALIGNED = ["$origin/**", AXIS]
 #: More curves than this would hide the plot behind its own legend.
 LEGEND_CURVES = 4
 
@@ -432,6 +490,7 @@ def fixed(entity: Entity, origin: str, axis_x: rrb.TimeAxis) -> rrb.View:
 
     return rrb.TimeSeriesView(
         origin=origin,
+        contents=ALIGNED,
         name=entity.title,
         axis_x=axis_x,
         axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
@@ -503,6 +562,7 @@ def bounded(entity: Entity) -> rrb.View:
 
     return rrb.TimeSeriesView(
         origin=entity.path,
+        contents=ALIGNED,
         name=entity.title,
         axis_x=linked(),
         axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)),
@@ -516,6 +576,7 @@ def masses(entity: Entity) -> rrb.View:
 
     return rrb.TimeSeriesView(
         origin=entity.path,
+        contents=ALIGNED,
         name=entity.title,
         axis_x=linked(),
         axis_y=rrb.ScalarAxis(range=(-0.06, entity.top + 0.06)),
@@ -545,7 +606,6 @@ def dial(entity: Entity) -> rrb.View:
     return rrb.Spatial2DView(
         origin=entity.path,
         name=entity.title,
-        background=GROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-DIAL_SIDE, DIAL_SIDE), y_range=(-DIAL_SIDE, DIAL_SIDE)
         ),
@@ -572,7 +632,6 @@ def section_view(entity: Entity) -> rrb.View:
     return rrb.Spatial2DView(
         origin=entity.path,
         name=entity.title,
-        background=GROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=(-12.0, WIDE + 3.0), y_range=(-18.0, HIGH + 4.0)),
     )
 
@@ -584,7 +643,6 @@ def travel_view(entity: Entity) -> rrb.View:
     return rrb.Spatial2DView(
         origin=entity.path,
         name=entity.title,
-        background=GROUND,
         visual_bounds=rrb.VisualBounds2D(
             x_range=(-14.0, FAR_WIDE + 4.0), y_range=(-FAR_HIGH - 6.0, 13.0)
         ),
@@ -610,11 +668,30 @@ def text(entity: Entity) -> rrb.View:
     return rrb.TextDocumentView(origin=entity.path, name=entity.title)
 
 
-def lanes_view() -> rrb.View:
-    """Return the state lanes on the common time axis."""
+def lanes_view(entities: Sequence[Entity]) -> list[rrb.View]:
+    """Return the lanes as a plot that lines up with the others, and by their names."""
     import rerun.blueprint as rrb
 
-    return rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
+    states = rrb.StateTimelineView(origin="/state", name="States and truth", time_view=linked())
+    paths = [e.path for e in _of(entities, "lane") if lane_number(e.path) <= MOST_ROWS]
+    if not paths:
+        return [states]
+    names: dict[int, list[str]] = {}
+    for path in paths:
+        number = lane_number(path)
+        name = path.removeprefix(f"/state/{number}-").partition("/")[0]
+        names.setdefault(number, []).append(name)
+    rows = {int(FIRST_ROW) - n: ", ".join(dict.fromkeys(names[n])) for n in sorted(names)}
+    below = min(FIRST_ROW - n - APART * (len(own) - 1) for n, own in names.items())
+    plot = rrb.TimeSeriesView(
+        origin=LANES,
+        contents=ALIGNED,
+        name=" · ".join(f"{height} {text}" for height, text in rows.items()),
+        axis_x=linked(),
+        axis_y=rrb.ScalarAxis(range=(below - 0.5, max(rows) + 0.5)),
+        plot_legend=rrb.PlotLegend(visible=False),
+    )
+    return [plot, states]
 
 
 def log(origin: str = "/log", name: str = "Events") -> rrb.View:

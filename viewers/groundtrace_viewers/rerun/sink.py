@@ -31,7 +31,7 @@ from .decisions import PlainView, lane_labels, log_truth
 from .legible import send_layout
 from .process import connect, data_url, free_port, open_viewer
 from .samples import REACH_NS, FullRate, planned
-from .timeline import PAGE, SPAN, TIMELINE, TRUTH_LANES, Lane, about, stream_of
+from .timeline import PAGE, SPAN, TIMELINE, TRUTH_LANES, Lane, about, log_axis, stream_of
 from .views import VIEWS
 from .wrong_decisions import verdicts
 
@@ -394,6 +394,7 @@ class TimelineReplay:
         for view in self._views:
             view.close()
         self._flush(None)
+        log_axis(self.context.timeline, self.context.replayed_ns or self.context.span_ns)
 
 
 #: Steps are matched to the truth with so much of both around them [ns].

@@ -62,7 +62,7 @@ class Entity:
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
         ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
         ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
-        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``.
+        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``row``.
     title
         Heading of its view.
     series
@@ -139,6 +139,7 @@ class Timeline:
         self._recording = recording
         self._start_ns = start_ns
         self._entities: dict[str, Entity] = {}
+        self._rows: dict[int, list[str]] = {}
 
     @property
     def start_ns(self) -> int:
@@ -186,6 +187,16 @@ class Timeline:
     def singles(self, path: str, times_ns: ArrayLike, values: NDArray[np.float32]) -> None:
         """Log curves in single precision, as :data:`SINGLES`: shape (n, n_curves)."""
         self.send(path, times_ns, [single_column(values)])
+
+    def row_of(self, path: str, number: int) -> float:
+        """Return the height at which a lane is drawn: by its number, the first one is highest.
+
+        Lanes of one number stand close below each other, in the order in which they came.
+        """
+        known = self._rows.setdefault(number, [])
+        if path not in known:
+            known.append(path)
+        return FIRST_ROW - number - APART * known.index(path)
 
     def seconds(self, time_ns: int) -> str:
         """Return a time as text: seconds since the start."""
@@ -425,6 +436,15 @@ ORDER = {
     "disagreement": 5, "track": 6,
 }  # fmt: skip
 LAST = 6
+#: Lanes beyond this number have no row among the plots: gaps, and what is at full rate.
+MOST_ROWS = 6
+#: The height of a lane of number 0, the distance between lanes of one number, and the width of all
+#: in screen points.
+FIRST_ROW, APART, ROW_WIDTH = 8.0, 0.3, 7.0
+LANES = "/lanes"
+#: A curve without values, from the first sample to the last: it keeps the axes of plots to what is
+#: shown, so that they line up.
+AXIS, AXIS_NS, MOST_ON_AXIS = "/time-axis", NS_PER_S // 2, 20_000
 PLACING = frozenset({"fix", "bearing", "disagreement"})
 
 
@@ -480,14 +500,18 @@ class Lane:
         else:
             ready = next((i for i, m in enumerate(marks) if m.end_ns > before_ns), len(marks))
         changes: list[tuple[int, str]] = []
+        bars: list[Mark] = []
         for i, mark in enumerate(marks[:ready]):
             following = marks[i + 1].start_ns if i + 1 < len(marks) else None
             if following is None or following > mark.start_ns:
                 changes.append((mark.start_ns, mark.state))
                 if following is None or following > mark.end_ns:
                     changes.append((mark.end_ns, ""))
+                end_ns = mark.end_ns if following is None else min(mark.end_ns, following)
+                bars.append(Mark(mark.start_ns, end_ns, mark.state))
         self._marks = marks[ready:]
         self._send(changes)
+        self._draw(bars)
 
     def _send(self, changes: list[tuple[int, str]]) -> None:
         import rerun as rr
@@ -499,6 +523,28 @@ class Lane:
         times, states = zip(*changes, strict=True)
         self._timeline.send(self._path, times, rr.StateChange.columns(state=list(states)))
 
+    def _draw(self, bars: Sequence[Mark]) -> None:
+        """Log the marks as thick lines, which line up with plots, at the lane's height."""
+        import rerun as rr
+
+        number = lane_number(self._path)
+        if number > MOST_ROWS or not bars:
+            return
+        height = self._timeline.row_of(self._path, number)
+        for state in dict.fromkeys(bar.state for bar in bars):
+            own = [bar for bar in bars if bar.state == state]
+            path = f"{LANES}/{self._path.removeprefix('/state/')}/{state}"
+            style = rr.SeriesLines(
+                names=state,
+                colors=np.array([self._colours.get(state, SPAN)], np.uint32),
+                widths=ROW_WIDTH,
+                aggregation_policy=rr.components.AggregationPolicy.Off,
+            )
+            self._timeline.declare(Entity(path, "row", state), style)
+            times = np.array([(bar.start_ns, bar.end_ns, bar.end_ns + 1) for bar in own]).ravel()
+            heights = np.tile([height, height, np.nan], len(own))
+            self._timeline.scalars(path, times, heights[:, np.newaxis])
+
     def _declare(self) -> None:
         import rerun as rr
 
@@ -508,6 +554,23 @@ class Lane:
         self._timeline.declare(Entity(self._path, "lane"))
         self._timeline.static(self._path, style)
         self._declared = True
+
+
+def lane_number(path: str) -> int:
+    """Return the number that a lane's name begins with; one beyond all rows where there is none."""
+    begin = path.removeprefix("/state/").partition("-")[0]
+    return int(begin) if begin.isdecimal() else MOST_ROWS + 1
+
+
+def log_axis(timeline: Timeline, span_ns: tuple[int, int]) -> None:
+    """Log :data:`AXIS` over a span [ns]."""
+    import rerun as rr
+
+    start_ns, end_ns = span_ns
+    step_ns = max(AXIS_NS, (end_ns - start_ns) // MOST_ON_AXIS)
+    times = np.append(np.arange(start_ns, end_ns, step_ns), end_ns)
+    timeline.static(AXIS, rr.SeriesLines(names="-", colors=[0]))
+    timeline.scalars(AXIS, times, np.full((len(times), 1), np.nan))
 
 
 class StageLanes:
@@ -847,7 +910,8 @@ thin green line is what a pick claims; an orange dot is an arrival without a pic
 this shot bold, the others grey; what leaves the bundle is a wrong pick, or other ground. Tabs \
 below have true amplitudes, detectors and lanes.
 * Picks come from the last stage that picks; those of stages before it are its candidates.
-* Lanes: what each stage decided, and for a rejected candidate the first gate that failed; \
+* Lanes: thick lines under the plots, by the numbers in their title; the tab beside has their \
+names. What each stage decided, and for a rejected candidate the first gate that failed; \
 `places` has what stages that say where rejected, and where they disagree. \
 `truth` lanes come from the recording's labels. `score`: a step that was hit, missed or false, \
 within 0.12 s; the log has a line for every missed (ERROR) and false (WARN) one.
