@@ -14,12 +14,13 @@ stays in the samples. Azimuth and dip give the positive direction (FDSN StationX
 
 from __future__ import annotations
 
+import datetime
 import io
 import math
 import re
 import struct
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -31,14 +32,16 @@ from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
 from .base import Imported
 from .map import Part, lay_out, sample_format
+from .stored import Computed, Pieces, Spool, part_of, pieces
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from .base import ImportMap, Source
+    from .stored import Column
 
     Position = tuple[float, float, float]
 
@@ -181,8 +184,48 @@ def _stations(
     return None, (f"expected one StationXML of the stations, found {names}: none was used",)
 
 
-def _read(path: Path) -> tuple[list[Any], list[str]]:
-    """Return ObsPy's traces of one file that hold samples, and what is lost of it."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """Samples of one channel without a gap.
+
+    Attributes
+    ----------
+    stats
+        ObsPy's header.
+    data
+        The samples.
+    """
+
+    stats: Any
+    data: Column
+
+    @property
+    def id(self) -> str:
+        """The channel as ``NET.STA.LOC.CHA``."""
+        return ".".join(self.stats[k] for k in ("network", "station", "location", "channel"))
+
+
+def _read(path: Path) -> tuple[list[Segment], list[str]]:
+    """Return the segments of one file that hold samples, and what is lost of it."""
+    with path.open("rb") as file:
+        head = file.read(_PIECE_BYTES)
+    if _SEED.match(head):
+        found, lines = _read_miniseed(path)
+    else:
+        # from memory: a reader that fails would leave its file open
+        traces, lines = _traces(path, path.read_bytes())
+        found = [Segment(trace.stats, trace.data) for trace in traces]
+    kept = [s for s in found if len(s.data) and s.stats.sampling_rate > 0]
+    if not kept:
+        raise FormatError(f"{path.name}: expected traces with samples, found none")
+    if len(kept) < len(found):
+        empty = len(found) - len(kept)
+        lines.append(f"{path.name}: {empty} of {len(found)} traces hold no samples: left out")
+    return kept, list(dict.fromkeys(lines))
+
+
+def _traces(path: Path, content: bytes, at: int = 0) -> tuple[list[Any], list[str]]:
+    """Return ObsPy's traces of a file, or of a part of one from a place on, and what it lacks."""
     try:
         with warnings.catch_warnings():
             # ObsPy's own use of importlib, matplotlib and its remarks on custom headers
@@ -193,28 +236,211 @@ def _read(path: Path) -> tuple[list[Any], list[str]]:
     try:
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
-            # from memory: a reader that fails would leave its file open
-            content = io.BytesIO(path.read_bytes())
-            traces = list(read(content, format=_format(content, path.name)))
+            file = io.BytesIO(content)
+            traces = list(read(file, format="MSEED" if at else _format(file, path.name)))
     except FormatError:
         raise
     except Exception as error:  # ObsPy's readers raise whatever their parsers meet
+        text = _offset(str(error), at)
         raise FormatError(
-            f"{path.name}: expected a seismic file ObsPy can read, found: {error}"
+            f"{path.name}: expected a seismic file ObsPy can read, found: {text}"
         ) from error
-    kept = [t for t in traces if len(t.data) and t.stats.sampling_rate > 0]
-    if not kept:
-        raise FormatError(f"{path.name}: expected traces with samples, found none")
     lines = [
-        f"{path.name}: {' '.join(str(w.message).split())}"
+        f"{path.name}: {_offset(' '.join(str(w.message).split()), at)}"
         for w in said
         # its reader of miniSEED warns of records it cannot read, others of their own use of Python
         if "MSEED" in w.category.__name__
     ]
-    if len(kept) < len(traces):
-        empty = len(traces) - len(kept)
-        lines.append(f"{path.name}: {empty} of {len(traces)} traces hold no samples: left out")
-    return kept, list(dict.fromkeys(lines))
+    return traces, lines
+
+
+def _offset(text: str, at: int) -> str:
+    """Return what ObsPy says of a part of a file, with offsets in the whole."""
+    return re.sub(r"(?<=offset )\d+", lambda found: str(int(found[0]) + at), text)
+
+
+#: Parts of a file of miniSEED read at once [bytes].
+_PIECE_BYTES = 1 << 20
+_SEED_HEADER = 48
+#: A record with samples: its number and quality, whose it is, and a year from 1792 to 2303.
+_RECORD = re.compile(rb"[\d \0]{6}[DRQM][ \0].{12}(?:[\x07\x08].|.[\x07\x08])", re.DOTALL)
+#: The most samples that a byte of data can be, by its encoding (SEED 2.4, blockette 1000, and
+#: appendix B: 7 to a word of Steim 2, 4 of Steim 1, of whose frames of 16 words 15 hold data).
+_DENSITY = {
+    0: 1.0, 1: 1 / 2, 2: 1 / 3, 3: 1 / 4, 4: 1 / 4, 5: 1 / 8, 10: 60 / 64, 11: 105 / 64, 12: 1 / 3,
+    13: 1 / 2, 14: 1 / 2, 15: 1 / 2, 16: 1 / 2, 17: 1 / 2, 18: 1 / 2, 30: 1 / 2, 31: 1 / 2,
+    32: 1 / 2, 33: 1 / 2,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """What the header of one record says: where it ends, whose it is, its time and samples.
+
+    Attributes
+    ----------
+    stop
+        Place of the next record [bytes].
+    channel
+        Network, station, location and channel, and quality.
+    start_s, count
+        Time of the first sample, and number of samples.
+    """
+
+    stop: int
+    channel: bytes
+    start_s: float
+    count: int
+
+
+def _record(data: bytes, at: int, name: str, begin: int) -> _Record | None:
+    """Return the record at a place (SEED 2.4, fixed section of data header, blockette 1000).
+
+    None where it does not tell its length. A record that claims more samples than it has bytes for
+    is a FormatError: libmseed would read on behind it.
+    """
+    order = ">" if data[at + 20] in (7, 8) else "<"
+    year, day, hour, minute, second, _, part = struct.unpack_from(f"{order}HHBBBBH", data, at + 20)
+    (count,) = struct.unpack_from(f"{order}H", data, at + 30)
+    samples, blockette = struct.unpack_from(f"{order}HH", data, at + 44)
+    length = encoding = 0
+    for _ in range(16):
+        if not blockette >= _SEED_HEADER or at + blockette + 8 > len(data):
+            break
+        kind, after = struct.unpack_from(f"{order}HH", data, at + blockette)
+        if kind == 1000:
+            encoding, length = data[at + blockette + 4], 1 << data[at + blockette + 6] % 32
+        if after <= blockette:
+            break
+        blockette = after
+    if not length:
+        return None
+    most = int(_DENSITY.get(encoding, 2.0) * max(0, length - samples))
+    if count > most and samples:
+        raise FormatError(
+            f"{name}: byte {begin + at}: expected at most {most} samples in a record of {length} "
+            f"bytes, found {count}"
+        )
+    days = datetime.date(min(max(year, 1), 9999), 1, 1).toordinal() + day - 1
+    start_s = days * 86_400.0 + hour * 3600 + minute * 60 + second + part * 1e-4
+    channel = data[at + 6 : at + 20].replace(b"\0", b" ")
+    return _Record(at + length, channel, start_s, count)
+
+
+def _read_miniseed(path: Path) -> tuple[list[Segment], list[str]]:
+    """Return the segments of a file of miniSEED, which is read in parts, and what is lost of it.
+
+    Parts are whole records. The samples are kept in a temporary file, in the order of the records:
+    a segment is what lies in many places of it.
+    """
+    spool, joined = Spool(np.uint8), _Joined()
+    lines: list[str] = []
+    for at, content, records in _parts(path):
+        traces, said = _traces(path, content, at)
+        lines += said
+        for trace in traces:
+            if trace.data.dtype.kind not in "iuf":
+                raise FormatError(f"{path.name}: {trace.id}: expected numbers, found text")
+        joined.add(traces, records, spool)
+    return joined.segments, lines
+
+
+def _parts(path: Path) -> Iterator[tuple[int, bytes, list[_Record]]]:
+    """Yield where parts of a file of miniSEED begin, their bytes, and the records in them."""
+    at, begin, content = 0, 0, b""
+    records: list[_Record] = []
+    with path.open("rb") as file:
+        while block := file.read(_PIECE_BYTES):
+            content += block
+            at = _walk(content, at, records, path.name, begin)
+            if not records:
+                continue
+            yield begin, content[:at], records
+            begin, content, at, records = begin + at, content[at:], 0, []
+    if content:
+        yield begin, content, records
+
+
+def _walk(content: bytes, at: int, records: list[_Record], name: str, begin: int) -> int:
+    """Add the whole records from a place on; return where what is not whole begins."""
+    while at + 2 * _SEED_HEADER <= len(content):
+        found = _record(content, at, name, begin) if _RECORD.match(content, at) else None
+        if found is None:  # what is between records ObsPy passes over
+            after = _RECORD.search(content, at + 1)
+            if after is None:
+                return max(at, len(content) - _SEED_HEADER)
+            at = after.start()
+        elif found.stop > len(content):
+            break
+        else:
+            records.append(found)
+            at = found.stop
+    return at
+
+
+@dataclass(slots=True)
+class _Joined:
+    """Segments that grow by the traces of parts of a file.
+
+    Attributes
+    ----------
+    segments
+        In the order in which they began.
+    last
+        By channel its last segment, and when and how fast its last record ends [s], [Hz].
+    """
+
+    segments: list[Segment] = field(default_factory=list)
+    last: dict[bytes, tuple[Segment, float, float]] = field(default_factory=dict)
+
+    def add(self, traces: Sequence[Any], records: Sequence[_Record], spool: Spool) -> None:
+        """Keep the samples of a part's traces; one that goes on where its channel ended joins it.
+
+        libmseed takes records of one channel for one trace where they are apart by no more than
+        half a sample from the next (ObsPy, ``readMSEEDBuffer``), and so are parts.
+        """
+        first: dict[bytes, _Record] = {}
+        final: dict[bytes, _Record] = {}
+        for record in (r for r in records if r.count):
+            first.setdefault(record.channel, record)
+            final[record.channel] = record
+        seen: dict[bytes, Segment] = {}
+        for trace in traces:
+            key = _key(trace)
+            before = self.last.get(key) if key not in seen else None
+            begin = first.get(key)
+            if before and begin and _goes_on(before, begin, trace):
+                segment = before[0]
+            else:
+                segment = Segment(trace.stats.copy(), Pieces(spool, trace.data.dtype))
+                self.segments.append(segment)
+            pieces_ = segment.data
+            assert isinstance(pieces_, Pieces)
+            pieces_.add(trace.data)
+            segment.stats.npts = len(pieces_)
+            seen[key] = segment
+        for key, segment in seen.items():
+            if end := final.get(key):
+                rate_hz = float(segment.stats.sampling_rate) or 1.0
+                self.last[key] = segment, end.start_s + end.count / rate_hz, rate_hz
+
+
+def _key(trace: Any) -> bytes:
+    """Return a trace's channel as the headers of its records write it."""
+    stats = trace.stats
+    quality = str(stats.mseed.dataquality)
+    names = ((stats.station, 5), (stats.location, 2), (stats.channel, 3), (stats.network, 2))
+    padded = "".join(name.ljust(size) for name, size in names)
+    return f"{quality} {padded}".encode("latin-1", "replace")
+
+
+def _goes_on(before: tuple[Segment, float, float], begin: _Record, trace: Any) -> bool:
+    """Tell whether a trace goes on where its channel ended."""
+    segment, end_s, rate_hz = before
+    same = segment.stats.sampling_rate == trace.stats.sampling_rate
+    assert isinstance(segment.data, Pieces)
+    alike = segment.data.dtype == trace.data.dtype
+    return bool(same and alike and abs(begin.start_s - end_s) * rate_hz <= 0.5)
 
 
 def _format(content: io.BytesIO, name: str) -> str:
@@ -259,7 +485,7 @@ def _shot(path: Path, traces: list[Any]) -> Shot:
         source=_place(path, headers[0], "SOURCE_LOCATION"),
         receivers=tuple(known) if len(known) == len(receivers) else None,
         scales_v=tuple(scales) if all(s > 0 for s in scales) else None,
-        samples=np.stack([t.data for t in traces], axis=1),
+        samples=np.stack([t.data[:] for t in traces], axis=1),
     )
 
 
@@ -337,27 +563,50 @@ def _segments(traces: list[Any]) -> dict[str, list[Any]]:
     return {n: sorted(ts, key=lambda t: int(t.stats.starttime.ns)) for n, ts in channels.items()}
 
 
-def _stream(topic: str, channels: dict[str, list[Any]], known: Described) -> Source:
+def _stream(topic: str, channels: dict[str, list[Segment]], known: Described) -> Source:
     """Return one stream; a segment starts at its own time to the nanosecond."""
     segments = list(zip(*channels.values(), strict=True))
     rate_hz = float(segments[0][0].stats.sampling_rate)
     stream = Stream(topic, tuple(known.channels[name] for name in channels), rate_hz)
     ones = (1.0,) * len(segments)
-    gains = zip(*(known.factors.get(name, ones) for name in channels), strict=True)
-    rows = [
-        np.stack([t.data if gain == 1.0 else t.data * gain for t, gain in pairs], axis=1)
-        for pairs in (zip(*both, strict=True) for both in zip(segments, gains, strict=True))
-    ]
-    name, samples = sample_format(np.concatenate(rows).astype(np.float64))
-    start_ns = int(segments[0][0].stats.starttime.ns)
-    blocks, row = [], 0
-    for segment in segments:
-        begin_ns, count = int(segment[0].stats.starttime.ns), segment[0].stats.npts
-        first = round((begin_ns - start_ns) * rate_hz / NS_PER_S)
-        anchor_ns = begin_ns - round(first * NS_PER_S / rate_hz)
-        blocks.append(SignalBlock(stream, anchor_ns, first, samples[row : row + count]))
-        row += count
-    return stream, name, blocks
+    gains = list(zip(*(known.factors.get(name, ones) for name in channels), strict=True))
+    counts = [len(segment[0].data) for segment in segments]
+    ends = np.cumsum(counts)
+
+    def rows(wanted: slice) -> NDArray[Any]:
+        parts = []
+        first, last = np.searchsorted(ends, [wanted.start, wanted.stop - 1], "right").tolist()
+        for at in range(first, last + 1):
+            begin = int(ends[at]) - counts[at]
+            inside = slice(max(0, wanted.start - begin), min(counts[at], wanted.stop - begin))
+            both = zip(segments[at], gains[at], strict=True)
+            columns = [t.data[inside] * (1 if gain == 1.0 else gain) for t, gain in both]
+            parts.append(np.stack(columns, axis=1))
+        return np.concatenate(parts)
+
+    name, samples = sample_format(Computed(int(ends[-1]), rows))
+    starts = [int(segment[0].stats.starttime.ns) for segment in segments]
+    return stream, name, _Blocks(stream, samples, starts, counts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """Segments of a stream as blocks: when each starts [ns] and how many samples it has."""
+
+    stream: Stream
+    samples: Column
+    starts_ns: Sequence[int]
+    counts: Sequence[int]
+
+    def __iter__(self) -> Iterator[SignalBlock]:
+        rate_hz, row = self.stream.rate_hz, 0
+        for begin_ns, count in zip(self.starts_ns, self.counts, strict=True):
+            first = round((begin_ns - self.starts_ns[0]) * rate_hz / NS_PER_S)
+            anchor_ns = begin_ns - round(first * NS_PER_S / rate_hz)
+            for piece in pieces(count):
+                samples = self.samples[row + piece.start : row + piece.stop]
+                yield SignalBlock(self.stream, anchor_ns, first + piece.start, samples)
+            row += count
 
 
 def _channel(name: str, trace: Any) -> Channel:
@@ -605,8 +854,8 @@ class Described:
         return {ORIGIN: dict(zip(names, map(repr, self.origin), strict=True))}
 
 
-def split(traces: Sequence[Any], stations: Stations) -> list[Any]:
-    """Return ObsPy's traces, cut where what a count is worth changes."""
+def split(traces: Sequence[Segment], stations: Stations) -> list[Segment]:
+    """Return segments, cut where what a count is worth changes."""
     parts = []
     for trace in traces:
         start_ns, rate_hz = int(trace.stats.starttime.ns), trace.stats.sampling_rate
@@ -621,19 +870,20 @@ def split(traces: Sequence[Any], stations: Stations) -> list[Any]:
             header = trace.stats.copy()
             begin_ns = start_ns + round(first * NS_PER_S / rate_hz)
             header.starttime = type(header.starttime)(ns=begin_ns)
-            parts.append(type(trace)(trace.data[first:stop], header))
+            header.npts = stop - first
+            parts.append(Segment(header, part_of(trace.data, first, stop)))
     return parts
 
 
 def describe(
-    channels: Mapping[str, Sequence[Any]], plain: Mapping[str, Channel], stations: Stations
+    channels: Mapping[str, Sequence[Segment]], plain: Mapping[str, Channel], stations: Stations
 ) -> Described:
     """Return channels in the units and at the places of their epochs.
 
     Parameters
     ----------
     channels
-        ObsPy's traces of each channel, in order of time.
+        The segments of each channel, in order of time.
     plain
         The channels without metadata: what stays where there is none.
     stations

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -72,6 +73,11 @@ def pieces(count: int) -> Iterator[slice]:
     """Yield so many rows as slices of :data:`PIECE`."""
     for start in range(0, count, PIECE):
         yield slice(start, min(start + PIECE, count))
+
+
+def part_of(column: Column, first: int, stop: int) -> Column:
+    """Return the rows of a column from a first one on."""
+    return Computed(stop - first, lambda rows: column[first + rows.start : first + rows.stop])
 
 
 def steps(column: Column) -> Iterator[NDArray[Any]]:
@@ -168,6 +174,45 @@ class Spool:
         """Return bytes from a place on, fewer than wanted at the end."""
         self._file.seek(at)
         return self._file.read(count)
+
+
+class Pieces:
+    """A column whose rows lie in many places of one spool of bytes.
+
+    Parameters
+    ----------
+    spool
+        The bytes.
+    dtype
+        Of the rows.
+    """
+
+    def __init__(self, spool: Spool, dtype: Any) -> None:
+        self.dtype = np.dtype(dtype)
+        self._spool = spool
+        self._places: list[int] = []
+        self._ends: list[int] = []
+
+    def add(self, rows: NDArray[Any]) -> None:
+        """Add rows behind those that are there."""
+        self._places.append(len(self._spool))
+        self._ends.append(len(self) + len(rows))
+        self._spool.write(np.ascontiguousarray(rows, self.dtype).view(np.uint8))
+
+    def __len__(self) -> int:
+        return self._ends[-1] if self._ends else 0
+
+    def __getitem__(self, rows: slice, /) -> NDArray[Any]:
+        start, stop, _ = rows.indices(len(self))
+        parts = [b""]
+        at = bisect_right(self._ends, start)
+        while start < stop:
+            end = min(stop, self._ends[at])
+            before = self._ends[at - 1] if at else 0
+            place = self._places[at] + (start - before) * self.dtype.itemsize
+            parts.append(self._spool.read(place, (end - start) * self.dtype.itemsize))
+            start, at = end, at + 1
+        return np.frombuffer(b"".join(parts), self.dtype)
 
 
 @dataclass(slots=True, eq=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -414,3 +415,55 @@ def test_text_and_other_binary_files_are_not_taken_for_traces(tmp_path: Path) ->
         assert SeismicImporter().sniff(path) == 0
     path.write_bytes(bytes(8192))
     assert SeismicImporter().sniff(path) == 0
+
+
+def drifting_miniseed(path: Path, encoding: str, *, by_channel: bool) -> Path:
+    """Write records of three channels, one short: a clock 200 ppm off, and a gap."""
+    import obspy
+
+    rng = np.random.default_rng(5)
+    kind = {"INT32": np.int32, "STEIM2": np.int32, "FLOAT32": np.float32}[encoding]
+    records = []
+    for channel, count in (("EHZ", 40), ("EHN", 40), ("EHE", 33)):
+        for k in range(count):
+            late = 100 * 3.0 if k >= 20 else 0.0
+            start = obspy.UTCDateTime(2026, 1, 1) + k * 1.0 * 1.0002 + late
+            data = rng.integers(-500, 500, 100).astype(kind)
+            head = {"station": "A", "channel": channel, "sampling_rate": 100.0, "starttime": start}
+            out = io.BytesIO()
+            obspy.Trace(data, head).write(out, format="MSEED", reclen=512, encoding=encoding)
+            records.append((k, out.getvalue()))
+    ordered = records if by_channel else sorted(records, key=lambda record: record[0])
+    path.write_bytes(b"".join(data for _, data in ordered))
+    return path
+
+
+def read_in_parts(path: Path, size: int, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    monkeypatch.setattr("groundtrace_codecs.importers.seismic._PIECE_BYTES", size)
+    found = SeismicImporter().read([path], None)
+    return [
+        (stream, form, [(b.anchor_ns, b.first, b.samples.tolist()) for b in blocks])
+        for stream, form, blocks in found.sources
+    ]
+
+
+@pytest.mark.parametrize("encoding", ["INT32", "STEIM2", "FLOAT32"])
+@pytest.mark.parametrize("by_channel", [True, False])
+def test_miniseed_read_in_parts_is_what_it_is_as_a_whole(
+    encoding: str, by_channel: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = drifting_miniseed(tmp_path / "a.mseed", encoding, by_channel=by_channel)
+    whole = read_in_parts(path, 1 << 22, monkeypatch)
+    assert len(whole) == 2  # the short channel is a stream of its own
+    assert [len(blocks) for _, _, blocks in whole] == [2, 2]
+    for size in (513, 3000, 8192):
+        assert read_in_parts(path, size, monkeypatch) == whole
+
+
+def test_a_record_that_claims_more_samples_than_bytes_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mseed"
+    data = miniseed(path)
+    data[512 + 30 : 512 + 32] = b"\xff\xff"
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=r"a.mseed: byte 512: expected at most 11. samples in a"):
+        SeismicImporter().read([path], None)
