@@ -149,11 +149,14 @@ def test_a_topic_that_begins_late_is_left_out_and_said(
     assert "rec.mcap: /temperature begins after the replay and is left out" in ran.err
 
 
-@pytest.mark.parametrize("option", [("--rate", "1"), ("--strict",), ("--at-miss", "1")])
+@pytest.mark.parametrize(
+    "option", [("--rate", "1"), ("--strict",), ("--at-miss", "1"), ("--to", "2")]
+)
 def test_what_needs_a_whole_recording_is_refused(option: tuple[str, ...], capsys: Capture) -> None:
     ran = run(capsys, "replay", "rec.mcap", "--follow", *option)
     assert (ran.code, ran.out) == (2, "")
-    assert "--follow: expected a recording, and no --rate, --strict or --at-miss with it" in ran.err
+    refused = "--follow: expected a recording, and no --from, --to, --rate, --strict or --at-miss"
+    assert refused in ran.err
 
 
 def test_a_file_that_is_not_there_is_named_as_it_was_asked_for(capsys: Capture) -> None:

@@ -118,14 +118,14 @@ def replay(
     with usage.collected():
         check_order(from_, to)
     follow = follow or recording == STANDARD_INPUT
-    partly = from_ is not None or to is not None or rate or no_viewer
+    partly = from_ is not None or to is not None or rate
     usage.refuse(
         "--at-miss: expected no --from, --to, --rate or --no-viewer with it",
-        at_miss is not None and partly,
+        at_miss is not None and (partly or no_viewer),
     )
     usage.refuse(
-        "--follow: expected a recording, and no --rate, --strict or --at-miss with it",
-        follow and (recording is None or rate or strict or at_miss is not None),
+        "--follow: expected a recording, and no --from, --to, --rate, --strict or --at-miss",
+        follow and (recording is None or partly or strict or at_miss is not None),
     )
     usage.check()
     path = _bundled() if recording is None else recording if follow else existing(recording)

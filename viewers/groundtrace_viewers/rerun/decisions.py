@@ -271,7 +271,7 @@ class DetectorView:
             interpolation_mode=rr.components.InterpolationMode.StepAfter,
         )
         self._timeline.static(path, style)
-        self._timeline.scalars(path, span_ns, np.full((2, 1), gate.threshold))
+        self._timeline.level(path, span_ns, gate.threshold)
 
     def _declare_candidates(self) -> None:
         import rerun as rr
@@ -771,8 +771,7 @@ class StepCurve:
         if gate is not None:
             style = rr.SeriesLines(names="threshold", colors=np.array([THRESHOLD], np.uint32))
             self._timeline.static(f"{self._root}/threshold", style)
-            level = np.full((2, 1), gate.threshold)
-            self._timeline.scalars(f"{self._root}/threshold", span_ns, level)
+            self._timeline.level(f"{self._root}/threshold", span_ns, gate.threshold)
         self._declare_marks()
 
     def _declare_marks(self) -> None:
@@ -1108,8 +1107,8 @@ class MassView:
         }
         for source, columns in PLOTS:
             self._declare(source, len(columns))
-            nothing = np.full((2, len(columns)), np.nan)
-            timeline.scalars(f"{self._root}/{source}/lines", span_ns, nothing)
+            nothing = np.full(len(columns), np.nan)
+            timeline.level(f"{self._root}/{source}/lines", span_ns, nothing)
 
     @staticmethod
     def fits(spec: StageSpec) -> bool:

@@ -554,7 +554,7 @@ def _level(
     timeline.static(
         path, rr.SeriesLines(names=path.rpartition("/")[2], colors=[colour], widths=1.0)
     )
-    timeline.scalars(path, span_ns, np.full((2, 1), value))
+    timeline.level(path, span_ns, value)
 
 
 def _shade(timeline: Timeline, root: str, spans: Sequence[Disturbance], end: float) -> None:

@@ -316,7 +316,7 @@ def log_gates(timeline: Timeline, part: StageEvidence, focus: Focus, about: Aske
         top = gate_top(gate, part.gate_value[:, index], focus.within(part.candidates.time_ns))
         _panel(timeline, path, part.spec.stage, gate, top)
         span = (focus.start_ns, focus.end_ns)
-        timeline.scalars(f"{path}/threshold", span, np.full((2, 1), gate.threshold))
+        timeline.level(f"{path}/threshold", span, gate.threshold)
         values = np.minimum(part.gate_value[:, index].astype(np.float64), EDGE * top)
         rows = {mark: verdicts[:, index] == verdict for verdict, mark in MARKS.items()}
         chosen = np.isin(np.arange(len(values)), about.of(part) if about is not None else [])

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from groundtrace.errors import UsageError
+from groundtrace.pipeline.results import LAST_NS
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
 if TYPE_CHECKING:
@@ -168,6 +169,8 @@ class Plan:
         What all close-ups may take.
     rest_bytes
         What everything else takes, about.
+    live
+        Whether the recording still grows; the sizes are then those of a minute.
     """
 
     mode: str
@@ -178,6 +181,7 @@ class Plan:
     second_bytes: float
     budget_bytes: float
     rest_bytes: float
+    live: bool = False
 
     @property
     def duration_ns(self) -> int:
@@ -208,6 +212,14 @@ class Plan:
 
     def words(self) -> str:
         """Return what the timeline will weigh, before it is written."""
+        if self.live:
+            each = (
+                f"{_megabytes(sum(self.reach_ns) / NS_PER_S * self.second_bytes)} around each event"
+            )
+            fast = {"all": "every sample", "none": "no samples but envelopes"}.get(self.mode, each)
+            rest = self.rest_bytes + (60.0 * self.second_bytes if self.whole else 0.0)
+            said = f"timeline: about {_megabytes(rest)} a minute"
+            return f"{said}, and of fast signals {fast}" if self.second_bytes else said
         span_bytes = self.second_bytes * (self.span_ns[1] - self.span_ns[0]) / NS_PER_S
         size = f"timeline: about {_megabytes(self.rest_bytes + span_bytes)}"
         if not self.second_bytes:
@@ -231,6 +243,9 @@ def planned(asked: FullRate, session: ReplaySession) -> Plan:
         Its shown part counts.
     """
     start_ns, end_ns = session.shown_ns or (session.start_ns, session.end_ns)
+    if session.live:
+        asked = FullRate("events") if asked.mode == "misses" else asked
+        end_ns = start_ns + 60 * NS_PER_S
     duration_s = (end_ns - start_ns) / NS_PER_S
     channels = sum(_fast_channels(stream) for stream in session.streams)
     rate = sum(_fast_channels(stream) * stream.rate_hz for stream in session.streams)
@@ -243,15 +258,16 @@ def planned(asked: FullRate, session: ReplaySession) -> Plan:
     least = UNTOLD_BYTES if untold else SMALL_BYTES
     budget = max(least, MOST_OF_RAW * RAW_BYTES * duration_s * rate)
     span_ns = (start_ns, start_ns)
+    last_ns = LAST_NS if session.live else end_ns + 1
     if mode == "all":
-        span_ns = (start_ns, end_ns + 1)
+        span_ns = (start_ns, last_ns)
     elif mode == "span":
         first, last = (session.start_ns + round(s * NS_PER_S) for s in asked.span_s)
-        span_ns = (max(first, start_ns), max(first, start_ns, min(last, end_ns + 1)))
+        span_ns = (max(first, start_ns), max(first, start_ns, min(last, last_ns)))
     budget = whole if mode == "events" else min(budget, whole)
     reach_ns = STEP_NS if untold else REACH_NS
     shown_ns, second = (start_ns, end_ns), rate * SHOWN_BYTES
-    return Plan(mode, shown_ns, span_ns, reach_ns, truth, second, budget, rest)
+    return Plan(mode, shown_ns, span_ns, reach_ns, truth, second, budget, rest, session.live)
 
 
 def enveloped(stream: Stream, quantity: str) -> bool:

@@ -592,7 +592,7 @@ class _Drawing:
             style = rr.SeriesLines(colors=[colour], widths=1.5, names=what, aggregation_policy=off)
             self._timeline.static(f"{SHOTS}/{what}", style)
             if values is None:  # it keeps the axis to the recording
-                self._timeline.scalars(f"{SHOTS}/{what}", span_ns, np.zeros((2, 1)))
+                self._timeline.level(f"{SHOTS}/{what}", span_ns, 0.0)
                 continue
             times = np.array([s.time_ns + k for s in shots for k in (0, 1, 2)])
             stems = np.array([v for value in values for v in (0.0, value, np.nan)])

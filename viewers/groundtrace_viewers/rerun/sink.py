@@ -14,12 +14,12 @@ import threading
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from groundtrace.errors import OutputError
-from groundtrace.pipeline.results import room_for
+from groundtrace.pipeline.results import LAST_NS, room_for
 from groundtrace.scratch import scratch_folder_until_exit
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
@@ -110,17 +110,23 @@ class RerunSink:
         self._web = web
         self._port = port or free_port()
         self._channels = tuple(channels)
-        self._full_rate = FullRate.parse(full_rate or ("all" if spawn else "misses"))
+        self._full_rate = FullRate.parse(full_rate) if full_rate else None
         self._map_tiles = map_tiles
         self._session: ReplaySession | None = None
         self._recording: rr.RecordingStream | None = None
         self._outlet: Outlet | None = None
         self._replay: TimelineReplay | None = None
+        self._watched = False
         self._events: list[Event] = []
 
     def expected(self, session: ReplaySession) -> str:
         """Return what the timeline of a session will weigh, one line for people."""
-        return planned(self._full_rate, session).words()
+        return self._plan(session).words()
+
+    def _plan(self, session: ReplaySession) -> Plan:
+        """Return what is shown at full rate: a viewer beside a finite replay can hold all of it."""
+        finite = self._spawn and not session.live
+        return planned(self._full_rate or FullRate("all" if finite else "misses"), session)
 
     @property
     def summary(self) -> str:
@@ -140,21 +146,24 @@ class RerunSink:
         recording = stream_of(session.name, session.application)
         viewers = []
         if self._spawn:
-            self.viewer = open_viewer(["--expect-data-soon"], self._port)
+            limits = VIEWER_LIMITS if session.live else ()
+            self.viewer = open_viewer(["--expect-data-soon", *limits], self._port)
             viewers.append(rr.GrpcSink(data_url(self._port)))
         growing = _growing(self.path) if self.path is not None else None
         self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
+        self._watched = self._spawn or (session.live and self._web)
+        pace = _pace(session, watched=self._watched)
         context = ViewContext(
             recording,
             session,
-            planned(self._full_rate, session),
-            chunk_s=LIVE_CHUNK_S if self._spawn else None,
+            self._plan(session),
+            chunk_s=pace.chunk_s,
             map_tiles=self._map_tiles,
             channels=self._channels,
         )
-        self._replay = TimelineReplay(context, live=self._spawn)
-        if self._spawn:
+        self._replay = TimelineReplay(context, pace)
+        if self._watched:
             self._send_layout(follow=True)
 
     def _send_layout(self, *, follow: bool) -> None:
@@ -171,7 +180,7 @@ class RerunSink:
         self._replay.write(item)
         if self._web and not isinstance(item, SignalBlock):
             self._events.append(item)
-        if self._spawn and len(self._replay.context.stages) > stages:
+        if self._watched and len(self._replay.context.stages) > stages:
             self._send_layout(follow=True)
 
     def abandon(self) -> None:
@@ -315,13 +324,42 @@ def _growing(path: Path) -> Path:
     return path.with_name(f"{path.name}.partial")
 
 
-#: How much of the recording is collected before events are logged.
-FLUSH_NS = 60 * NS_PER_S
-LIVE_FLUSH_NS = NS_PER_S
 #: Events may lag this far behind the signal.
 LAG_NS = 5 * NS_PER_S
-LIVE_LAG_NS = REACH_NS[1] + NS_PER_S // 20
-LIVE_CHUNK_S = 0.5
+
+
+class Pace(NamedTuple):
+    """How much of a recording is collected before it is logged.
+
+    Attributes
+    ----------
+    flush_ns
+        Of events [ns].
+    lag_ns
+        Close-ups wait so long for events [ns].
+    chunk_s
+        Of signals [s]; None chooses by the rate.
+    """
+
+    flush_ns: int
+    lag_ns: int
+    chunk_s: float | None
+
+
+#: Where nobody watches, where somebody does, and where the signal comes as it is recorded. Chosen
+#: by judgement: few large chunks are read fast, and a person notices a fifth of a second.
+UNWATCHED = Pace(60 * NS_PER_S, LAG_NS, None)
+WATCHED = Pace(NS_PER_S, REACH_NS[1] + NS_PER_S // 20, 0.5)
+LIVE = Pace(NS_PER_S // 5, REACH_NS[1] + NS_PER_S // 20, 0.1)
+#: What a viewer may hold that follows a recording which may go on for days; it drops the oldest.
+#: Chosen by judgement: beside it there is room on a laptop of 8 GB.
+VIEWER_LIMITS = ("--memory-limit", "2GiB", "--server-memory-limit", "256MiB")
+
+
+def _pace(session: ReplaySession, *, watched: bool) -> Pace:
+    if not watched:
+        return UNWATCHED
+    return LIVE if session.live else WATCHED
 
 
 class TimelineReplay:
@@ -331,19 +369,18 @@ class TimelineReplay:
     ----------
     context
         Of the views.
-    live
-        True where somebody watches: smaller chunks.
+    pace
+        How much is collected before it is logged.
     """
 
-    def __init__(self, context: ViewContext, *, live: bool) -> None:
+    def __init__(self, context: ViewContext, pace: Pace) -> None:
         import rerun as rr
 
         session, timeline = context.session, context.timeline
         self.context = context
-        self._flush_every_ns = LIVE_FLUSH_NS if live else FLUSH_NS
+        self._flush_every_ns = pace.flush_ns
         self._flushed_ns = session.start_ns
-        lag_ns = LIVE_LAG_NS if live else LAG_NS
-        self.close_ups = CloseUps(timeline, context.plan, session, lag_ns)
+        self.close_ups = CloseUps(timeline, context.plan, session, pace.lag_ns)
         known = dict.fromkeys(view for views in VIEWS.values() for view in views)
         made = {view: view(context) for view in known if view.fits(context)}
         self._of_kind = {
@@ -372,6 +409,8 @@ class TimelineReplay:
             if item.last_ns - self._flushed_ns >= self._flush_every_ns:
                 self._flushed_ns = item.last_ns
                 self._flush(item.start_ns - LAG_NS)
+                if self.context.session.live:
+                    self.context.timeline.extend(item.last_ns)
 
     def _show_close_ups(self, last_ns: int | None) -> None:
         moments, context = self.close_ups.moments, self.context
@@ -520,7 +559,8 @@ class CloseUps:
         self.shown = self.left_out = 0
         self._plan = plan
         self._lane = Lane(timeline, LANE, {"every sample": SPAN})
-        self._span_ns = session.shown_ns or (session.start_ns, session.end_ns + 1)
+        end_ns = LAST_NS if session.live else session.end_ns + 1
+        self._span_ns = session.shown_ns or (session.start_ns, end_ns)
         self._shown_to_ns = self._span_ns[0]
         self._spent_bytes = 0.0
 

@@ -328,7 +328,9 @@ class SpectrogramViews(View):
     """The spectrograms of one stream: of the chosen channels, else the first seismic one."""
 
     def __init__(self, context: ViewContext) -> None:
-        fitting = [s for s in context.session.streams if Spectrogram.fits(s)]
+        # its colours are those of the whole, which nobody knows while it grows
+        streams = () if context.session.live else context.session.streams
+        fitting = [s for s in streams if Spectrogram.fits(s)]
         asked = (s for s in fitting if chosen(s, context.channels))
         stream = next(asked, next(iter(fitting), None))
         self._topic = stream.topic if stream is not None else ""

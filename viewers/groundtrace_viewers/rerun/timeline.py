@@ -140,6 +140,7 @@ class Timeline:
         self._start_ns = start_ns
         self._entities: dict[str, Entity] = {}
         self._rows: dict[int, list[str]] = {}
+        self._levels: dict[str, NDArray[np.floating]] = {}
 
     @property
     def start_ns(self) -> int:
@@ -183,6 +184,26 @@ class Timeline:
     def scalars(self, path: str, times_ns: ArrayLike, values: NDArray[np.floating]) -> None:
         """Log curves: ``values`` has shape (n, n_curves)."""
         self.send(path, times_ns, [scalar_column(values)])
+
+    def level(self, path: str, span_ns: tuple[int, int], values: ArrayLike) -> None:
+        """Log lines across a plot: a threshold, or what keeps its axis to the recording.
+
+        Parameters
+        ----------
+        path
+            Entity path.
+        span_ns
+            What is shown of the recording: start and end [ns].
+        values
+            A number, or those of shape (n_curves,).
+        """
+        level = self._levels[path] = np.atleast_1d(np.asarray(values, np.float64))
+        self.scalars(path, span_ns, np.tile(level, (2, 1)))
+
+    def extend(self, time_ns: int) -> None:
+        """Draw the lines across plots on up to a time: the recording has grown."""
+        for path, level in self._levels.items():
+            self.scalars(path, [time_ns], level[np.newaxis])
 
     def singles(self, path: str, times_ns: ArrayLike, values: NDArray[np.float32]) -> None:
         """Log curves in single precision, as :data:`SINGLES`: shape (n, n_curves)."""
@@ -961,8 +982,11 @@ def about(session: ReplaySession) -> str:
     )
     reading = _VEHICLES if session.application == "vehicle" else _READING
     duration_s = (session.end_ns - session.start_ns) / 1e9
+    lasts = (
+        "Being recorded" if session.live else f"{duration_s:.1f} s, {len(session.labels)} labels"
+    )
     return (
-        f"# {session.name}\n\n{duration_s:.1f} s, {len(session.labels)} labels.\n\n"
+        f"# {session.name}\n\n{lasts}.\n\n"
         f"| stream | channels | rate | unit |\n|---|---|---|---|\n{rows}\n\n"
         f"{reading}\n## Pipeline\n\n```toml\n{session.pipeline.strip()}\n```\n"
     )

@@ -645,7 +645,7 @@ class RatioCurves:
         # a plot of the whole recording, though cycles are where there are vehicles
         alike = rr.SeriesLines(names="alike", colors=np.array([FAINT], np.uint32), widths=1.0)
         self._timeline.static(f"{self._path(pair)}/alike", alike)
-        self._timeline.scalars(f"{self._path(pair)}/alike", self._span_ns, np.zeros((2, 1)))
+        self._timeline.level(f"{self._path(pair)}/alike", self._span_ns, 0.0)
         for name, colour in zip(self._columns, ESTIMATOR_COLOURS.values(), strict=False):
             shade = np.array([colour], np.uint32)
             points = rr.SeriesPoints(

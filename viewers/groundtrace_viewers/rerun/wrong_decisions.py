@@ -650,7 +650,7 @@ class GatesPlot:
         self._timeline.declare(Entity(MARGINS, "margins", title, len(gates), top=end, bottom=-end))
         level = rr.SeriesLines(names="threshold", colors=np.array([OUTLINE], np.uint32))
         self._timeline.static(f"{MARGINS}/threshold", level)
-        self._timeline.scalars(f"{MARGINS}/threshold", self._span_ns, np.zeros((2, 1)))
+        self._timeline.level(f"{MARGINS}/threshold", self._span_ns, 0.0)
         _log_bands(self._timeline, (MARGINS, ""), wrong, (-end, end))
         for index, (gate, (shape, _)) in enumerate(zip(gates, SHAPES, strict=False)):
             style = rr.SeriesPoints(names=gate.name, markers=shape, marker_sizes=4.0)
