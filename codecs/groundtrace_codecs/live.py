@@ -170,7 +170,7 @@ def _head(source: Growing, stop: threading.Event) -> Recording:
         if over or (size > looked_at and size >= len(MAGIC)):
             looked_at = size
             head = Recording.open(Prefix(source, size))
-            if _settled(head) or (over and head.streams and size == source.size):
+            if _settled(head) or (over and head.readers and size == source.size):
                 return head
             head.close()
         if size < source.size:
@@ -187,4 +187,5 @@ def _settled(head: Recording) -> bool:
     measured = [i for i in head.readers if STREAM_KEY not in file.channels[i].metadata]
     few = any(file.message_counts.get(i, 0) < PROBE_MESSAGES for i in measured)
     wanted_ns = PROBE_NS if few else SETTLE_NS
-    return bool(head.streams) and file.end_ns - file.start_ns >= wanted_ns
+    # by samples: labels and log lines may be of any time
+    return bool(head.readers) and head.end_ns - head.start_ns >= wanted_ns

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.walk import simulate_walk
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.writer import RecordingWriter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,6 +37,17 @@ def write_walk(path: Path) -> Path:
     """Write a short simulated walk with true steps."""
     write(simulate_walk(WalkOptions(seed=3, duration_s=12.0)), path)
     return path
+
+
+def write_as_logged(recording: Path, path: Path) -> bytes:
+    """Write a recording in the small chunks of a logger that is followed; return its bytes."""
+    with Recording.open(recording) as opened, RecordingWriter(path, chunk_bytes=8192) as writer:
+        for stream in opened.streams:
+            writer.add_stream(stream)
+        writer.add_labels(opened.labels)
+        for _, block in opened.blocks():
+            writer.write(block)
+    return path.read_bytes()
 
 
 @contextmanager

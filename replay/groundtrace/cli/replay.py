@@ -37,6 +37,7 @@ from .options import AT_LEAST_ONE, FLAG, NOT_NEGATIVE, ForceOthers, Json, Quiet
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from subprocess import Popen
 
     from groundtrace_codecs.live import LiveRecording
     from groundtrace_codecs.signals import Stream
@@ -94,7 +95,7 @@ def replay(
     spawn
         Open the native viewer and show the replay while it runs.
     web
-        Serve the finished replay to a browser on this machine.
+        Serve the finished replay to a browser on this machine; with --follow, while it runs.
     no_viewer
         Make no viewer's file but the one of --rrd, and open none.
     full_rate
@@ -130,6 +131,7 @@ def replay(
     usage.check()
     path = _bundled() if recording is None else recording if follow else existing(recording)
     shown: Any = None
+    page: Any = None
     site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
     with ExitStack() as held:
         live = held.enter_context(_followed(path)) if follow else None
@@ -150,7 +152,8 @@ def replay(
                 rrd, spawn=spawn, web=web, full_rate=full_rate, map_tiles=map_tiles
             )
             print_stderr(shown.expected(plan.session))
-            sinks.append(shown)
+            page = load("views", "web-live")(shown, print_stderr) if web and follow else None
+            sinks.append(page or shown)
         tally = _run(plan, sinks, rate, quiet=quiet)
         if at_miss is not None:
             at_ns = missed_step(results, at_miss, print_stderr)
@@ -159,8 +162,12 @@ def replay(
         damage = len(set((live or opened).damage))
     timeline = shown.summary if shown is not None else ""
     report(plan.session, ready.chain, tally, results, rrd, timeline, damage, json=json)
-    if web:
-        _stay_with_the_page(shown)
+    if page is not None:
+        _stay_with(page.server)
+    elif web:
+        url, server = load("views", "web")(shown)
+        print_stderr(f"serving {url} (Ctrl-C ends it)")
+        _stay_with(server)
     return ExitCode.of(losses=damage > 0)
 
 
@@ -221,10 +228,8 @@ def _where_to_show(
     return shown, rrd
 
 
-def _stay_with_the_page(shown: Any) -> None:
+def _stay_with(server: Popen[bytes]) -> None:
     """Serve what was shown to browsers until the user stops."""
-    url, server = load("views", "web")(shown)
-    print_stderr(f"serving {url} (Ctrl-C ends it)")
     try:
         server.wait()
     finally:

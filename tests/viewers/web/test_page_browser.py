@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from conftest import skip_or_fail
-from page_sessions import serving, write_walk
+from page_sessions import running, serving, write_as_logged, write_walk
 from PIL import Image
 
 from groundtrace.annotate.store import Annotations, stored
@@ -175,3 +175,23 @@ def test_a_page_of_one_file_keeps_marks_itself_and_gives_them_away(
     assert (merged.label.kind, start_s) == ("span", 0.0)
     assert end_s == pytest.approx(marked_s, abs=1e-6)
     assert {url.partition(":")[0] for url in asked} <= {"file", "blob", "data"}
+
+
+def test_a_page_goes_on_with_a_recording_that_is_written(page: Page, tmp_path: Path) -> None:
+    whole = write_as_logged(write_walk(tmp_path / "walk12.mcap"), tmp_path / "whole.mcap")
+    growing = tmp_path / "walk.mcap"
+    growing.write_bytes(whole[: len(whole) // 2])
+    asked = ("replay", "walk.mcap", "--follow", "--web", "--pipeline", "waist-steps")
+    with running(tmp_path, *asked, ends_with=130) as (_, url):
+        page.goto(url)
+        ready(page)
+        drawn(page, "live")
+        assert (page.text_content("#duration") or "").endswith(" s, live")
+        early = rows(page, "events")
+        assert page.is_hidden("#marking")
+        with growing.open("ab") as rest:
+            rest.write(whole[len(whole) // 2 :])
+        while "live" in (page.text_content("#duration") or ""):
+            page.wait_for_timeout(200)
+        assert len(rows(page, "events")) > len(early)
+        assert page.text_content("#duration") == "of 12.0 s"

@@ -6,6 +6,7 @@ import signal
 import socket
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
@@ -13,10 +14,20 @@ from urllib.parse import quote
 import psutil
 import pytest
 import rerun as rr
-from page_sessions import Served, serving, showing, write_walk
+from page_sessions import (
+    Served,
+    port_of,
+    running,
+    serving,
+    showing,
+    token_of,
+    write_as_logged,
+    write_walk,
+)
 
 from groundtrace.annotate.store import Annotations, stored
 from groundtrace_viewers.errors import ViewerError
+from groundtrace_viewers.rerun.sink import partial_of
 from groundtrace_viewers.web import server
 from groundtrace_viewers.web.annotate import LARGEST_BODY
 from groundtrace_viewers.web.server import listen
@@ -79,6 +90,53 @@ def test_a_replay_for_the_web_is_served_until_ctrl_c(recording: Path) -> None:
         assert {event["kind"] for event in moments["events"]} >= {"step"}
         assert ask(page, "/replay.rrd").body[:4] == b"RRF2"
     assert not server.is_running()
+
+
+def test_a_recording_that_is_written_is_served_as_it_grows(recording: Path, tmp_path: Path) -> None:
+    whole, growing = write_as_logged(recording, tmp_path / "whole.mcap"), tmp_path / "walk.mcap"
+    growing.write_bytes(whole[: len(whole) // 2])
+    asked = ("replay", "walk.mcap", "--follow", "--web", "--pipeline", "waist-steps")
+    with running(tmp_path, *asked, ends_with=130) as (process, url):
+        page = Served(url, token_of(url), port_of(url), process)
+        early = ask(page, "/moments.json").document
+        assert (early["live"], early["misses"]) == (True, [])
+        with ThreadPoolExecutor() as reader:
+            sent = reader.submit(ask, page, "/replay.rrd")
+            time.sleep(0.5)
+            assert sent.running(), "it waits for more"
+            with growing.open("ab") as rest:
+                rest.write(whole[len(whole) // 2 :])
+            assert sent.result(60).body[:4] == b"RRF2"
+        assert ask(page, "/page.json").document == {"annotations": "off", "live": True}
+        deadline = time.monotonic() + 30
+        while (late := ask(page, "/moments.json").document)["live"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        assert late["truth"]
+        assert late["duration_s"] > early["duration_s"]
+        assert len(late["events"]) > len(early["events"])
+
+
+def test_a_page_that_is_left_takes_no_more_of_a_file_that_grows(tmp_path: Path) -> None:
+    rrd = tmp_path / "live.rrd"
+    partial_of(rrd).write_bytes(b"RRF2")
+    moments = tmp_path / "moments.json"
+    moments.write_text("{}")
+    listening = listen(0)
+    port = listening.getsockname()[1]
+    app = server.live_app(rrd, moments, port, "token")
+    serving = threading.Thread(target=server.run, args=(app, listening), daemon=True)
+    serving.start()
+    opened = psutil.Process()
+    with socket.create_connection(("127.0.0.1", port), 10) as left:
+        left.sendall(f"GET /token/replay.rrd HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n".encode())
+        while b"RRF2" not in left.recv(4096):
+            pass
+        assert str(partial_of(rrd)) in {file.path for file in opened.open_files()}
+    deadline = time.monotonic() + 10
+    while str(partial_of(rrd)) in {file.path for file in opened.open_files()}:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def test_it_listens_on_this_machine_only(served: Served) -> None:

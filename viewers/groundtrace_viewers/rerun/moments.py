@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,10 @@ from groundtrace_codecs.events import (
     Note,
     Pass,
     Pick,
+    StageSpec,
     StepEvent,
 )
-from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .timeline import TIMELINE
 from .vehicles import crossing_text, pass_text, wrong_passes
@@ -100,6 +102,8 @@ class PageMoments:
         In the order of time.
     opens_s
         Where the page opens [s]; None stands for the first event.
+    live
+        True while the replay is running: there will be more.
     """
 
     recording: str
@@ -117,6 +121,7 @@ class PageMoments:
     events: tuple[PageMoment, ...]
     misses: tuple[PageMoment, ...]
     opens_s: float | None = None
+    live: bool = False
 
     def json(self) -> bytes:
         """Return it as one JSON document."""
@@ -187,6 +192,47 @@ def moments_of_session(
     """
     found = moments_of_results(results_of(session, events), session.streams)
     return found if at_ns is None else replace(found, opens_s=(at_ns - session.start_ns) / NS_PER_S)
+
+
+#: So many of the last events a page lists while a replay is running. Chosen by judgement: minutes.
+LAST_EVENTS = 500
+
+
+class LiveMoments:
+    """The moments of a replay that is running: the last events, and no judgement of them yet.
+
+    Parameters
+    ----------
+    session
+        Of the replay.
+    """
+
+    def __init__(self, session: ReplaySession) -> None:
+        self._begun = moments_of_session(replace(session, labels=()), ())
+        self._events: deque[PageMoment] = deque(maxlen=LAST_EVENTS)
+        self._steps = ""
+        self._start_ns, self._end_ns = session.start_ns, session.end_ns
+
+    def add(self, item: SignalBlock | Event) -> None:
+        """Take one block or event."""
+        if isinstance(item, SignalBlock):
+            self._end_ns = max(self._end_ns, item.last_ns)
+            return
+        if isinstance(item, StageSpec) and item.emits == "step":
+            self._steps = item.stage
+        moment = _event(item, self._steps, self._start_ns)
+        if moment is not None:
+            self._events.append(moment)
+
+    def so_far(self) -> PageMoments:
+        """Return what there is by now."""
+        return replace(
+            self._begun,
+            duration_s=(self._end_ns - self._start_ns) / NS_PER_S,
+            steps=self._steps,
+            events=tuple(sorted(self._events, key=_order)),
+            live=True,
+        )
 
 
 def _order(moment: PageMoment) -> tuple[float, str, str]:

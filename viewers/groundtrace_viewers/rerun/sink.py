@@ -149,14 +149,16 @@ class RerunSink:
             limits = VIEWER_LIMITS if session.live else ()
             self.viewer = open_viewer(["--expect-data-soon", *limits], self._port)
             viewers.append(rr.GrpcSink(data_url(self._port)))
-        growing = _growing(self.path) if self.path is not None else None
+        growing = partial_of(self.path) if self.path is not None else None
         self._outlet = Outlet(recording, growing, *viewers, name=self.path)
         self._session, self._recording = session, recording
         self._watched = self._spawn or (session.live and self._web)
         pace = _pace(session, watched=self._watched)
+        # truth of what is still to come would show a time that nothing has reached
+        shown = replace(session, labels=(), annotations=()) if session.live else session
         context = ViewContext(
             recording,
-            session,
+            shown,
             self._plan(session),
             chunk_s=pace.chunk_s,
             map_tiles=self._map_tiles,
@@ -198,7 +200,7 @@ class RerunSink:
         self._send_layout(follow=False)
         outlet.finish()
         if self.path is not None:
-            _growing(self.path).replace(self.path)
+            partial_of(self.path).replace(self.path)
         if self._spawn:
             self._go_to_first_event()
 
@@ -213,9 +215,12 @@ class RerunSink:
         """
         from .moments import moments_of_session
 
-        if self._session is None or not self._web:
+        if self._session is None or self._replay is None or not self._web:
             raise ViewerError("viewer: expected a replay for the web, found none")
-        return moments_of_session(self._session, self._events, self._opens_ns)
+        session, replayed_ns = self._session, self._replay.context.replayed_ns
+        if session.live and replayed_ns is not None:
+            session = replace(session, end_ns=replayed_ns[1])
+        return moments_of_session(session, self._events, self._opens_ns)
 
     @property
     def _opens_ns(self) -> int | None:
@@ -319,7 +324,7 @@ class Outlet:
             raise OutputError(self._name, self._refused.strerror) from self._refused
 
 
-def _growing(path: Path) -> Path:
+def partial_of(path: Path) -> Path:
     """Return what a viewer's file is called while it is written."""
     return path.with_name(f"{path.name}.partial")
 

@@ -5,17 +5,29 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from typing import TYPE_CHECKING
 
+from groundtrace.scratch import scratch_folder_until_exit
+
 from ..errors import ViewerError
+from ..rerun.moments import LiveMoments
 from ..rerun.process import fetch, free_port, quiet_environment
 from .server import address, new_token
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from groundtrace.pipeline.engine import ReplaySession
+    from groundtrace_codecs.events import Event
+    from groundtrace_codecs.signals import SignalBlock
 
     from ..rerun.moments import PageMoments
     from ..rerun.sink import RerunSink
+
+#: How often a page is told what is new [s]. Chosen by judgement: its list, not its picture.
+TELL_S = 0.5
 
 
 def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
@@ -34,6 +46,80 @@ def serve_replay(shown: RerunSink) -> tuple[str, subprocess.Popen[bytes]]:
         raise ViewerError("page: expected a replay with a file, found none")
     port, token = free_port(), new_token()
     return address(port, token), serve_web(shown.path, port, token, shown.moments)
+
+
+class LivePage:
+    """A sink that shows a replay in browsers on this machine while it runs.
+
+    Parameters
+    ----------
+    shown
+        Taken for the web; its file is what the page shows.
+    report
+        Told the page's address when it is up.
+
+    Attributes
+    ----------
+    server
+        Serves the page until it is terminated; None before the replay.
+    """
+
+    def __init__(self, shown: RerunSink, report: Callable[[str], None]) -> None:
+        self.server: subprocess.Popen[bytes] | None = None
+        self._shown, self._report = shown, report
+        self._moments_file = scratch_folder_until_exit() / "moments.json"
+        self._moments: LiveMoments | None = None
+        self._told_s = 0.0
+
+    def open(self, session: ReplaySession) -> None:
+        """Begin, and serve the page.
+
+        Raises
+        ------
+        ViewerError
+            Where the replay has no file, or the page does not come up.
+        """
+        self._shown.open(session)
+        if self._shown.path is None:
+            raise ViewerError("page: expected a replay with a file, found none")
+        self._moments = LiveMoments(session)
+        self._tell(self._moments.so_far())
+        port, token = free_port(), new_token()
+        self.server = _served(self._shown.path, port, token, b"", str(self._moments_file))
+        self._report(f"serving {address(port, token)}")
+
+    def write(self, item: SignalBlock | Event) -> None:
+        """Take one block or event."""
+        self._shown.write(item)
+        if self._moments is None:
+            return
+        self._moments.add(item)
+        now = time.monotonic()
+        if now - self._told_s >= TELL_S:
+            self._told_s = now
+            self._tell(self._moments.so_far())
+
+    def abandon(self) -> None:
+        """End without a result, and serve no more."""
+        self._shown.abandon()
+        self.end()
+
+    def close(self) -> None:
+        """End the replay; the page stays."""
+        self._shown.close()
+        self._tell(self._shown.moments)
+
+    def end(self) -> None:
+        """Serve no more."""
+        if self.server is not None:
+            self.server.terminate()
+            self.server.wait()
+
+    def _tell(self, moments: PageMoments) -> None:
+        """Replace what the page asks for, whole at any moment."""
+        fresh = self._moments_file.with_suffix(".new")
+        fresh.write_bytes(moments.json())
+        fresh.replace(self._moments_file)
 
 
 def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subprocess.Popen[bytes]:
@@ -62,10 +148,17 @@ def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subpro
     ViewerError
         Where the page does not come up.
     """
+    return _served(path, port, token, moments.json())
+
+
+def _served(
+    path: Path, port: int, token: str, moments: bytes, *running: str
+) -> subprocess.Popen[bytes]:
+    """Start a page's server; ``running`` is where the moments of a replay that still runs are."""
     server = ["-P", "-m", "groundtrace_viewers.web.server"]
     places = os.pathsep.join(place for place in sys.path if place)  # empty: the working folder
     process = subprocess.Popen(
-        [sys.executable, *server, str(path.resolve()), str(port)],
+        [sys.executable, *server, str(path.resolve()), str(port), *running],
         env={**quiet_environment(), "PYTHONPATH": places},
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
@@ -73,7 +166,7 @@ def serve_web(path: Path, port: int, token: str, moments: PageMoments) -> subpro
     )
     try:
         if process.stdin is not None:
-            process.stdin.write(f"{token}\n".encode() + moments.json())
+            process.stdin.write(f"{token}\n".encode() + moments)
             process.stdin.close()
         fetch(port, f"/{token}/index.html")
     except (ViewerError, OSError) as error:

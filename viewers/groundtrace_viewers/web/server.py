@@ -1,9 +1,10 @@
-"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT``.
+"""The server of the page: ``python -m groundtrace_viewers.web.server RRD PORT [MOMENTS]``.
 
 It listens on this machine only and answers only its own pages: it checks host and origin, so that
 no other site can reach it through a browser, and a token in the path of each address, so that no
 other user of this machine can. Its page connects to no other server. Token and moments come from
-standard input, a line each: others see the arguments of a process.
+standard input, a line each: others see the arguments of a process. Of a replay that is running the
+moments are in a file, MOMENTS, and the viewer's file is sent as it grows.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import uvicorn
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -33,9 +34,10 @@ from groundtrace.evaluation.page import rendered
 from ..errors import ViewerError
 from ..rerun.blueprint import layout_of
 from ..rerun.process import LOOPBACK, VIEWER_FILES, viewer_folder
+from ..rerun.sink import partial_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 
     from starlette.requests import Request
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -179,9 +181,15 @@ class Gate:
             async with asyncio.timeout(STALL_S):
                 await send(message)
 
+        whole = False
+
         async def prompt() -> Message:
-            async with asyncio.timeout(STALL_S):
-                return await receive()
+            nonlocal whole
+            async with asyncio.timeout(None if whole else STALL_S):
+                message = await receive()
+            # behind the request comes nothing but that its client has gone
+            whole = message["type"] == "http.request" and not message.get("more_body", False)
+            return message
 
         headers = Headers(scope=scope)
         first = scope["path"].split("/")[1]
@@ -201,6 +209,10 @@ class Gate:
             await answer(scope, prompt, guarded)
 
 
+#: How often a file that grows is looked at [s], what is sent of it at once. Chosen by judgement.
+POLL_S, _PIECE_BYTES = 0.05, 1 << 18
+
+
 def _fixed(path: str, content: bytes) -> Route:
     kind = KINDS[path.rpartition(".")[2]] if "." in path else KINDS["html"]
 
@@ -215,6 +227,51 @@ def _on_disk(path: str, file: Path, kind: str) -> Route:
         return FileResponse(file, media_type=kind)
 
     return Route(path, answer)
+
+
+def _growing(path: str, rrd: Path) -> Route:
+    """Return a route that sends a file as it grows, until it has its name."""
+
+    async def pieces() -> AsyncIterator[bytes]:
+        partial = partial_of(rrd)
+        with (partial if partial.exists() else rrd).open("rb") as file:
+            while True:
+                finished = not partial.exists()  # asked before the end is read
+                while piece := file.read(_PIECE_BYTES):
+                    yield piece
+                if finished:
+                    return
+                await asyncio.sleep(POLL_S)
+
+    async def answer(_: Request) -> Response:
+        return StreamingResponse(pieces(), media_type=KINDS["rrd"])
+
+    return Route(path, answer)
+
+
+def live_app(rrd: Path, moments: Path, port: int, token: str) -> ASGIApp:
+    """Return the server of a page whose replay is still running.
+
+    Parameters
+    ----------
+    rrd
+        The viewer's file, which grows under another name until it is finished.
+    moments
+        A JSON file that is replaced as moments come, see :class:`~.rerun.moments.PageMoments`.
+    port, token
+        As of :func:`page_app`.
+
+    Raises
+    ------
+    ViewerError
+        Where the viewer is not installed.
+    """
+    replay = [
+        _growing("/replay.rrd", rrd),
+        _fixed("/layout.rrd", b""),  # it comes with the replay, and again with each new stage
+        _on_disk("/moments.json", moments, KINDS["json"]),
+    ]
+    return _page(replay, {"annotations": "off", "live": True}, port, token)
 
 
 def page_app(
@@ -242,6 +299,17 @@ def page_app(
     ViewerError
         Where the viewer is not installed, or the file is not one of its replays.
     """
+    replay = [
+        _on_disk("/replay.rrd", rrd, KINDS["rrd"]),
+        _fixed("/layout.rrd", layout_of(rrd)),
+        _fixed("/moments.json", moments),
+        *more,
+    ]
+    return _page(replay, {"annotations": annotations}, port, token)
+
+
+def _page(replay: Sequence[Route], config: Mapping[str, object], port: int, token: str) -> ASGIApp:
+    """Return a page's server: what all pages have, and what belongs to its replay."""
     folder = viewer_folder()
     index = replay_page().encode()
     routes = [
@@ -252,11 +320,8 @@ def page_app(
             _on_disk(f"/{name}", folder / name, KINDS[name.rpartition(".")[2]])
             for name in VIEWER_FILES
         ),
-        _on_disk("/replay.rrd", rrd, KINDS["rrd"]),
-        _fixed("/layout.rrd", layout_of(rrd)),
-        _fixed("/moments.json", moments),
-        _fixed("/page.json", json.dumps({"annotations": annotations}).encode()),
-        *more,
+        _fixed("/page.json", json.dumps(config).encode()),
+        *replay,
     ]
     app = Starlette(routes=routes, exception_handlers={404: _absent, 405: _absent})
     return Gate(app, port, token)
@@ -357,12 +422,25 @@ def run(app: ASGIApp, listening: socket.socket, ready: Callable[[], None] = lamb
     _Server(config, ready).run([listening])
 
 
-def main(rrd: Path, port: int, token: str, moments: bytes) -> None:
-    """Serve a recording until the process ends; marks are kept in the browser."""
+def main(rrd: Path, port: int, token: str, moments: bytes | Path) -> None:
+    """Serve a recording until the process ends; marks are kept in the browser.
+
+    Parameters
+    ----------
+    rrd, port, token
+        As of :func:`page_app`.
+    moments
+        Those of a replay that has ended, or where those are of one that is running.
+    """
     listening = listen(port)
-    run(page_app(rrd, moments, port, token, "browser"), listening)
+    if isinstance(moments, Path):
+        run(live_app(rrd, moments, port, token), listening)
+    else:
+        run(page_app(rrd, moments, port, token, "browser"), listening)
 
 
 if __name__ == "__main__":
     given = sys.stdin.buffer
-    main(Path(sys.argv[1]), int(sys.argv[2]), given.readline().decode().strip(), given.read())
+    asked = given.readline().decode().strip()
+    running = [Path(place) for place in sys.argv[3:]]
+    main(Path(sys.argv[1]), int(sys.argv[2]), asked, running[0] if running else given.read())

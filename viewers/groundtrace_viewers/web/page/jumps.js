@@ -20,13 +20,19 @@ export class Jumps {
    */
   constructor(moments, go) {
     this.go = go;
+    this.words = "";
+    this.list = document.getElementById("events");
+    this.chosen = false;
+    this.renew(moments);
+  }
+
+  /** Take all moments anew, as those of a replay that is running; what a person chose stays. */
+  renew(moments) {
     this.all = [...moments.events, ...moments.misses].sort((a, b) => a.t_s - b.t_s);
     this.kinds = [...new Set(this.all.map((moment) => moment.kind))];
     this.kinds.sort((a, b) => WRONG.has(b) - WRONG.has(a) || a.localeCompare(b));
     const first = this.kinds.filter((kind) => AT_FIRST.has(kind));
-    this.shown_kinds = new Set(first.some((k) => k !== "gap") ? first : this.kinds);
-    this.words = "";
-    this.list = document.getElementById("events");
+    if (!this.chosen) this.shown_kinds = new Set(first.some((k) => k !== "gap") ? first : this.kinds);
     this.chips();
     this.fill();
   }
@@ -37,6 +43,7 @@ export class Jumps {
       const chip = el("button", { "data-kind": kind }, `${kind} ${counts.get(kind).length}`);
       chip.setAttribute("aria-pressed", this.shown_kinds.has(kind));
       chip.onclick = () => {
+        this.chosen = true;
         if (!this.shown_kinds.delete(kind)) this.shown_kinds.add(kind);
         chip.setAttribute("aria-pressed", this.shown_kinds.has(kind));
         this.fill();

@@ -14,6 +14,8 @@ import { Viewer } from "./viewer.js";
 const byId = (id) => document.getElementById(id);
 /** A sample of a recording whose rate the page was not told [s]. */
 const UNKNOWN_SAMPLE_S = 0.001;
+/** While a replay is running the page asks for what is new after this [ms]. */
+const RENEW_MS = 500;
 
 /** Return a short period as text. */
 function period_text(seconds) {
@@ -157,7 +159,7 @@ class Page {
     this.loop_button = button("loop", "O", "Loop ±0.5 s around the event", () => this.loop());
     byId("speed-row").prepend(this.loop_button);
     byId("recording").textContent = byId("recording").title = moments.recording;
-    byId("duration").textContent = `of ${moments.duration_s.toFixed(1)} s`;
+    this.tell_duration();
     document.title = `${moments.recording} — groundtrace`;
     byId("help-button").onclick = () => this.help();
     byId("speed").oninput = (event) => player.set_speed(10 ** Number(event.target.value));
@@ -242,10 +244,28 @@ class Page {
     if (this.marking) await this.marks.load();
     await started;
     byId("status").hidden = true;
-    this.go(this.moments.opens_s ?? this.jumps.beyond(-1, true) ?? 0);
+    if (this.moments.live) this.renew();
+    else this.go(this.moments.opens_s ?? this.jumps.beyond(-1, true) ?? 0);
     if (this.marking) await this.layer();
     document.documentElement.dataset.state = "ready";
     setInterval(() => this.watch(), 2000);
+  }
+
+  tell_duration() {
+    const { duration_s, live } = this.moments;
+    byId("duration").textContent = `of ${duration_s.toFixed(1)} s${live ? ", live" : ""}`;
+  }
+
+  /** Take what is new of a replay that is running, until it has ended. */
+  async renew() {
+    const moments = await document_of("moments.json");
+    Object.assign(this.moments, moments);
+    this.player.duration = moments.duration_s;
+    this.strip.duration = Math.max(moments.duration_s, 1e-9);
+    this.jumps.renew(moments);
+    this.tell_duration();
+    this.changed();
+    if (moments.live) setTimeout(() => this.renew().catch(complain), RENEW_MS);
   }
 
   watch() {

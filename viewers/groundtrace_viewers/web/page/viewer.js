@@ -67,7 +67,7 @@ export class Viewer {
       on_viewer_event: (text) => this.heard(JSON.parse(text)),
     });
     await this.handle.start(canvas);
-    this.push(layout, "layout");
+    if (layout.length) this.push(layout, "layout");
     if (typeof recording === "string") this.handle.add_receiver(recording);
     else this.push(recording, "replay");
     await this.opened;
