@@ -40,7 +40,7 @@ def test_all_views_of_a_room_are_drawn_without_complaint(tmp_path: Path) -> None
         skip_or_fail("viewer", f"the viewer cannot draw here: {error}")
     assert {v.name: v.reports for v in state.views if v.reports} == {}
     kinds = [v.kind for v in state.views]
-    assert kinds.count("2D") == 1
+    assert kinds.count("2D") == 2  # the map, and the waves of a step
     assert kinds.count("StateTimeline") == 1
     assert kinds.count("TimeSeries") >= 5
     assert state.cursor_ns == 2_650_000_000

@@ -19,9 +19,8 @@ from groundtrace_viewers.rerun.shots import (
     Shot,
     line,
     scaled,
-    thinned,
-    ticks,
 )
+from groundtrace_viewers.rerun.sketch import thinned, ticks
 from groundtrace_viewers.rerun.timeline import Timeline
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ def test_every_trace_is_scaled_to_itself_and_cut() -> None:
 def test_of_too_many_samples_the_largest_stay() -> None:
     values = np.zeros((3 * MOST_SAMPLES, 2))
     values[100, 0], values[301, 1] = 5.0, -7.0
-    times, kept = thinned(np.arange(len(values), dtype=float), values)
+    times, kept = thinned(np.arange(len(values), dtype=float), values, MOST_SAMPLES)
     assert len(times) == len(kept) == MOST_SAMPLES
     assert (kept[:, 0].max(), kept[:, 1].min()) == (5.0, -7.0)
 

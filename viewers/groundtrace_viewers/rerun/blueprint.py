@@ -22,6 +22,8 @@ from .stations import ROOT as HODOGRAM
 from .stations import extent
 from .timeline import APART, AXIS, FIRST_ROW, LANES, MOST_ROWS, PAGE, TIMELINE, lane_number
 from .walk import ROOT as STREETS
+from .waves import HIGH as WAVES_HIGH
+from .waves import WIDE as WAVES_WIDE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -331,7 +333,9 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
             *_parts(tonal[:1], 1.3),
             *_driven(entities, decisions),
         ]
-    return [*_parts(signals, 2.0), *_worn(entities), *_parts(tonal, 1.9), *decisions]
+    if session.application == "room" and _of(entities, "waves"):
+        return [*_parts([*signals, *tonal], 1.9), *_worn(entities), *decisions]
+    return [*_parts(signals, 1.9), *_worn(entities), *_parts(tonal, 1.9), *decisions]
 
 
 def _short(entity: Entity) -> Entity:
@@ -406,9 +410,11 @@ def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> li
         samples(e, _companions(e, entities), around, most)
         for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
-    parts = _parts(shown, 3.0)
     decisions = [decision(e, span) for e in _of(entities, "decision")]
-    return parts + _parts(decisions, 2.3)
+    waves = [waves_view(e) for e in _of(entities, "waves")]
+    if application == "room":  # it has more plots than a small window has room for
+        return _parts([*waves, *shown, *decisions], 4.5 if waves else 2.6)
+    return _parts(shown, 3.0) + _parts(decisions, 2.3)
 
 
 def _companions(signal: Entity, entities: Sequence[Entity]) -> list[Entity]:
@@ -620,7 +626,7 @@ def bars(entity: Entity) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=(-135.0, 135.0), y_range=(-16.0, entity.top + 8.0)
+            x_range=(-158.0, 158.0), y_range=(-16.0, entity.top + 8.0)
         ),
     )
 
@@ -633,6 +639,19 @@ def section_view(entity: Entity) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         visual_bounds=rrb.VisualBounds2D(x_range=(-12.0, WIDE + 3.0), y_range=(-18.0, HIGH + 4.0)),
+    )
+
+
+def waves_view(entity: Entity) -> rrb.View:
+    """Return the waves of the step at the cursor."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial2DView(
+        origin=entity.path,
+        name=entity.title,
+        visual_bounds=rrb.VisualBounds2D(
+            x_range=(-24.0, WAVES_WIDE + 24.0), y_range=(2.0, WAVES_HIGH + 8.0)
+        ),
     )
 
 

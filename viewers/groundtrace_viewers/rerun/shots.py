@@ -20,6 +20,7 @@ from groundtrace_codecs.events import CandidateBlock, Gap, Pick, StageSpec, Trac
 from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
+from .sketch import Sketch, crosses, thinned, ticks
 from .timeline import (
     ACCEPTED,
     FAINT,
@@ -59,11 +60,11 @@ TOLERANCE_MS = RIGHT_S * 1e3
 #: shape, and is filled where it has that of its place in the layout.
 WIDE, HIGH = 146.0, 150.0
 FAR_WIDE, FAR_HIGH = 185.0, 84.0
-#: More samples of a trace than this are more than a screen has: of neighbours the largest is drawn.
-MOST_SAMPLES = 600
 #: The largest deflection, in distances between traces, and the part of the samples below it: beyond
 #: it a trace is cut, so that a late wave leaves the onset its size.
 DEFLECTION, BELOW = 0.62, 0.985
+#: More samples of a trace than this are more than a screen has.
+MOST_SAMPLES = 600
 #: A section ends at the latest arrival times this, but not before so much [ms].
 BEYOND, LEAST_MS = 1.6, 40.0
 #: A label stands this far below its point; at most so many stand in a row.
@@ -144,13 +145,6 @@ class Shot:
         return self.end_ms
 
 
-def ticks(end: float, most: int = 8) -> list[float]:
-    """Return round numbers from 0 up to the first one that is not below ``end``."""
-    step = 10.0 ** np.floor(np.log10(end / most))
-    step *= next(k for k in (1.0, 2.0, 5.0, 10.0) if end / (k * step) <= most)
-    return [float(k * step) for k in range(int(np.ceil(round(end / step, 9))) + 1)]
-
-
 def scaled(values: Array) -> Array:
     """Return traces scaled to themselves, cut at 1, and so that noise before them is about 0.
 
@@ -165,24 +159,6 @@ def scaled(values: Array) -> Array:
     return cut
 
 
-def thinned(times: Array, values: Array) -> tuple[Array, Array]:
-    """Return so many samples as can be seen: of neighbours the largest of each trace."""
-    size = -(-len(times) // MOST_SAMPLES)
-    if size < 2:
-        return times, values
-    count = len(times) // size
-    parts = values[: count * size].reshape(count, size, -1)
-    largest = np.abs(parts).argmax(axis=1)[:, np.newaxis, :]
-    kept: Array = np.take_along_axis(parts, largest, axis=1)[:, 0, :]
-    return times[: count * size].reshape(count, size).mean(axis=1), kept
-
-
-def crosses(points: Sequence[tuple[float, float]], half: float, *, upright: bool) -> list[Line]:
-    """Return two lines a point, as points of a view are discs: + where upright, else ×."""
-    turned = ((half, 0.0), (0.0, half)) if upright else ((half, half), (half, -half))
-    return [[(x - a, y - b), (x + a, y + b)] for x, y in points for a, b in turned]
-
-
 class ShotViews(View):
     """The section of the shot at the cursor, travel times, and what became of each shot."""
 
@@ -190,7 +166,7 @@ class ShotViews(View):
         self._context = context
         self._shots: list[Shot] = []
         self._events: list[Event] = []
-        self._page = _Drawing(context.timeline)
+        self._page = _Drawing(context.timeline, _ORDER)
         self._streams = {s.topic: s.columns_of(SEISMIC_QUANTITIES) for s in context.session.streams}
         context.summed.add("pick")
         for label in sorted(context.session.labels):
@@ -408,55 +384,15 @@ def line(shot: Shot, number: int, timeline: Timeline) -> tuple[str, str]:
     return f"{text}; {when}", level
 
 
-class _Drawing:
-    """Draws shots: lines, points and words in 2-D views."""
-
-    def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
-
-    def _lines(
-        self,
-        path: str,
-        times: Sequence[int],
-        rows: Sequence[Sequence[Line]],
-        colour: int,
-        width: float,
-    ) -> None:
-        """Log lines, some at each time; where there are none, those before end."""
-        import rerun as rr
-
-        style = rr.LineStrips2D.from_fields(colors=colour, radii=width, draw_order=_ORDER[path])
-        self._timeline.static(path, style)
-        flat = [one for row in rows for one in row]
-        strips = strips_of(flat) if flat else []
-        columns = rr.LineStrips2D.columns(strips=strips).partition([len(row) for row in rows])
-        self._timeline.send(path, times, columns)
-
-    def _words(
-        self,
-        path: str,
-        times: Sequence[int],
-        rows: Sequence[Sequence[tuple[tuple[float, float], str]]],
-        colour: int,
-    ) -> None:
-        """Log words about points, some at each time."""
-        import rerun as rr
-
-        style = rr.Points2D.from_fields(
-            colors=colour, radii=0.0, show_labels=True, draw_order=_ORDER[path]
-        )
-        self._timeline.static(path, style)
-        flat = [one for row in rows for one in row]
-        places = np.array([place for place, _ in flat], np.float32).reshape(-1, 2)
-        columns = rr.Points2D.columns(positions=places, labels=[text for _, text in flat])
-        self._timeline.send(path, times, columns.partition([len(row) for row in rows]))
+class _Drawing(Sketch):
+    """Draws shots in 2-D views."""
 
     def section(self, shot: Shot, begins_ns: int) -> None:
         """Log the section of a shot."""
         title = "Section of the shot at the cursor [ms]: × pick"
         if shot.truth:
             title += f", red if over {TOLERANCE_MS:g} ms off; + truth"
-        self._timeline.declare(Entity(SECTION, "section", title))
+        self.timeline.declare(Entity(SECTION, "section", title))
         if not shot.names:
             return
         when, end_ms = [begins_ns], shot.ends_ms()
@@ -466,17 +402,17 @@ class _Drawing:
         shot.signal, shot.drawn = None, len(shot.picks)
         marks = ticks(end_ms)
         grid: list[Line] = [[(0.0, down * m), (WIDE, down * m)] for m in marks]
-        self._lines(f"{SECTION}/grid", when, [grid], FAINT, -0.5)
+        self.lines(f"{SECTION}/grid", when, [grid], FAINT, -0.5)
         at_side = [((-6.0, down * m - LABEL_UP), f"{m:g}") for m in marks]
-        self._words(f"{SECTION}/time", when, [at_side], OUTLINE)
+        self.words(f"{SECTION}/time", when, [at_side], OUTLINE)
         named = range(0, len(base), -(-len(base) // MOST_LABELS))
         heads = [((float(base[i]), -13.5), shot.names[i]) for i in named]
-        self._words(f"{SECTION}/geophones", when, [heads], TRACE)
+        self.words(f"{SECTION}/geophones", when, [heads], TRACE)
         if shot.place is not None:
             far = [((float(base[i]), -6.5), f"{round(float(shot.along[i]), 1):+g}") for i in named]
-            self._words(f"{SECTION}/offsets", when, [far], OUTLINE)
+            self.words(f"{SECTION}/offsets", when, [far], OUTLINE)
             at = float(np.interp(0.0, shot.along, base, left=0.0, right=WIDE))  # also beside it
-            self._lines(f"{SECTION}/shot", when, [[[(at, 0.0), (at, HIGH)]]], IMPACT, -0.9)
+            self.lines(f"{SECTION}/shot", when, [[[(at, 0.0), (at, HIGH)]]], IMPACT, -0.9)
         self._marks(shot, when, dict(zip(shot.names, base.tolist(), strict=True)), down)
 
     def _traces(self, shot: Shot, when: Sequence[int], base: Array) -> None:
@@ -485,11 +421,11 @@ class _Drawing:
             return
         end_ms = shot.end_ms
         seen = shot.signal[0] <= end_ms
-        times, values = thinned(shot.signal[0][seen], scaled(shot.signal[1][seen]))
+        times, values = thinned(shot.signal[0][seen], scaled(shot.signal[1][seen]), MOST_SAMPLES)
         down, reach = times * HIGH / end_ms, DEFLECTION * WIDE / (len(base) + 1.0)
         swung = base + reach * values
         wiggles: list[Line] = [np.stack([trace, down], axis=1) for trace in swung.T]
-        self._lines(f"{SECTION}/wiggle", when, [wiggles], TRACE, -0.6)
+        self.lines(f"{SECTION}/wiggle", when, [wiggles], TRACE, -0.6)
         channel, row = np.nonzero(values.T > 0.03)
         fills = np.stack(
             [
@@ -499,34 +435,28 @@ class _Drawing:
             axis=1,
         )
         half = 0.85 * HIGH / len(times)
-        self._lines(f"{SECTION}/area", when, [list(fills)], _AREA, half)
+        self.lines(f"{SECTION}/area", when, [list(fills)], _AREA, half)
 
     def _marks(self, shot: Shot, when: Sequence[int], x: Mapping[str, float], down: float) -> None:
         """Log picks with what they claim, true arrivals, and the error between them."""
-        import rerun as rr
-
         wrong, at = set(shot.wrong), {n: p for n, p in shot.picks.items() if n in x}
         y = {name: down * shot.after_ms(pick.time_ns) for name, pick in at.items()}
         true = {n: down * shot.after_ms(t) for n, t in shot.truth.items() if n in x}
         claims = {n: down * 1e3 * p.uncertainty_s for n, p in at.items() if p.uncertainty_s > 0}
         spread: list[Line] = [[(x[n], y[n] - c), (x[n], y[n] + c)] for n, c in claims.items()]
-        self._lines(f"{SECTION}/claim", when, [spread], ACCEPTED, -0.7)
+        self.lines(f"{SECTION}/claim", when, [spread], ACCEPTED, -0.7)
         error: list[Line] = [[(x[n], y[n]), (x[n], true[n])] for n in wrong]
-        self._lines(f"{SECTION}/error", when, [error], MISSED, -1.2)
+        self.lines(f"{SECTION}/error", when, [error], MISSED, -1.2)
         for what, colour, half, names in (
             ("pick", ACCEPTED, 1.5, [n for n in y if n not in wrong]),
             ("wrong", MISSED, 2.0, [n for n in y if n in wrong]),
         ):
             drawn = crosses([(x[n], y[n]) for n in names], half, upright=False)
-            self._lines(f"{SECTION}/{what}", when, [drawn], colour, -1.5)
+            self.lines(f"{SECTION}/{what}", when, [drawn], colour, -1.5)
         drawn = crosses([(x[n], t) for n, t in true.items()], 1.7, upright=True)
-        self._lines(f"{SECTION}/truth", when, [drawn], TRUTH, -1.0)
-        path = f"{SECTION}/lost"
-        style = rr.Points2D.from_fields(colors=NOT_PICKED, radii=-4.5, draw_order=_ORDER[path])
-        self._timeline.static(path, style)
-        lost = np.array([(x[n], true[n]) for n in shot.lost], np.float32).reshape(-1, 2)
-        columns = rr.Points2D.columns(positions=lost).partition([len(lost)])
-        self._timeline.send(path, when, columns)
+        self.lines(f"{SECTION}/truth", when, [drawn], TRUTH, -1.0)
+        lost = [(x[n], true[n]) for n in shot.lost]
+        self.points(f"{SECTION}/lost", when, [lost], NOT_PICKED, -4.5)
 
     def travel_times(self, shots: Sequence[tuple[Shot, int]]) -> None:
         """Log travel times over the distance from the shot: of all shots, and of the one now."""
@@ -535,10 +465,10 @@ class _Drawing:
         unit = "offset [m]" if any(s.place for s, _ in shots) else "channel"
         title = f"Travel times [ms] over {unit}: this shot bold, the others grey"
         axes = _Axes.of([shot for shot, _ in shots])
-        self._timeline.declare(Entity(TRAVEL, "travel", title))
+        self.timeline.declare(Entity(TRAVEL, "travel", title))
         across, up = axes.grid()
         grid = rr.LineStrips2D([*across, *up], colors=FAINT, radii=-0.5, draw_order=-5.0)
-        self._timeline.static(f"{TRAVEL}/grid", grid)
+        self.timeline.static(f"{TRAVEL}/grid", grid)
         words = axes.words()
         scale = rr.Points2D(
             [place for place, _ in words],
@@ -547,14 +477,14 @@ class _Drawing:
             radii=0.0,
             colors=OUTLINE,
         )
-        self._timeline.static(f"{TRAVEL}/scale", scale)
+        self.timeline.static(f"{TRAVEL}/scale", scale)
         curves = [axes.curves(shot) for shot, _ in shots]
         flat = [curve for own in curves for curve in own]
         if flat:
             all_of = rr.LineStrips2D(strips_of(flat), colors=_BESIDE, radii=-0.6, draw_order=1.0)
-            self._timeline.static(f"{TRAVEL}/others", all_of)
+            self.timeline.static(f"{TRAVEL}/others", all_of)
         times = [begins for _, begins in shots]
-        self._lines(f"{TRAVEL}/now", times, curves, TRACE, -1.3)
+        self.lines(f"{TRAVEL}/now", times, curves, TRACE, -1.3)
         marks = [axes.marks(shot) for shot, _ in shots]
         for number, (what, colour, half, upright) in enumerate(
             (
@@ -564,18 +494,18 @@ class _Drawing:
             )
         ):
             rows = [crosses(list(own[number].values()), half, upright=upright) for own in marks]
-            self._lines(f"{TRAVEL}/{what}", times, rows, colour, -1.2)
+            self.lines(f"{TRAVEL}/{what}", times, rows, colour, -1.2)
         named = [_apart(shot, own[2]) for (shot, _), own in zip(shots, marks, strict=True)]
-        self._words(f"{TRAVEL}/names", times, named, MISSED)
+        self.words(f"{TRAVEL}/names", times, named, MISSED)
 
     def cards(self, times: Sequence[int], texts: Sequence[str]) -> None:
         """Log what became of each shot in words."""
         import rerun as rr
 
-        self._timeline.declare(Entity(PICKS, "shot", "Picks of this shot"))
+        self.timeline.declare(Entity(PICKS, "shot", "Picks of this shot"))
         types = ["text/markdown"] * len(texts)
         columns = rr.TextDocument.columns(text=list(texts), media_type=types)
-        self._timeline.send(PICKS, list(times), columns)
+        self.timeline.send(PICKS, list(times), columns)
 
     def overview(self, shots: Sequence[Shot], span_ns: tuple[int, int]) -> None:
         """Log how many picks of each shot are right and wrong, over the whole recording."""
@@ -583,20 +513,20 @@ class _Drawing:
 
         title = "Shots of the recording, yellow: ● right picks, × wrong or missing"
         most = max(len(shot.names) for shot in shots)
-        self._timeline.declare(Entity(SHOTS, "shots", title, top=1.05 * most))
+        self.timeline.declare(Entity(SHOTS, "shots", title, top=1.05 * most))
         off = rr.components.AggregationPolicy.Off
         for what, colour, values in (
             ("floor", OUTLINE, None),
             ("shot", IMPACT, [len(shot.names) for shot in shots]),
         ):
             style = rr.SeriesLines(colors=[colour], widths=1.5, names=what, aggregation_policy=off)
-            self._timeline.static(f"{SHOTS}/{what}", style)
+            self.timeline.static(f"{SHOTS}/{what}", style)
             if values is None:  # it keeps the axis to the recording
-                self._timeline.level(f"{SHOTS}/{what}", span_ns, 0.0)
+                self.timeline.level(f"{SHOTS}/{what}", span_ns, 0.0)
                 continue
             times = np.array([s.time_ns + k for s in shots for k in (0, 1, 2)])
             stems = np.array([v for value in values for v in (0.0, value, np.nan)])
-            self._timeline.scalars(f"{SHOTS}/{what}", times, stems[:, np.newaxis])
+            self.timeline.scalars(f"{SHOTS}/{what}", times, stems[:, np.newaxis])
         bad = [float(len(shot.wrong) + len(shot.lost)) for shot in shots]
         marks: tuple[tuple[str, int, Any, list[float]], ...] = (
             ("right", ACCEPTED, "circle", [float(shot.right) for shot in shots]),
@@ -604,9 +534,9 @@ class _Drawing:
         )
         for what, colour, shape, counts in marks:
             points = rr.SeriesPoints(colors=[colour], markers=shape, marker_sizes=5.0, names=what)
-            self._timeline.static(f"{SHOTS}/{what}", points)
+            self.timeline.static(f"{SHOTS}/{what}", points)
             at = [shot.time_ns for shot in shots]
-            self._timeline.scalars(f"{SHOTS}/{what}", at, np.array(counts)[:, np.newaxis])
+            self.timeline.scalars(f"{SHOTS}/{what}", at, np.array(counts)[:, np.newaxis])
 
 
 @dataclass(frozen=True, slots=True)

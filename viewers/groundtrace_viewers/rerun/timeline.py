@@ -62,7 +62,7 @@ class Entity:
         ``norm``, ``spectrogram``, ``tones``, ``section``, ``travel``, ``shot``, ``shots``,
         ``detector``, ``decision``, ``masses``, ``heading``, ``ratio``, ``road``, ``spectrum``,
         ``hodogram``, ``mark``, ``lane``, ``log``, ``table``, ``page``, ``map``, ``card``,
-        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``row``.
+        ``bars``, ``margins``, ``heading-error``, ``heading-gates``, ``dial``, ``row``, ``waves``.
     title
         Heading of its view.
     series
@@ -97,6 +97,8 @@ class Entity:
 SINGLES = "samples"
 #: Around a site, as parts of its extent: at the sides, and above and below.
 SIDE, MARGIN = 0.1, 0.16
+#: The key of a site goes this much beyond its sides.
+WIDER = 1.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,10 @@ class Bounds:
         (left, right), (low, high) = self.x, self.y
         extent = max((right - left) / (1 + 2 * SIDE), (high - low) / (1 + 2 * MARGIN))
         margin = MARGIN * extent
-        across = left + (right - left) * (np.arange(count) + 0.5) / count
+        # a view is wider than a site that is not: there is room for names beside it
+        spread = WIDER if right - left < WIDER * (high - low) else 1.0
+        part = (np.arange(count) + 0.5) / count - 0.5
+        across = (left + right) / 2 + spread * (right - left) * part
         up = (high if height > 0 else low) + (height - np.sign(height)) * margin
         return np.stack([across, np.full(count, up)], axis=1)
 
@@ -891,6 +896,9 @@ Spectrograms: time to the right, frequency upwards, lighter is louder.
 * Where a step is missed or false, the upper left says what was decided at the cursor, why, and \
 what mends it; bars show how far each gate was from its threshold. Missed steps are red bands, \
 false ones pink.
+* Waves of the step at the cursor: all channels scaled alike and cut. A green dot is a pick, a red \
+cross the best candidate of a channel that did not pick, a violet one the true arrival; at the \
+right is the value that the gate looks at.
 * Samples of fast signals that are not everywhere are where the lane `full-rate` says; there the \
 decision functions and the spectrogram of 3 ms are too. Elsewhere those plots are empty: \
 everything is in the recording, and `groundtrace replay --full-rate FROM-TO` shows another part.

@@ -26,6 +26,7 @@ from .site import SensorMap
 from .spectrogram import FineSpectrograms, SpectrogramViews
 from .vehicles import CourseView, LikelihoodView, PassView, PresenceLanes, RatioViews
 from .walk import AzimuthView, StreetMap, WalkMap
+from .waves import StepWaves
 from .wrong_decisions import WrongPasses, WrongSteps
 
 if TYPE_CHECKING:
@@ -57,6 +58,7 @@ _ORDER: tuple[type[View], ...] = (
     DetectorViews,  # draws what no view before it has taken
     PickView,
     StepView,
+    StepWaves,
     WrongSteps,
     WrongPasses,
     LossView,

@@ -416,7 +416,7 @@ def doublings(value: float, threshold: float, *, passed: bool) -> float:
 REACH = 2.0
 CARD, BARS, MARGINS = "/decision-at-cursor", "/gates-at-cursor", "/gates-over-time"
 #: Height of a row of bars, half a bar's width, half a bar's length, and where words stand.
-ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 20.0, 4.5, 45.0, -90.0, 88.0
+ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 20.0, 4.5, 45.0, -98.0, 98.0
 #: A label stands below its point: so much above the row it is centred on it.
 LABEL_UP = 8.0
 GROOVE = 0x23282EFF
@@ -515,8 +515,9 @@ class DecisionCard:
         self._timeline.send(path, times, columns.partition([len(row) for row in gates]))
 
 
-#: Radius of a ring about a sensor, and how far above it its verdict stands, as parts of the site.
-RING, ABOVE = 0.035, 0.085
+#: Radius of a ring about a sensor, how far above it its verdict stands, and how far below where the
+#: map's key is above, as parts of the site.
+RING, ABOVE, BELOW = 0.035, 0.085, 0.11
 VERDICTS = f"{SITE}/verdicts"
 
 
@@ -556,13 +557,19 @@ class SensorVerdicts:
         self._timeline.send(f"{VERDICTS}/rings", times, columns.partition(counts))
         words = rr.Points2D.from_fields(show_labels=True, radii=0.0)
         self._timeline.static(f"{VERDICTS}/words", words)
-        up = (0.0, ABOVE * self._extent)
         said = rr.Points2D.columns(
-            positions=np.array([ring.place for ring in shown], np.float32) + up,
+            positions=np.array([ring.place for ring in shown], np.float32)
+            + np.array([self._beside(ring.place) for ring in shown], np.float32),
             labels=[ring.text for ring in shown],
             colors=colours,
         )
         self._timeline.send(f"{VERDICTS}/words", times, said.partition(counts))
+
+    def _beside(self, place: tuple[float, float]) -> tuple[float, float]:
+        """Return where a verdict stands from its sensor: clear of its name and of the map's key."""
+        highest = max(y for _, y in self._place.values())
+        near_key = place[1] > highest - ABOVE * self._extent
+        return 0.0, (-BELOW if near_key else ABOVE) * self._extent
 
     def _rings(self, decision: Decision) -> list[Ring]:
         if not decision.silent:

@@ -1,0 +1,255 @@
+"""The waves of the step at the cursor: every channel, what was picked of it, and what was not.
+
+All are scaled alike and cut, by the channel in the middle, so that weak channels are seen to be
+weak beside the others of that step, and a soft step as large as a loud one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, StepEvent
+from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
+
+from .context import View
+from .sketch import Sketch, crosses, ticks
+from .timeline import ACCEPTED, FAINT, MISSED, OUTLINE, TRACE, TRUTH, Entity
+from .wrong_decisions import TOLERANCE_NS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from .context import ViewContext
+    from .timeline import Line
+
+    Array = NDArray[np.float64]
+
+WAVES = "/waves"
+#: What is shown before and after a step [ns], and how long before it the drawing is there.
+BEFORE_NS, AFTER_NS, AHEAD_NS = 20_000_000, 100_000_000, 60_000_000
+#: A pick so long before or after a step is of it [ns]. Chosen by judgement: a wave crosses a room
+#: in less.
+EARLY_NS, LATE_NS = 10_000_000, 60_000_000
+#: Width and height of the drawing, in units of its view.
+WIDE, HIGH = 280.0, 100.0
+#: Of more samples of a trace than this neighbours are averaged; of more steps than this only wrong
+#: ones are drawn, and of those so many.
+MOST_SAMPLES, MOST_STEPS = 240, 100
+#: The largest deflection in distances between traces; samples are kept in so many steps of it.
+DEFLECTION, LEVELS = 0.62, 127
+LABEL_UP = 4.0
+
+
+class Wave(NamedTuple):
+    """The waves of a step: times [ms after it], channels, and traces of shape (n, n_channels)."""
+
+    topic: str
+    names: list[str]
+    times: Array
+    values: NDArray[np.int8]
+
+
+class Heard(NamedTuple):
+    """What a channel had at a step: when [ns], the value of its gate, and whether it passed."""
+
+    time_ns: int
+    value: float
+    picked: bool
+
+
+def scaled(values: Array) -> NDArray[np.int8]:
+    """Return traces scaled to the channel in the middle and cut, in :data:`LEVELS` steps."""
+    swing = values - np.median(values, axis=0)
+    most = float(np.median(np.abs(swing).max(axis=0))) or 1.0
+    cut: NDArray[np.int8] = np.rint(np.clip(swing / most, -1.0, 1.0) * LEVELS).astype(np.int8)
+    return cut
+
+
+def averaged(times: Array, values: Array) -> tuple[Array, Array]:
+    """Return at most :data:`MOST_SAMPLES` samples, each the mean of neighbours: less noise."""
+    size = -(-len(times) // MOST_SAMPLES)
+    count = len(times) // size
+    kept: Array = values[: count * size].reshape(count, size, -1).mean(axis=1)
+    return times[: count * size].reshape(count, size).mean(axis=1), kept
+
+
+class StepWaves(View):
+    """The waves of every step, or of wrong ones, with picks, candidates below, and truth."""
+
+    def __init__(self, context: ViewContext) -> None:
+        self._context = context
+        labels = context.session.labels
+        self._true = np.unique([x.time_ns for x in labels if x.kind in ("step", "impact")])
+        self._next = 0
+        self._waves: dict[int, list[Wave]] = {}
+        self._found: list[int] = []
+        self._candidates: list[CandidateBlock] = []
+        self._streams: dict[str, list[int]] = {}
+
+    @staticmethod
+    def fits(context: ViewContext) -> bool:
+        """Whether steps in a room are replayed, and truth says when they were."""
+        known = any(x.kind in ("step", "impact") for x in context.session.labels)
+        return context.session.application == "room" and known
+
+    def signal(self, block: SignalBlock) -> None:
+        """Take a block: the waves of steps that end before its end are there."""
+        columns = block.stream.columns_of(SEISMIC_QUANTITIES)
+        if len(columns) < 2:
+            return
+        self._streams.setdefault(block.topic, columns)
+        while self._next < len(self._true):
+            time_ns = int(self._true[self._next])
+            if time_ns + AFTER_NS > block.end_ns:
+                break
+            self._keep(time_ns)
+            self._next += 1
+
+    def step(self, step: StepEvent) -> None:
+        """Take a step; of those that answer no true one the waves are kept as well."""
+        if not self._context.stages.decides("step", step):
+            return
+        self._found.append(step.time_ns)
+        if len(self._true) and np.abs(self._true - step.time_ns).min() > TOLERANCE_NS:
+            self._keep(step.time_ns)
+
+    def candidates(self, block: CandidateBlock) -> None:
+        """Keep what channels picked, and what they did not."""
+        if block.spec.emits == "pick" and block.spec.gates and block.spec.trace:
+            self._candidates.append(block)
+
+    def _keep(self, time_ns: int) -> None:
+        """Keep the waves of a step, of all streams that have some."""
+        for topic, columns in self._streams.items():
+            span = time_ns - BEFORE_NS, time_ns + AFTER_NS
+            piece = self._context.traces.between(topic, *span, columns)
+            if piece is None or len(piece[0]) < 2:
+                continue
+            channels = self._context.traces.blocks(topic, *span)[0].stream.channels
+            names = [channels[i].name for i in columns]
+            times, values = averaged((piece[0] - time_ns) / 1e6, piece[1])
+            self._waves.setdefault(time_ns, []).append(Wave(topic, names, times, scaled(values)))
+
+    def close(self) -> None:
+        """Draw them, where a stage finds steps."""
+        context, times = self._context, sorted(self._waves)
+        if context.stages.last("step") is None or not times:
+            return
+        if len(times) > MOST_STEPS:
+            times = [t for t in times if self._wrong(t)][:MOST_STEPS]
+        for number, time_ns in enumerate(times):
+            ahead = AHEAD_NS if not number else min(AHEAD_NS, (time_ns - times[number - 1]) // 2)
+            when = time_ns - ahead if number else min(context.span_ns[0], time_ns)
+            self._draw(time_ns, when)
+
+    def _wrong(self, time_ns: int) -> bool:
+        """Whether a true step was not found at its time, or a found one is none."""
+        found = np.array(self._found, np.int64)
+        near = len(found) and np.abs(found - time_ns).min() <= TOLERANCE_NS
+        return not near or time_ns not in self._true
+
+    def _heard(self, time_ns: int) -> dict[tuple[str, str], Heard]:
+        """Return what each topic and channel had at a step: its pick, else its best candidate."""
+        known: dict[tuple[str, str], Heard] = {}
+        for block in self._candidates:
+            first, last = np.searchsorted(block.time_ns, [time_ns - EARLY_NS, time_ns + LATE_NS])
+            for row in range(int(first), int(last)):
+                name = block.spec.topic, block.spec.channels[int(block.channel[row])]
+                value, picked = float(block.gate_value[row, 0]), bool(block.accepted[row])
+                before = known.get(name)
+                if before is None or (picked, value) > (before.picked, before.value):
+                    known[name] = Heard(int(block.time_ns[row]), value, picked)
+        return known
+
+    def _draw(self, time_ns: int, when_ns: int) -> None:
+        """Draw the waves of a step."""
+        waves, timeline = self._waves[time_ns], self._context.timeline
+        rows = [(wave, column) for wave in waves for column in range(len(wave.names))]
+        gate = self._candidates[0].spec.gates[0] if self._candidates else None
+        what = f"; {gate.name} of {gate.threshold:g} needed" if gate is not None else ""
+        title = f"Waves of the step at the cursor [ms]: ● pick × below + truth{what}"
+        timeline.declare(Entity(WAVES, "waves", title, len(rows)))
+        sketch, when = Sketch(timeline, _ORDER), [when_ns]
+        apart = HIGH / (len(rows) + 1.0)
+        height = {
+            (wave.topic, wave.names[column]): apart * (place + 1.0)
+            for place, (wave, column) in enumerate(rows)
+        }
+        lines: list[Line] = []
+        for wave, column in rows:
+            middle = height[wave.topic, wave.names[column]]
+            swing = wave.values[:, column].astype(np.float64) / LEVELS
+            down = middle - DEFLECTION * apart * swing
+            lines.append(np.stack([_across(wave.times), down], axis=1))
+        sketch.lines(f"{WAVES}/trace", when, [lines], TRACE, -0.7)
+        marks = ticks(AFTER_NS / 1e6)
+        at = [float(_across(np.array(m))) for m in marks if m <= AFTER_NS / 1e6]
+        grid: list[Line] = [[(x, 0.0), (x, HIGH)] for x in at]
+        sketch.lines(f"{WAVES}/grid", when, [grid], FAINT, -0.5)
+        below = [((x, HIGH - 1.0), f"{m:g}") for x, m in zip(at, marks, strict=False)]
+        sketch.words(f"{WAVES}/time", when, [below], OUTLINE)
+        self._draw_heard(sketch, when, time_ns, height)
+
+    def _draw_heard(
+        self,
+        sketch: Sketch,
+        when: list[int],
+        time_ns: int,
+        height: Mapping[tuple[str, str], float],
+    ) -> None:
+        """Draw what each channel had, its name and value, and the true arrivals."""
+        heard = self._heard(time_ns)
+        place = {
+            name: (float(_across(np.array((one.time_ns - time_ns) / 1e6))), height[name])
+            for name, one in heard.items()
+            if name in height
+        }
+        picked = [place[n] for n in place if heard[n].picked]
+        lost = [place[n] for n in place if not heard[n].picked]
+        sketch.points(f"{WAVES}/picked", when, [picked], ACCEPTED, -4.5)
+        sketch.lines(f"{WAVES}/below", when, [crosses(lost, 2.0, upright=False)], MISSED, -1.6)
+        of_step = {
+            x.channel: float(_across(np.array((x.time_ns - time_ns) / 1e6)))
+            for x in self._context.session.labels
+            if x.kind == "pick" and -BEFORE_NS <= x.time_ns - time_ns < LATE_NS
+        }
+        true = [(of_step[name], y) for (_, name), y in height.items() if name in of_step]
+        sketch.lines(f"{WAVES}/truth", when, [crosses(true, 2.6, upright=True)], TRUTH, -1.1)
+        for what, colour, wanted in (
+            ("yes", ACCEPTED, [n for n in height if n in heard and heard[n].picked]),
+            ("no", MISSED, [n for n in height if n not in heard or not heard[n].picked]),
+        ):
+            names = [((-12.0, height[n] - LABEL_UP), n[1]) for n in wanted]
+            values = [
+                (
+                    (WIDE + 12.0, height[n] - LABEL_UP),
+                    f"{heard[n].value:.3g}" if n in heard else "-",
+                )
+                for n in wanted
+            ]
+            sketch.words(f"{WAVES}/{what}", when, [names + values], colour)
+
+    kinds: ClassVar[Mapping[type[Any], Callable[[Any, Any], None]]] = {
+        SignalBlock: signal,
+        StepEvent: step,
+        CandidateBlock: candidates,
+    }
+
+
+def _across(times: Array) -> Array:
+    """Return where times are drawn [ms after the step]."""
+    part: Array = (times + BEFORE_NS / 1e6) / ((BEFORE_NS + AFTER_NS) / 1e6)
+    return WIDE * part
+
+
+#: What lies over what.
+_ORDER = {
+    f"{WAVES}/{name}": float(place)
+    for place, name in enumerate(
+        ("grid", "trace", "truth", "below", "picked", "time", "yes", "no"),
+    )
+}
