@@ -10,6 +10,7 @@ from command_runs import done, run
 
 import groundtrace as gt
 from groundtrace.pipeline.results import previous_results, read_results
+from groundtrace_codecs.recording import Recording
 from groundtrace_recordings import path_of
 
 Capture = pytest.CaptureFixture[str]
@@ -144,3 +145,62 @@ def test_python_replaces_and_keeps_as_the_command_does() -> None:
 )
 def test_what_is_kept_is_named_as_what_replaced_it(name: str, kept: str) -> None:
     assert previous_results(Path("folder") / name) == Path("folder") / kept
+
+
+@pytest.mark.parametrize(
+    ("out", "option"), [("shared", ()), ("s.zip", ("--zip",)), ("s.html", ("--single-file",))]
+)
+def test_what_was_shared_of_the_same_recording_is_replaced(
+    out: str, option: tuple[str, ...], capsys: Capture
+) -> None:
+    done(capsys, "replay", "walk.mcap", "--no-viewer")
+    done(capsys, "replay", "other.mcap", "--no-viewer")
+    for score in (0.3, 0.9):
+        done(capsys, "replay", "walk.mcap", "--no-viewer", "--set", f"steps.score={score}")
+        done(capsys, "share", RESULTS, "-o", out, *option)
+    error = run(capsys, "share", "other.results.mcap", "-o", out, *option).error
+    assert error == f"{out}: expected a new place, found an existing one; see --force"
+
+
+def test_figures_of_a_sweep_are_replaced_and_pipelines_that_people_edit_stay(
+    capsys: Capture,
+) -> None:
+    done(capsys, "replay", "walk.mcap", "--no-viewer")
+    done(capsys, "replay", "other.mcap", "--no-viewer")
+    sweep = ("sweep", RESULTS, "--grid", "steps.score=0.1:0.4:4", "--figure", "s.svg")
+    done(capsys, *sweep, "--write", "best.toml")
+    done(capsys, *sweep)
+    assert run(capsys, *sweep, "--write", "best.toml").error == f"best.toml: {REFUSED}"
+    other = ("sweep", "other.results.mcap", *sweep[2:])
+    assert run(capsys, *other).error == f"s.svg: {REFUSED}"
+
+
+def test_maps_of_a_layout_that_was_edited_are_replaced(capsys: Capture) -> None:
+    with Recording.open(path_of("room-walk.mcap")) as room:
+        assert room.geometry is not None
+        text = room.geometry.to_toml()
+    for name in ("room.toml", "room.toml", "hall.toml"):
+        Path(name).write_text(text, "utf-8")
+        text += "\n"
+        analyze = ("analyze", "room", name, "--lattice", 8, "--draws", 2, "--png", "room.png")
+        ran = run(capsys, *analyze, "--rrd", "maps.rrd")
+        assert ran.code == (0 if name == "room.toml" else 1), ran.err
+
+
+def test_folders_of_outputs_are_made(capsys: Capture) -> None:
+    done(capsys, "replay", "walk.mcap", "--out", "new/deep/walk.results.mcap")
+    assert Path("new/deep/walk.rrd").is_file()
+    done(capsys, "export", "new/deep/walk.results.mcap", "-o", "tables/all")
+    assert Path("tables/all").is_dir()
+    done(capsys, "share", "new/deep/walk.results.mcap", "-o", "for/bea")
+    assert Path("for/bea/index.html").is_file()
+
+
+def test_a_bundled_recording_is_meant_by_its_name_where_no_file_has_it(capsys: Capture) -> None:
+    assert done(capsys, "info", "waist-walk").out.startswith("waist-walk.mcap: 59.990 s")
+    done(capsys, "replay", "waist-walk", "--no-viewer", "--to", 5)
+    assert Path("waist-walk.results.mcap").is_file()
+    done(capsys, "cut", "waist-walk", "-o", "part.mcap", "--to", 3)
+    shutil.copy("walk.mcap", "waist-walk")
+    assert not done(capsys, "info", "waist-walk").out.startswith("waist-walk.mcap")
+    assert "found no such file" in run(capsys, "info", "a-walk").error

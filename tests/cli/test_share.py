@@ -201,7 +201,6 @@ def test_what_belongs_to_another_recording_is_refused(walk: Walk, capsys: Captur
             "there: expected a folder that groundtrace share wrote, found",
         ),
         (("-o", "secret-place", "--force"), "secret-place: expected a new place, found the one"),
-        (("-o", "none/out"), "none/out: expected an existing folder to write it in, found none"),
         (("-o", "out", "--zip"), "out: expected a name that ends in .zip, found out"),
         (("-o", "out", "--single-file"), "out: expected a name that ends in .html, found out"),
         (("-o", "o.zip", "--zip", "--single-file"), "--zip: expected it without --single-file"),

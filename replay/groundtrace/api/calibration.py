@@ -12,7 +12,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError
 from ..layout.attenuation import Attenuation, amplitudes, fit_attenuation, impacts_of
 from ..pipeline.results import RUN, read_results
-from .files import existing, unheard
+from .files import existing_file, existing_recording, named_recording, unheard
 from .known_truth import truth_beside, truth_of_recording
 from .progress import unseen
 
@@ -52,8 +52,12 @@ def attenuation_of(
     RecordingError
         Where there are no sensors, no impacts of known place, or they tell too little.
     """
-    with Recording.open(existing(path)) as opened:
-        site = Geometry.from_toml(existing(geometry, "a geometry")) if geometry else opened.geometry
+    with Recording.open(existing_recording(path)) as opened:
+        site = (
+            Geometry.from_toml(existing_file(geometry, "a geometry"))
+            if geometry
+            else opened.geometry
+        )
         impacts = impacts_of(truth_of_recording(opened, path, truth, report=report))
         if site is None or len(site.sensors) < 2:
             raise RecordingError(f"{path.name}: expected a geometry with sensors, found none")
@@ -99,7 +103,7 @@ def lengths_of(
     from ..inertial.length_calibration import calibrate_lengths, measured_steps
     from ..inertial.steps import ReckoningParameters
 
-    subject = _subject(existing(source), pipeline, None, unheard, progress)
+    subject = _subject(named_recording(source), pipeline, None, unheard, progress)
     steps = measured_steps(subject.replayed(subject.geometry or Geometry()))
     if not len(steps):
         raise RecordingError(
@@ -157,7 +161,7 @@ def calibration_of(
     """
     from ..layout.calibrate import Choices, calibrate_once, calibrate_replaying, calibrated_geometry
 
-    subject = _subject(existing(source), pipeline, truth, report, progress)
+    subject = _subject(named_recording(source), pipeline, truth, report, progress)
     site = subject.geometry if geometry is None else Geometry.from_toml(geometry)
     if site is None:
         raise RecordingError(

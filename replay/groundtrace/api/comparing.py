@@ -30,7 +30,7 @@ from ..explain.sweep import (
 from ..pipeline.config import build_pipeline, checked_pipeline, parse_pipeline
 from ..pipeline.results import RUN, evidence_of, provenance_in, read_results
 from .analysis import Comparison, Sweep
-from .files import existing, unheard
+from .files import OriginFile, existing_recording, unheard
 from .known_truth import truth_beside, truth_of_recording
 from .pipelines import setting_text
 from .progress import unseen
@@ -267,7 +267,7 @@ def config_of(inputs: Sequence[Path], pipeline: str | None) -> PipelineConfig:
         raise RecordingError("sweep: expected results or recordings, found none")
     if pipeline:
         return resolved(checked_pipeline(pipeline))
-    origins = {path: _origin(existing(path)) for path in inputs}
+    origins = {path: _origin(existing_recording(path)) for path in inputs}
     for path, origin in origins.items():
         if origin is None:
             raise RecordingError(
@@ -310,13 +310,18 @@ def subjects_of(
     """
     if truth is not None and len(inputs) > 1:
         raise RecordingError(f"--truth: expected one recording, found {len(inputs)}")
-    replayed = {path: _origin(existing(path)) is not None for path in inputs}
+    replayed = {path: _origin(existing_recording(path)) is not None for path in inputs}
     fresh = [path for path in inputs if not replayed[path]]
     measured = _measured(fresh, config, truth, jobs, report, progress) if fresh else {}
     read = {p: _read(p, truth, recordings, report) for p in inputs if replayed[p]}
     subjects = [measured[path] if path in measured else read[path] for path in inputs]
     check_subjects(subjects, config)
     return subjects
+
+
+def origin_of(path: Path) -> Provenance | OriginFile:
+    """Return the recording of results, or the recording that a file is."""
+    return _origin(path) or OriginFile(path)
 
 
 def _origin(path: Path) -> Provenance | None:

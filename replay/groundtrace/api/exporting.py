@@ -24,7 +24,7 @@ from ..export.base import (
     stage_of,
 )
 from ..pipeline.results import RUN, file_sha256, read_results
-from .files import existing, recording_of, unheard, writable
+from .files import existing_file, in_folder, recording_of, unheard, writable
 from .known_truth import annotations_to_show, truth_beside
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def export_file(
         report(f"warning: {trouble}")
     exporter = exporter_of(known, out, format_name)
     folder = is_folder(exporter, out)
-    existing(source, "results or a recording")
+    existing_file(source, "results or a recording")
     _check_target(out, [source, *([recording] if recording else [])], folder=folder, force=force)
     with ExitStack() as stack:
         opened = stack.enter_context(Recording.open(source))
@@ -111,12 +111,11 @@ def _check_target(out: Path, sources: Sequence[Path], *, folder: bool, force: bo
     if not folder:
         writable(out, force=force, sources=sources)
         return
-    if not out.resolve().parent.is_dir():
-        raise RecordingError(f"{out}: expected an existing folder to write it in, found none")
     if out.exists() and not out.is_dir():
         raise RecordingError(f"{out}: expected a folder, found a file")
     if out.exists() and not force:
         raise RecordingError(f"{out}: expected a new folder, found an existing one; see --force")
+    in_folder(out)
 
 
 def _material(

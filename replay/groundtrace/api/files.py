@@ -36,19 +36,43 @@ def unheard(_line: str) -> None:
     """Take a line that nobody reads."""
 
 
-def existing(path: Path, what: str = "a recording") -> Path:
+def existing_file(path: Path, what: str) -> Path:
     """Return a path that is a readable file, or a URL, which is known when it is opened.
 
     Raises
     ------
     RecordingError
-        Where there is no such file.
+        Where there is no such file; it says that ``what`` was expected.
     """
     if not (path.is_file() or is_url(path)):
         raise RecordingError(f"{path}: expected {what}, found no such file")
-    if what == "a recording" and not is_url(path):
+    return path
+
+
+def existing_recording(path: Path) -> Path:
+    """Return a path that may be a recording: a URL, or a file of no other tool.
+
+    Raises
+    ------
+    RecordingError
+        Where there is no such file, or it is of another tool; it names the command that takes it.
+    """
+    if not is_url(existing_file(path, "a recording")):
         _refuse_foreign(path)
     return path
+
+
+def named_recording(path: Path) -> Path:
+    """Return the recording that is meant: a file, a URL, or else a bundled one by its name.
+
+    Raises
+    ------
+    RecordingError
+        As :func:`existing_recording` does.
+    """
+    if path.is_file() or is_url(path) or path.name != str(path):
+        return existing_recording(path)
+    return _bundled(f"{path.name.removesuffix('.mcap')}.mcap") or existing_recording(path)
 
 
 #: What a timeline begins with. Source: the rerun file format, version 2.
@@ -132,7 +156,7 @@ def writable(
     sources: Sequence[Path] = (),
     of: Callable[[], Origin] | None = None,
 ) -> Path:
-    """Return a path that may be written while ``sources`` are read.
+    """Return a path that may be written while ``sources`` are read; its folder is made.
 
     Parameters
     ----------
@@ -149,18 +173,31 @@ def writable(
     Raises
     ------
     RecordingError
-        Where the file exists and may not be replaced, it is a folder, a device or one of
-        ``sources``, or its folder does not exist.
+        Where the file exists and may not be replaced, or it is a folder, a device or one of
+        ``sources``.
     """
-    if not path.resolve().parent.is_dir():
-        raise RecordingError(f"{path}: expected an existing folder, found none")
     if path.exists() and not path.is_file():  # a new file would take the place of a device
         found = "a folder" if path.is_dir() else "a device or pipe"
         raise RecordingError(f"{path}: expected a file to write, found {found}")
     if path.resolve() in (source.resolve() for source in sources):
         raise RecordingError(f"{path}: expected a new file, found the one that is read")
-    if path.exists() and not (force or (of is not None and _derived_from(path, of()))):
+    if path.exists() and not (force or (of is not None and derived_from(path, of()))):
         raise RecordingError(f"{path}: expected a new file, found an existing one; see --force")
+    return in_folder(path)
+
+
+def in_folder(path: Path) -> Path:
+    """Return a path whose folder there is: made, where there was none.
+
+    Raises
+    ------
+    RecordingError
+        Where something else has the name of a folder.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise RecordingError(f"{path}: expected a folder to write in, found a file") from None
     return path
 
 
@@ -178,8 +215,19 @@ def results_writable(path: Path, source: OriginFile, *, force: bool) -> Path:
     return path
 
 
-def _derived_from(path: Path, origin: Origin) -> bool:
-    """Whether a file is results, a timeline, a page or a figure of a recording."""
+def mark_of(origin: str) -> str:
+    """Return what a figure, page or archive says of what it is derived from.
+
+    Parameters
+    ----------
+    origin
+        The SHA-256 of a recording, or the timeline's id of a file that people edit.
+    """
+    return f"groundtrace recording {origin}"
+
+
+def derived_from(path: Path, origin: Origin) -> bool:
+    """Whether a file is results, a timeline, a page, an archive or a figure of a recording."""
     with path.open("rb") as file:
         ends = file.read(_ENDS)
         file.seek(max(0, path.stat().st_size - _ENDS))
@@ -211,7 +259,7 @@ def recording_of(results: Path, given: Path | None = None, report: Report = unhe
     """
     result = read_results(results, blocks=False)
     if given is not None:
-        if not _same(existing(given), result.provenance):
+        if not _same(existing_recording(given), result.provenance):
             raise RecordingError(
                 f"{given}: expected the recording that {results.name} is of, found other bytes"
             )

@@ -14,7 +14,7 @@ from groundtrace_codecs.truth import read_truth
 
 from ..errors import RecordingError
 from ..pipeline.results import RUN, file_sha256
-from .files import existing, unheard
+from .files import existing_file, unheard
 from .pipelines import fitting_pipeline
 from .progress import unseen
 
@@ -199,10 +199,10 @@ class ClockFinder:
         if where == "truth":
             found, origin = events.steps_of_labels(recording.labels, recording), "its truth"
         elif where is not None and where.endswith(".mcap"):
-            given = existing(Path(where), "results")
+            given = existing_file(Path(where), "results")
             found, origin = events.steps_of_results(given, recording), given.name
         elif where is not None:
-            given = existing(Path(where), "a truth CSV")
+            given = existing_file(Path(where), "a truth CSV")
             labels = read_truth(
                 given, start_ns=recording.start_ns, geometry=recording.geometry, labels=()
             )

@@ -12,6 +12,7 @@ from groundtrace_codecs.location import is_url
 from ..errors import RecordingError
 from ..evaluation.drawing import COLOURS, style
 from ..pipeline.results import atomic_write, recording_in
+from .files import mark_of
 from .recording import Recording, open_recording
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def save_figure(figure: Any, path: Path, sha256: str, dpi: float) -> None:
         Dots an inch, of PNG.
     """
     kind = path.suffix.lower()
-    told = {FORMATS[kind]: f"groundtrace recording {sha256}"} | _SAME.get(kind, {})
+    told = {FORMATS[kind]: mark_of(sha256)} | _SAME.get(kind, {})
     more = {"svg.hashsalt": sha256, "pdf.fonttype": 42}  # 42: letters stay letters
     with style(**more), atomic_write(path) as fresh:
         figure.savefig(fresh, dpi=dpi, metadata=told)

@@ -16,7 +16,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..errors import RecordingError
 from ..pipeline.results import RUN
-from .files import existing
+from .files import existing_file, named_recording
 from .inspection import examine
 from .tables import EventTable, html_table, rows_table, table_of
 
@@ -338,7 +338,7 @@ def open_recording(
     path = recordings.place(source)
     site = None
     if geometry is not None:
-        site = Geometry.from_toml(existing(Path(geometry), "a geometry TOML"))
+        site = Geometry.from_toml(existing_file(Path(geometry), "a geometry TOML"))
     with File.open(path, strict=strict) as file:
         if RUN in file.metadata:
             raise RecordingError(
@@ -393,10 +393,7 @@ class Recordings:
         Error
             Where there is none.
         """
-        path = Path(Location(source))
-        if not path.is_file() and str(source) in self.names:
-            return self.get(str(source))
-        return existing(path)
+        return named_recording(Path(Location(source)))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)

@@ -38,7 +38,7 @@ from ..pipeline.results import (
     replayed_labels,
 )
 from ..pipeline.source import Source
-from .files import existing, unheard
+from .files import existing_file, existing_recording, named_recording, unheard
 from .known_truth import annotations_to_show, truth_beside
 from .pipelines import default_pipeline
 
@@ -100,8 +100,10 @@ def replay_to_files(
         As :func:`replay` does, and where there is no viewer.
     """
     asked = checked_pipeline(str(pipeline))
-    site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
-    with File.open(existing(recording)) as file:
+    site = (
+        None if geometry is None else Geometry.from_toml(existing_file(geometry, "a geometry TOML"))
+    )
+    with File.open(named_recording(recording)) as file:
         file.geometry = site or file.geometry
         plan = PlannedReplay.of(file, recording, prepared(asked, file), from_s, to_s, report)
         shown = load("sinks", "rerun")(
@@ -312,7 +314,7 @@ def growing(path: Path, stop: Stop, report: Report = unheard) -> Iterator[LiveRe
         source = PipeBytes(open(0, "rb", buffering=0, closefd=False), "standard input")  # noqa: SIM115
     else:
         partial = path.with_name(f"{path.name}.partial")
-        source = GrowingFile(partial if partial.is_file() else existing(path))
+        source = GrowingFile(partial if partial.is_file() else existing_recording(path))
     with LiveRecording.open(source, stop, report) as live:
         yield live
 

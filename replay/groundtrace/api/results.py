@@ -22,7 +22,7 @@ from ..pipeline.engine import EventList
 from ..pipeline.results import Results as Decided
 from ..pipeline.results import ResultsSink, given_to, read_results, replayed_labels
 from .analysis import Explanation, Miss, evidence_with, misses_of
-from .files import OriginFile, existing, results_writable
+from .files import OriginFile, existing_file, results_writable
 from .known_truth import scored_truth_of
 from .pipelines import Pipeline, default_pipeline, with_parameters
 from .recording import Recording, open_recording, recordings
@@ -349,7 +349,7 @@ def load_results(path: str | Path) -> Results:
     >>> gt.load("walk.results.mcap").score().f1 == written.score().f1
     True
     """
-    file = existing(Path(path), "results")
+    file = existing_file(Path(path), "results")
     decided = read_results(file)
     return Results(decided, decided.provenance.beside(file), file)
 

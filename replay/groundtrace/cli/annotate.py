@@ -12,7 +12,7 @@ from cyclopts import Parameter, validators
 from ..annotate.agreement import conflicts as conflicts_of
 from ..annotate.changes import Changes, Done, Words, changed, document, unchanged
 from ..annotate.store import AUTHOR, named
-from ..api.files import existing, writable
+from ..api.files import existing_file, existing_recording, writable
 from ..errors import AnnotationError
 from ..pipeline.config import checked_pipeline
 from .console import print_json, print_line, print_stderr, print_table, progress
@@ -105,7 +105,7 @@ def annotate(
     json
         Print one JSON document; --merge takes it.
     """
-    path = existing(recording)
+    path = existing_recording(recording)
     if commit != (out is not None):
         found = "--commit alone" if commit else "--out alone"
         raise AnnotationError(f"--commit: expected it together with --out FILE, found {found}")
@@ -141,7 +141,7 @@ def _server() -> Any:
 def _results(path: Path, given: Path | None) -> Path | None:
     """Return the results to show: those given, or those that replay leaves."""
     if given is not None:
-        return existing(given, "results")
+        return existing_file(given, "results")
     name = f"{path.stem}.results.mcap"
     return next((p for p in (path.with_name(name), Path(name)) if p.is_file()), None)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 from ..api.doctor import Health, Installation, Place, health_of, inspect_installation
-from ..api.files import existing, writable
+from ..api.files import named_recording, writable
 from ..errors import PluginError, UsageError
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
 from ..pipeline.parameters import describe
@@ -61,7 +61,7 @@ def doctor(
             raise UsageError("--repair: expected a recording to repair, found none")
         report = Report(installation=inspect_installation())
     else:
-        existing(recording)
+        recording = named_recording(recording)
         if repair is not None:
             writable(repair, force=force, sources=[recording])
         show = partial(progress, quiet=quiet)

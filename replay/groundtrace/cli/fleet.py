@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from ..api.files import existing, writable
+from ..api.files import existing_file, writable
 from ..errors import RecordingError, UsageError
 from ..fleet.engines import engine_of
 from ..fleet.report import MEASURES, change_cells, changes, fleet_page, groups_of, pairs_of
@@ -303,7 +303,7 @@ def fleet_report(
     old = None if against is None else read_table(against)
     if tags is not None and not group_by:
         raise UsageError("--tags: expected --group-by COLUMN with it, found none")
-    listed = None if tags is None else existing(tags, "a table of tags")
+    listed = None if tags is None else existing_file(tags, "a table of tags")
     groups = groups_of(fleet, group_by, listed) if group_by else None
     least = _least(matters or [])
     found = [] if old is None else changes(old, fleet, groups, least)

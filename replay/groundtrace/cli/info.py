@@ -11,7 +11,7 @@ from groundtrace_codecs.location import is_url
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.files import existing
+from ..api.files import named_recording
 from ..api.inspection import examine, summary
 from ..explain.suitability import SIGNALS
 from ..pipeline.config import parse_pipeline
@@ -50,7 +50,7 @@ def info(
         Read the summary and no signal: nothing is said of gaps, units, faults and placements. So
         it is for a URL.
     """
-    existing(recording)
+    recording = named_recording(recording)
     with Recording.open(recording) as opened:
         size = opened.file.size
         origin = provenance_in(opened, recording.name) if _is_result(opened) else None

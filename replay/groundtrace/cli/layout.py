@@ -14,12 +14,12 @@ from cyclopts import Parameter, validators
 from groundtrace_codecs.geometry import Geometry
 
 from ..api.calibration import attenuation_of, calibration_of, lengths_of
-from ..api.files import existing, writable
+from ..api.files import OriginFile, existing_file, mark_of, writable
 from ..errors import UsageError
 from ..layout.report import NAMES, assumed, findings, report
 from ..pipeline.config import checked_pipeline
 from ..pipeline.plugins import load
-from ..pipeline.results import write_text
+from ..pipeline.results import timeline_id, write_text
 from .console import print_json, print_line, print_stderr, print_table, progress, where_to_show
 from .options import FLAG, POSITIVE, Force, ForceOutputs, Json, Spawn
 
@@ -70,14 +70,14 @@ def room(
     """
     from ..layout.analysis import Settings, analyze_room, layout_of
 
+    fallback = Path(f"{geometry.stem}.analysis.rrd")
+    checked = partial(writable, force=force, sources=[geometry], of=lambda: OriginFile(geometry))
     if png is not None:
-        writable(png, force=force, sources=[geometry])
+        checked(png)
         if png.suffix.lower() != ".png":
             raise UsageError(f"{png}: expected a name that ends in .png, found {png.name}")
-    fallback = Path(f"{geometry.stem}.analysis.rrd")
-    checked = partial(writable, force=force, sources=[geometry])
     spawn, rrd = where_to_show(rrd, fallback, checked, spawn=spawn)
-    site = Geometry.from_toml(existing(geometry, "a geometry"))
+    site = Geometry.from_toml(existing_file(geometry, "a geometry"))
     layout, remarks = layout_of(site, geometry.name, sigma_ms * 1e-3, theta_s)
     how = Settings(lattice, draws, seed, localizer)
     with progress(100.0, "analysing", "%") as show:
@@ -88,7 +88,7 @@ def room(
         _print_room(found)
     for remark in remarks:
         print_stderr(f"remark: {remark}")
-    _write(found, png, rrd, spawn=spawn)
+    _write(found, png, rrd, mark_of(timeline_id(geometry.name)), spawn=spawn)
 
 
 def _print_room(found: RoomAnalysis) -> None:
@@ -109,11 +109,13 @@ def _print_sensors(document: RoomReport) -> None:
     print_table(("sensor", "x [m]", "y [m]", *NAMES.values()), rows)
 
 
-def _write(found: RoomAnalysis, png: Path | None, rrd: Path | None, *, spawn: bool) -> None:
+def _write(
+    found: RoomAnalysis, png: Path | None, rrd: Path | None, mark: str, *, spawn: bool
+) -> None:
     if png is not None:
         from ..layout.report import save
 
-        save(found, png)
+        save(found, png, mark)
         print_stderr(f"figure: {png}")
     if rrd is not None or spawn:
         load("views", "room-analysis")(found, path=rrd, spawn=spawn)

@@ -13,7 +13,7 @@ from groundtrace_codecs.merge import SHARED_TOPICS, check_topics
 from groundtrace_codecs.merge import merge as merge_files
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.files import existing, writable
+from ..api.files import named_recording, writable
 from ..api.merging import (
     Align,
     ClockFinder,
@@ -92,7 +92,8 @@ def merge(
     pipelines = keys.by_file("--pipeline", pipeline or ())
     for name in pipelines.values():
         checked_pipeline(name)
-    writable(out, force=force, sources=[existing(path) for path in sources])
+    sources = tuple(named_recording(path) for path in sources)
+    writable(out, force=force, sources=sources)
     with ExitStack() as opened:
         recordings = [opened.enter_context(open_unreplayed(path)) for path in sources]
         if undo:

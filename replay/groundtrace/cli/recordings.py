@@ -15,7 +15,7 @@ from groundtrace_codecs.importers.run import check_needs_map, import_recording
 from groundtrace_codecs.mcap.writer import CHUNK_BYTES
 
 from ..api.exporting import cut_span, export_file
-from ..api.files import existing, writable
+from ..api.files import existing_file, named_recording, writable
 from ..errors import UsageError
 from ..export.base import Origin
 from ..pipeline.results import write_text
@@ -119,7 +119,7 @@ def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:
 
     if len(sources) != 1:
         raise UsageError(f"import --guess: expected one table, found {len(sources)} files")
-    table = existing(sources[0], "a table")
+    table = existing_file(sources[0], "a table")
     check_needs_map(table)
     written = out or table.with_name(f"{table.name}.map.toml")
     writable(written, force=force, sources=sources)
@@ -168,7 +168,8 @@ def cut_(
     to
         Where it ends [s since the first sample]; a sample at this time is not in it.
     """
-    writable(out, force=force, sources=[existing(recording)])
+    recording = named_recording(recording)
+    writable(out, force=force, sources=[recording])
     found = cut_span(recording, out, from_ or 0.0, to, force=force)
     return _report(recording, out, found, json=json)
 
@@ -199,7 +200,8 @@ def filter_(
     """
     if not (topic or without):
         raise UsageError("filter: expected --topic or --without, found neither")
-    writable(out, force=force, sources=[existing(recording)])
+    recording = named_recording(recording)
+    writable(out, force=force, sources=[recording])
     found = filter_topics(recording, out, topic or (), without or (), force=force)
     return _report(recording, out, found, json=json)
 
@@ -230,7 +232,8 @@ def convert(
     block_ms
         Length of the messages of fast signals [ms]; without it every message stays as it is.
     """
-    writable(out, force=force, sources=[existing(recording)])
+    recording = named_recording(recording)
+    writable(out, force=force, sources=[recording])
     with progress(None, "copying", quiet=quiet) as show:
         found = convert_file(
             recording,

@@ -17,7 +17,7 @@ from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
-from ..api.files import OriginFile, existing, results_writable, writable
+from ..api.files import OriginFile, existing_file, named_recording, results_writable, writable
 from ..api.replay import (
     STANDARD_INPUT,
     PlannedReplay,
@@ -129,10 +129,12 @@ def replay(
         follow and (recording is None or partly or strict or at_miss is not None),
     )
     usage.check()
-    path = _bundled() if recording is None else recording if follow else existing(recording)
+    path = _bundled() if recording is None else recording if follow else named_recording(recording)
     shown: Any = None
     page: Any = None
-    site = None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry TOML"))
+    site = (
+        None if geometry is None else Geometry.from_toml(existing_file(geometry, "a geometry TOML"))
+    )
     with ExitStack() as held:
         live = held.enter_context(_followed(path)) if follow else None
         opened = live.head if live else held.enter_context(Recording.open(path, strict=strict))

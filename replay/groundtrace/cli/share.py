@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..api.files import existing, recording_of
+from ..api.files import existing_file, recording_of
 from ..errors import UsageError
 from ..pipeline.plugins import load
 from ..pipeline.results import read_results
@@ -46,15 +46,15 @@ def share(
     rrd
         A timeline that groundtrace replay wrote, instead of replaying the recording.
     force
-        Replace what was shared there before.
+        Replace what was shared there of another recording, too.
     """
     if zip_ and single_file:
         raise UsageError("--zip: expected it without --single-file, found both")
     form = "zip" if zip_ else "html" if single_file else "folder"
     if form != "folder" and out.suffix.lower() != f".{form}":
         raise UsageError(f"{out}: expected a name that ends in .{form}, found {out.name}")
-    existing(results, "results")
-    timeline = None if rrd is None else existing(rrd, "a viewer's file")
+    existing_file(results, "results")
+    timeline = None if rrd is None else existing_file(rrd, "a viewer's file")
     found = recording_of(results, recording, print_stderr)
     write = load("views", "share")
     options = {"light": light, "force": force, "report": print_stderr}

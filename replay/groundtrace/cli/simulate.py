@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.recording import Recording
 
-from ..api.files import existing, writable
+from ..api.files import existing_file, existing_recording, writable
 from ..errors import SimulationError
 
 # the names of choices (PlacementName and others) are read at run time, by the command line
@@ -150,7 +150,9 @@ def room(
         rate_hz=rate_hz,
         steps=steps,
         snr=snr,
-        geometry=None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry")),
+        geometry=None
+        if geometry is None
+        else Geometry.from_toml(existing_file(geometry, "a geometry")),
         side_m=_sides(side_m) if side_m else None,
         thickness_m=thickness_m,
         dispersion_m2s=dispersion_m2s,
@@ -262,7 +264,7 @@ def walk(
         raise SimulationError(
             "--steps-of: expected no --path, --types, --with-idle or --duration-s with it"
         )
-    walked = _walked(existing(steps_of))
+    walked = _walked(existing_recording(steps_of))
     clock = ClockError(clock_ahead_s, clock_drift_ppm)
     store(simulate_same_walk(walked, options, clock), out, force=force)
 
@@ -418,7 +420,9 @@ def vehicle(
         duration_s=duration_s,
         rate_hz=rate_hz,
         layout=layout,
-        geometry=None if geometry is None else Geometry.from_toml(existing(geometry, "a geometry")),
+        geometry=None
+        if geometry is None
+        else Geometry.from_toml(existing_file(geometry, "a geometry")),
         stations=stations,
         spacing_m=spacing_m,
         components=components,

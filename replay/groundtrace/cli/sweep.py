@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter, validators
 
-from ..api.files import writable
+from ..api.files import mark_of, writable
 from ..pipeline.results import write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
 from .options import AT_LEAST_ONE, FLAG, POSITIVE, ForceOutputs, Json, Texts, Truth
@@ -64,14 +64,17 @@ def sweep(
     jobs
         Processes for measuring; as many as there are processors without it.
     """
-    from ..api.comparing import SweepPlan, best_recipe, config_of, subjects_of
+    from ..api.comparing import SweepPlan, best_recipe, config_of, origin_of, subjects_of
     from ..explain.redecide import make_grid, parse_axis
 
     config = config_of(inputs, pipeline)
     asked = make_grid([parse_axis(text, config) for text in grid or []], random, seed)
-    for path in (write, figure):
-        if path is not None:
-            writable(path, force=force, sources=[*inputs, *(recording or [])])
+    sources = [*inputs, *(recording or [])]
+    first = origin_of(inputs[0])
+    if write is not None:
+        writable(write, force=force, sources=sources)
+    if figure is not None:
+        writable(figure, force=force, sources=sources, of=lambda: first)
     processes = jobs or os.cpu_count() or 1
     subjects = subjects_of(
         inputs, config, truth, recording or [], processes, print_stderr, progress
@@ -83,7 +86,8 @@ def sweep(
     if figure is not None:
         from ..explain.sweep_plots import sweep_figure
 
-        write_text(figure, sweep_figure(counted, ranking))
+        drawn = sweep_figure(counted, ranking)
+        write_text(figure, f"{drawn}\n<!-- {mark_of(first.sha256)} -->\n")
     if json:
         print_json(ranking)
     else:

@@ -313,7 +313,7 @@ LEAST_SCALE = 0.1
 ORANGE, BLUE, INK = "#d55e00", "#0072b2", "#1b2028"
 
 
-def save(found: RoomAnalysis, path: Path) -> None:
+def save(found: RoomAnalysis, path: Path, mark: str) -> None:
     """Write the figure.
 
     Parameters
@@ -322,10 +322,12 @@ def save(found: RoomAnalysis, path: Path) -> None:
         The analysis.
     path
         The PNG to write.
+    mark
+        What its metadata says of where it comes from.
     """
     # without pyplot there is no window and no state that figures share
     with atomic_write(path) as fresh:
-        room_figure(found).savefig(fresh)
+        room_figure(found).savefig(fresh, metadata={"Description": mark})
 
 
 def room_figure(found: RoomAnalysis) -> Figure:

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from groundtrace.annotate.agreement import item_of, to_json
-from groundtrace.api.files import unheard
+from groundtrace.api.files import derived_from, in_folder, mark_of, unheard
 from groundtrace.api.replay import replay_to_files
 from groundtrace.evaluation.score_page import score_page
-from groundtrace.pipeline.results import atomic_write, read_results
+from groundtrace.pipeline.results import atomic_write, provenance_of, read_results
 from groundtrace.scratch import scratch_folder
 from groundtrace_codecs.events import Fix, Pick, StepEvent, TrackPoint
 
@@ -75,7 +75,7 @@ def share_view(
     light
         Leave the samples of fast signals out.
     force
-        Replace what was shared there before.
+        Replace what was shared there of another recording, too.
     report
         Told what a person should know of it.
 
@@ -87,26 +87,31 @@ def share_view(
     if form not in FORMS:
         raise ViewerError(f"form: expected one of {', '.join(FORMS)}, found {form!r}")
     used = [path for path in (results, recording, rrd) if path is not None]
-    _check_target(out, form == "folder", force, used)
+    _check_target(out, form == "folder", force or _is_shared(out, results), used)
     sources = sources_of(results, recording, report)
-    with atomic_write(out) as fresh:
+    mark = mark_of(sources.results.provenance.sha256)
+    with atomic_write(in_folder(out)) as fresh:
         folder = fresh if form == "folder" else fresh.with_name(f"{fresh.name}.d")
         folder.mkdir()
         try:
             _fill(folder, sources, rrd, light, report, alone=form == "html")
             if form == "zip":
-                _pack(folder, out.stem, fresh)
+                _pack(folder, out.stem, fresh, mark)
             elif form == "html":
-                fresh.write_text(_one_page(folder, sources), "utf-8")
+                fresh.write_text(f"{_one_page(folder, sources)}<!-- {mark} -->\n", "utf-8")
         finally:
             if folder != fresh:
                 shutil.rmtree(folder)
 
 
+def _is_shared(out: Path, results: Path) -> bool:
+    """Whether something is what was shared before, of the same recording."""
+    page = out / "summary.html" if out.is_dir() else out
+    return page.is_file() and derived_from(page, provenance_of(results))
+
+
 def _check_target(out: Path, folder: bool, force: bool, used: Sequence[Path]) -> None:
     """Refuse to overwrite what was not asked for, or what nobody shared."""
-    if not out.resolve().parent.is_dir():
-        raise ViewerError(f"{out}: expected an existing folder to write it in, found none")
     for path in used:
         if out.resolve() in (path.resolve(), *path.resolve().parents):
             raise ViewerError(f"{out}: expected a new place, found the one that {path} is read at")
@@ -206,7 +211,7 @@ def _readme(sources: Sources) -> str:
     )
 
 
-def _pack(folder: Path, name: str, target: Path) -> None:
+def _pack(folder: Path, name: str, target: Path, mark: str) -> None:
     """Write a folder as an archive; members have no date, so that it says nothing of a clock."""
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
         for path in sorted(p for p in folder.rglob("*") if p.is_file()):
@@ -215,6 +220,7 @@ def _pack(folder: Path, name: str, target: Path) -> None:
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             with path.open("rb") as source, archive.open(entry, "w", force_zip64=True) as member:
                 shutil.copyfileobj(source, member, 1 << 20)
+        archive.comment = mark.encode()
 
 
 def _one_page(folder: Path, sources: Sources) -> str:
