@@ -35,6 +35,16 @@ check: dev
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/mypy
 	for system in win32 darwin; do $(BIN)/mypy --platform $$system --cache-dir .mypy_cache/$$system || exit; done
+	$(MAKE) --no-print-directory audit
+
+ADVISORIES := api.osv.dev
+audit: dev ## the dependencies that are installed, against known faults, where these can be asked for
+	@mkdir -p build; $(BIN)/pip freeze --quiet --exclude-editable > build/installed.txt
+	@if $(BIN)/python -c "import socket; socket.create_connection(('$(ADVISORIES)', 443), 5)" 2>/dev/null; then \
+	  $(PYTHON) -m venv build/audit && build/audit/bin/pip install --quiet pip-audit && \
+	  build/audit/bin/pip-audit --vulnerability-service osv --timeout 15 --progress-spinner off \
+	    --no-deps --disable-pip --requirement build/installed.txt; \
+	else echo "audit: $(ADVISORIES) cannot be reached: the dependencies were not audited"; fi
 
 compile: dev ## all kernels, once, before those who would compile them at the same time
 	$(BIN)/python -c "from groundtrace import kernels; [getattr(kernels, name) for name in kernels.__all__]"
@@ -42,6 +52,20 @@ compile: dev ## all kernels, once, before those who would compile them at the sa
 test: dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal
 	NUMBA_DISABLE_JIT=1 OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q tests/oracles # as plain Python
+
+# versions to try, and the tests that depend on the version most: files, commands, all pipelines
+PYTHONS := 3.11 3.12 3.13
+QUICK := tests/codecs tests/cli/test_command_line.py tests/cli/test_import.py tests/cli/test_json.py \
+  tests/test_*.py
+
+pythons: ## the quick tests on each version of Python that is here as pythonX.Y
+	@for version in $(PYTHONS); do \
+	  if ! python$$version -V >/dev/null 2>&1; then echo "python$$version: not here, not tried"; continue; fi; \
+	  echo "== $$(python$$version -V)"; venv=build/python-$$version; \
+	  python$$version -m venv $$venv && $$venv/bin/pip install --quiet --upgrade pip && \
+	  $$venv/bin/pip install --quiet --editable ".[seismic]" --group dev && \
+	  OMP_NUM_THREADS=1 $$venv/bin/python -m pytest -q -p no:cacheprovider $(QUICK) || exit 1; \
+	done
 
 golden: dev ## the golden events anew, after a change that is meant to change results
 	OMP_NUM_THREADS=1 $(BIN)/python tests/golden_events.py

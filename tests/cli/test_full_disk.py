@@ -11,6 +11,7 @@ import resource
 import shutil
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,6 +150,17 @@ def test_a_folder_that_a_full_disk_ends_does_not_appear(
         said = run(capsys, *command, RESULTS, "-o", "out").err.splitlines()
     assert said[-1] == f"groundtrace: out: {FULL}"
     assert {p.name for p in Path().iterdir()} == {"in"}
+
+
+@pytest.mark.usefixtures("_in_place")
+def test_an_import_whose_temporary_file_finds_no_room_is_one_line(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("groundtrace_codecs.importers.stored._IN_MEMORY", 1)
+    with no_more_than(100):
+        ran = run(capsys, *OUTPUTS["table.mcap"], "table.mcap")
+    assert ran.error == f"{tempfile.gettempdir()}: {FULL}"
+    assert not Path("table.mcap").exists()
 
 
 @pytest.mark.usefixtures("_in_place")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import tempfile
 from bisect import bisect_right
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -125,6 +126,15 @@ def _ranked(
     return low
 
 
+@contextmanager
+def _room() -> Iterator[None]:
+    """Say that there is no room where temporary files are, where the system refuses them."""
+    try:
+        yield
+    except OSError as error:
+        raise NoRoomError(Path(tempfile.gettempdir()), error.strerror) from error
+
+
 class Spool:
     """Rows of numbers in a temporary file, written once and read as often as wanted.
 
@@ -150,11 +160,9 @@ class Spool:
         """Add what follows, whole rows or the bytes of them."""
         if isinstance(content, np.ndarray):
             content = np.ascontiguousarray(content, self._dtype).data.cast("B")
-        try:
+        with _room():
             self._file.seek(self._bytes)
             self._file.write(content)
-        except OSError as error:
-            raise NoRoomError(Path(tempfile.gettempdir()), error.strerror) from error
         self._bytes += len(content)
 
     def __len__(self) -> int:
@@ -172,8 +180,9 @@ class Spool:
 
     def read(self, at: int, count: int) -> bytes:
         """Return bytes from a place on, fewer than wanted at the end."""
-        self._file.seek(at)
-        return self._file.read(count)
+        with _room():  # what is not on the disk yet goes there first
+            self._file.seek(at)
+            return self._file.read(count)
 
 
 class Pieces:

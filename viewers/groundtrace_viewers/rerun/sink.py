@@ -7,7 +7,9 @@ not grow with the recording.
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import sys
 import tempfile
 import threading
@@ -237,12 +239,20 @@ class RerunSink:
         client.set_time(TIMELINE, duration=since_s, play_state="paused")
 
 
+#: Whether files can be pipes; a test of the other way takes them away.
+PIPES = sys.platform != "win32"
+#: Room that is left on a disk when a file is given up [bytes], and how often it is looked for [s].
+#: Chosen by judgement: a timeline grows by less than 10 MB in such a time.
+_SPARE_BYTES, _LOOK_S = 1 << 25, 0.1
+
+
 class Outlet:
     """Where a stream of the viewer goes: into a file, to a viewer, or both.
 
     Where the disk is full, the thread by which the viewer writes files ends, and what waits for it
     waits for ever (rerun 0.41). So the viewer writes into a pipe that takes all there is, and a
-    thread of ours writes the file.
+    thread of ours writes the file. Where a system has no pipes among its files, the viewer writes,
+    and the thread takes the file away from it while the disk still has some room.
 
     Parameters
     ----------
@@ -274,14 +284,18 @@ class Outlet:
         self._path, self._name = path, name or path
         self._refused: OSError | None = None
         self._writer: threading.Thread | None = None
+        self._ended = threading.Event()
         if path is None:
             recording.set_sinks(*viewers)
             return
         with room_for(name or path, path):
             file = path.open("wb", buffering=0)
-        if sys.platform == "win32":  # it has no pipes among its files
+        if sys.platform == "win32" or not PIPES:
             file.close()
             recording.set_sinks(rr.FileSink(path), *viewers)
+            watched = (path.parent, viewers)
+            self._writer = threading.Thread(target=self._watch, args=watched, daemon=True)
+            self._writer.start()
             return
         with tempfile.TemporaryDirectory(prefix="groundtrace-") as folder:
             pipe = Path(folder) / "recording.rrd"
@@ -303,8 +317,18 @@ class Outlet:
                 except OSError as error:
                     self._refused = error
 
+    def _watch(self, folder: Path, viewers: tuple[rr.GrpcSink, ...]) -> None:
+        import rerun as rr
+
+        while shutil.disk_usage(folder).free > _SPARE_BYTES:
+            if self._ended.wait(_LOOK_S):
+                return
+        self._refused = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        self._recording.set_sinks(rr.FileSink(os.devnull), *viewers)
+
     def end(self) -> None:
         """End the stream; a file stays as far as it came."""
+        self._ended.set()
         self._recording.disconnect()
         if self._writer is not None:
             self._writer.join()
