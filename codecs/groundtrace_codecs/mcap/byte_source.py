@@ -187,13 +187,13 @@ def open_bytes(place: str | Path) -> FileBytes | RemoteBytes:
 class RemoteBytes:
     """A file behind a URL, read in ranges of whole blocks of which the last ones are kept.
 
+    Its SHA-256 is computed from what is read anyway; see `sha256`.
+
     Parameters
     ----------
     url
         What fsspec opens: ``s3://``, ``gs://``, ``https://``, ``memory://``, ...; secrets in it are
         not in `name`.
-    hashed
-        Compute the SHA-256 of the file from what is read anyway; see `sha256`.
 
     Attributes
     ----------
@@ -208,7 +208,7 @@ class RemoteBytes:
         Without fsspec.
     """
 
-    def __init__(self, url: str, *, hashed: bool = False) -> None:
+    def __init__(self, url: str) -> None:
         location = Location(url)
         self.name = str(location)
         self.fetched_bytes = self.requests = 0
@@ -219,7 +219,7 @@ class RemoteBytes:
         )
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._ahead, self._next = 1, -1
-        self._digest = hashlib.sha256() if hashed else None
+        self._digest = hashlib.sha256()
         self._hashed = 0
 
     def read_at(self, offset: int, length: int) -> bytes:
@@ -239,8 +239,6 @@ class RemoteBytes:
 
     def sha256(self) -> str:
         """Return the SHA-256 of the whole file; what was not read yet is fetched now."""
-        if self._digest is None:
-            raise ValueError("expected a source made with hashed=True")
         while self._hashed * BLOCK_BYTES < self.size:
             before = self._hashed
             self._blocks(before, before)
@@ -273,7 +271,7 @@ class RemoteBytes:
 
     def _hash(self) -> None:
         """Take the kept blocks that come next into the hash."""
-        while self._digest is not None and self._hashed in self._kept:
+        while self._hashed in self._kept:
             self._digest.update(self._kept[self._hashed])
             self._hashed += 1
 

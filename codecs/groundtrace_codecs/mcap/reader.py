@@ -195,8 +195,17 @@ class McapFile:
         return self._source.size
 
     def sha256(self) -> str:
-        """Return the SHA-256 of the bytes that are read here, whatever file has their name now."""
-        return sha256_of(self._source)
+        """Return the SHA-256 of the bytes that are read here, whatever file has their name now.
+
+        Of a remote file only what was not read yet is fetched.
+        """
+        source = self._source
+        return source.sha256() if isinstance(source, RemoteBytes) else sha256_of(source)
+
+    @property
+    def remote(self) -> bool:
+        """Whether the file is behind a URL: each of its bytes costs a transfer."""
+        return isinstance(self._source, RemoteBytes)
 
     @property
     def damage(self) -> tuple[Damage, ...]:
@@ -285,7 +294,7 @@ class McapFile:
 
     def reading_clock(self, channel_ids: Collection[int]) -> ReadingClock | None:
         """Return at what times some channels are to be read if a clock was set back, else None."""
-        near = not isinstance(self._source, RemoteBytes)
+        near = not self.remote
         return reading_clock(self._source, self._chunks, self._segments, channel_ids, near=near)
 
     def attachment(self, ref: AttachmentRef) -> bytes:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.events import Event, Gap, Note
+    from groundtrace_codecs.events import Event, Gap, Label, Note
     from groundtrace_codecs.mcap.follow import Growing
 
     from ..pipeline.engine import ReplayCounts, Sink
@@ -205,13 +205,16 @@ class PlannedReplay:
         return replace(self, ready=Prepared(chain, self.ready.asked, (), ()))
 
     def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
-        """Return where its results come from; ``arguments`` are those of the command."""
-        session, live = self.session, self.live
+        """Return where its results come from; ``arguments`` are those of the command.
+
+        Of a recording that grows or comes from elsewhere the bytes are known when it was read.
+        """
+        session = self.session
         return Provenance(
             recording=session.name,
-            sha256=self.recording.file.sha256() if live is None else live.sha256(),
+            sha256="" if self._known_late else self.recording.file.sha256(),
             start_ns=session.start_ns,
-            end_ns=session.end_ns if live is None else live.end_ns,
+            end_ns=session.end_ns,
             pipeline=session.pipeline,
             arguments=arguments,
             versions=package_versions(),
@@ -219,6 +222,26 @@ class PlannedReplay:
             to_ns=self.span[1],
             placements={s.topic: s.placement for s in session.streams if s.placement},
         )
+
+    @property
+    def _known_late(self) -> bool:
+        """Whether the recording's bytes are known only when it was read."""
+        return self.live is not None or self.recording.file.remote
+
+    def _complete(self, sinks: Sequence[Sink]) -> None:
+        """Let results say which bytes they are of, where these end, and what truth came late."""
+        if not self._known_late:
+            return
+        live = self.live
+        late: list[Label] = []
+        if live is not None:
+            early = set(live.head.labels)
+            late = [label for label in live.labels if label not in early]
+        sha256 = self.recording.file.sha256() if live is None else live.sha256()
+        end_ns = self.session.end_ns if live is None else live.end_ns
+        for sink in sinks:
+            if isinstance(sink, ResultsSink):
+                sink.complete(replace(sink.provenance, sha256=sha256, end_ns=end_ns), late)
 
     def run(
         self,
@@ -266,25 +289,13 @@ class PlannedReplay:
             loop = ReplayLoop(self.ready.chain, sinks, clock=clock, progress=reached)
             items = with_warnings(source, self.ready.looked_at)
             tally = loop.through(itertools.chain(self.ready.notes, items))
-            if self.live is not None:
-                _completed(sinks, self.live)
+            self._complete(sinks)
             done = True
             return tally
         finally:
             with ExitStack() as closing:  # each is closed, whatever comes of the others
                 for sink in reversed(sinks):
                     closing.callback(sink.close if done else getattr(sink, "abandon", sink.close))
-
-
-def _completed(sinks: Sequence[Sink], live: LiveRecording) -> None:
-    """Let results say which bytes they are of, where these end, and what truth came late."""
-    early = set(live.head.labels)
-    late = [label for label in live.labels if label not in early]
-    for sink in sinks:
-        if isinstance(sink, ResultsSink):
-            known = sink.provenance
-            known = replace(known, sha256=live.sha256(), end_ns=live.end_ns)
-            sink.complete(known, late)
 
 
 @contextmanager

@@ -432,7 +432,7 @@ def identity_of(task: Task) -> Identity:
         size = path.stat().st_size if content else 0
         return Identity(_key(task, content), content, size)
     try:
-        remote = RemoteBytes(task.location, hashed=True)
+        remote = RemoteBytes(task.location)
         end = remote.read_at(max(0, remote.size - _END_BYTES), _END_BYTES)
     except CodecError as error:
         return Identity(_key(task, ""), error=error_text(task, error))

@@ -102,7 +102,7 @@ def package_versions() -> dict[str, str]:
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, as hexadecimal digits; of a URL's, all are fetched."""
     if is_url(path):
-        return RemoteBytes(Location(path), hashed=True).sha256()
+        return RemoteBytes(Location(path)).sha256()
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

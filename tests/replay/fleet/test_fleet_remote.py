@@ -8,12 +8,13 @@ import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from command_runs import check_schema, done, run
+from command_runs import assert_same_decisions, check_schema, done, run
 from fleet_runs import Here, use
 from pyarrow import parquet
 from served_room import ROOM, Ranges, served_room
 
 from groundtrace.fleet.run import name_of, recordings_of
+from groundtrace.pipeline.results import provenance_of
 from groundtrace_codecs import CodecError, Recording
 from groundtrace_codecs.location import Location, as_url, is_url
 from groundtrace_codecs.mcap.byte_source import BLOCK_BYTES, RemoteBytes
@@ -47,7 +48,7 @@ def memory() -> Iterator[Any]:
 def test_every_read_gives_the_bytes_of_the_file_and_its_hash(memory: Any) -> None:
     data = hashlib.shake_256(b"some bytes").digest(5 * BLOCK_BYTES + 123)
     memory.pipe("/a.bin", data)
-    source = RemoteBytes("memory://a.bin", hashed=True)
+    source = RemoteBytes("memory://a.bin")
     size = len(data)
     spans = [(size - 10, 100), (0, 8), (BLOCK_BYTES - 3, 7), (0, size), (size, 5), (3, 0)]
     for offset, length in [*spans, (4 * BLOCK_BYTES + 1, BLOCK_BYTES)]:
@@ -57,7 +58,7 @@ def test_every_read_gives_the_bytes_of_the_file_and_its_hash(memory: Any) -> Non
 
 def test_the_hash_costs_no_second_reading(memory: Any) -> None:
     memory.pipe("/room.mcap", ROOM)
-    source = RemoteBytes("memory://room.mcap", hashed=True)
+    source = RemoteBytes("memory://room.mcap")
     with Recording.open(source) as recording:
         blocks = sum(1 for _ in recording.blocks())
         assert source.sha256() == hashlib.sha256(ROOM).hexdigest()
@@ -79,11 +80,15 @@ def test_replay_of_a_url_is_the_replay_of_its_file(
     served: str, capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    options = ("--no-viewer", "--to", 3, "--json", "--force")
-    remote = done(capsys, "replay", served, *options).document
-    local = done(capsys, "replay", path_of("room-walk.mcap"), *options).document
-    assert remote["samples"] == local["samples"]
-    assert remote["recording"] == local["recording"] == "room-walk.mcap"
+    options = ("--no-viewer", "--json")
+    remote = done(capsys, "replay", served, *options, "--out", "remote.mcap").document
+    assert len(ROOM) <= Ranges.sent < 1.1 * len(ROOM), "each byte is fetched once"
+    local = done(capsys, "replay", path_of("room-walk.mcap"), *options, "--out", "local.mcap")
+    assert remote["samples"] == local.document["samples"]
+    assert remote["recording"] == local.document["recording"] == "room-walk.mcap"
+    one, other = (provenance_of(tmp_path / name) for name in ("remote.mcap", "local.mcap"))
+    assert one.sha256 == other.sha256 == hashlib.sha256(ROOM).hexdigest()
+    assert_same_decisions(tmp_path / "remote.mcap", tmp_path / "local.mcap")
 
 
 def test_a_fleet_over_http_decides_what_it_decides_here(
