@@ -30,12 +30,12 @@ columns = [{columns}]
 """
 
 
-def blocks(rows: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield times [s], shape (n,), and counts of a digitiser, shape (n, CHANNELS)."""
+def blocks(rows: int, channels: int = CHANNELS) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield times [s], shape (n,), and counts of a digitiser, shape (n, channels)."""
     rng = np.random.default_rng(1)
     for start in range(0, rows, ROWS):
         index = np.arange(start, min(start + ROWS, rows))
-        yield index / RATE_HZ, np.rint(rng.normal(0, 300, (len(index), CHANNELS)))
+        yield index / RATE_HZ, np.rint(rng.normal(0, 300, (len(index), channels)))
 
 
 def the_map(path: Path, form: str, column: str) -> list[str]:
@@ -108,13 +108,12 @@ def miniseed(path: Path, size: float, *, by_channel: bool = True) -> list[str]:
     with path.open("wb") as file:
         for turn in range(CHANNELS if by_channel else 1):
             at = 0
-            for _, samples in blocks(rows):
-                for i in (turn,) if by_channel else range(CHANNELS):
+            for _, samples in blocks(rows, 1 if by_channel else CHANNELS):
+                for i, column in enumerate(samples.T.astype(np.int32), turn):
                     start = UTCDateTime(2026, 1, 1) + at / RATE_HZ
                     head = {"station": "A", "channel": f"Z{i:02d}", "starttime": start}
-                    data = samples[:, i].astype(np.int32)
                     out = io.BytesIO()
-                    trace = Trace(data, {**head, "sampling_rate": RATE_HZ})
+                    trace = Trace(column, {**head, "sampling_rate": RATE_HZ})
                     trace.write(out, format="MSEED", encoding="STEIM2", reclen=4096)
                     file.write(out.getvalue())
                 at += len(samples)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import threading
+import warnings
 import wave
 import zipfile
 from collections import Counter
@@ -18,7 +19,10 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 from mcap_files import CHUNKED, of_kind, opened, read, rows_of, small, write_recording
 from memory_bytes import MemoryBytes
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
+from seg2_files import write_shot
 
 from groundtrace.annotate.store import FORMAT, VERSION, Action, Change, Header, read_journal
 from groundtrace.cli.main import main
@@ -32,6 +36,8 @@ from groundtrace_codecs.importers.audio import AudioImporter
 from groundtrace_codecs.importers.guess import guess_map
 from groundtrace_codecs.importers.map import load_map
 from groundtrace_codecs.importers.phone import IndoorLocationImporter, PhoneImporter
+from groundtrace_codecs.importers.ros import RosImporter
+from groundtrace_codecs.importers.seismic import SeismicImporter
 from groundtrace_codecs.importers.tables import (
     DelimitedImporter,
     HdfImporter,
@@ -344,6 +350,58 @@ def _sidecars(folder: Path) -> list[bytes]:
     return [path.read_bytes()]
 
 
+def _traces(form: str, **more: Any) -> Callable[[Path], list[bytes]]:
+    """Return what writes 120 samples of a seismometer by ObsPy."""
+
+    def write(_: Path) -> list[bytes]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            from obspy import Trace, UTCDateTime
+
+            data = (300 * np.sin(np.arange(120))).astype(np.int32)
+            head = {"station": "A", "channel": "EHZ", "sampling_rate": 100.0}
+            out = io.BytesIO()
+            kind = np.float32 if form == "SAC" else np.int32
+            trace = Trace(data.astype(kind), {**head, "starttime": UTCDateTime(2026, 1, 1)})
+            trace.write(out, format=form, **more)
+        return [out.getvalue()]
+
+    return write
+
+
+def _shots(folder: Path) -> list[bytes]:
+    drawn = np.random.default_rng(1).integers(-99, 99, (20, 2)).astype("<i4")
+    places = {"receivers": ["0.0", "4.0"], "source": "-5.0"}
+    return [write_shot(folder / "1.dat", drawn, **places).read_bytes()]  # type: ignore[arg-type]
+
+
+def _bags(version: int) -> Callable[[Path], list[bytes]]:
+    """Return what writes a bag of three pressures."""
+
+    def write(folder: Path) -> list[bytes]:
+        store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+        kind = store.types["sensor_msgs/msg/FluidPressure"]
+        head, time_ = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+        place = folder / f"bag{version}"
+        number = {"seq": 0} if version == 1 else {}
+        path = place.with_suffix(".bag") if version == 1 else place
+        for left in (path, *path.glob("*")):
+            if left.is_file():
+                left.unlink()
+        if path.is_dir():
+            path.rmdir()
+        with rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=9) as bag:
+            topic = bag.add_connection("/baro", kind.__msgtype__, typestore=store)
+            for k in range(1, 4):
+                message = kind(head(**number, stamp=time_(k, 0), frame_id=""), 1e5 + k, 0.0)
+                pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+                bag.write(topic, k * 10**9, pack(message, kind.__msgtype__))
+        file = path if version == 1 else next(path.glob("*.db3"))
+        return [file.read_bytes()]
+
+    return write
+
+
 LOGGER = "time,seconds_elapsed,z,y,x\n" + "".join(
     f"{START_NS + k * 10_000_000},{k / 100},{k},0.5,9.8\n" for k in range(12)
 )
@@ -421,5 +479,16 @@ TARGETS: dict[str, Target] = {
         _importing(NumpyImporter(), "x.npz", archive_map("npz")),
         lambda _: [npz(compressed=c) for c in (False, True)],
     ),
+    "miniSEED": Target(
+        _importing(SeismicImporter(), "x.mseed"),
+        lambda folder: [
+            *_traces("MSEED", reclen=256, encoding="STEIM2")(folder),
+            *_traces("MSEED", reclen=256, encoding="INT32")(folder),
+        ],
+    ),
+    "SAC": Target(_importing(SeismicImporter(), "x.sac"), _traces("SAC")),
+    "SEG-2": Target(_importing(SeismicImporter(), "x.sg2"), _shots),
+    "ROS 1 bag": Target(_importing(RosImporter(), "x.bag"), _bags(1)),
+    "ROS 2 bag": Target(_importing(RosImporter(), "x.db3"), _bags(2)),
     "WAV": Target(_importing(AudioImporter(), "x.wav"), _sounds),
 }

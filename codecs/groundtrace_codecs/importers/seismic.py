@@ -31,7 +31,7 @@ from ..events import TRIGGER, Label
 from ..geometry import ORIGIN, Geometry, Sensor, metres_per_radian
 from ..signals import NS_PER_S, Channel, SignalBlock, Stream, to_si
 from .base import Imported
-from .map import Part, lay_out, sample_format
+from .map import MAX_NS, Part, lay_out, sample_format
 from .stored import Computed, Pieces, Spool, part_of, pieces
 
 if TYPE_CHECKING:
@@ -218,6 +218,13 @@ def _read(path: Path) -> tuple[list[Segment], list[str]]:
     kept = [s for s in found if len(s.data) and s.stats.sampling_rate > 0]
     if not kept:
         raise FormatError(f"{path.name}: expected traces with samples, found none")
+    for segment in kept:
+        start_ns, rate_hz = int(segment.stats.starttime.ns), float(segment.stats.sampling_rate)
+        if abs(start_ns) + len(segment.data) / rate_hz * NS_PER_S > MAX_NS:
+            raise FormatError(
+                f"{path.name}: {segment.id}: expected times within 146 years, found "
+                f"{len(segment.data)} samples at {rate_hz:g} Hz from {start_ns} ns"
+            )
     if len(kept) < len(found):
         empty = len(found) - len(kept)
         lines.append(f"{path.name}: {empty} of {len(found)} traces hold no samples: left out")

@@ -467,3 +467,13 @@ def test_a_record_that_claims_more_samples_than_bytes_is_refused(tmp_path: Path)
     path.write_bytes(data)
     with pytest.raises(FormatError, match=r"a.mseed: byte 512: expected at most 11. samples in a"):
         SeismicImporter().read([path], None)
+
+
+def test_a_time_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mseed"
+    data = miniseed(path, 100)
+    data[32:36] = (1).to_bytes(2, "big") + (-32768).to_bytes(2, "big", signed=True)
+    data[32:34] = (-32768).to_bytes(2, "big", signed=True)
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=r"a.mseed: XX.ABC..EHZ: expected times within 146 years"):
+        SeismicImporter().read([path], None)
