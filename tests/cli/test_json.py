@@ -30,6 +30,8 @@ COMMANDS = (
     "import",
     "info",
     "merge",
+    "pipelines",
+    "plugins",
     "replay",
     "score",
     "sweep",
@@ -169,3 +171,39 @@ def test_import_is_as_its_schema_says(capsys: pytest.CaptureFixture[str]) -> Non
     info = done(capsys, "info", "walk.mcap", "--json").document
     check("info", info)
     assert info["truth"] == {"step": 2}
+
+
+def test_plugins_and_pipelines_are_as_their_schemas_say(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    plain = done(capsys, "plugins", "--json").document
+    check("plugins", plain)
+    assert all(each["parameters"] is None for each in plain["plugins"])
+    full = done(capsys, "plugins", "--parameters", "--json").document
+    check("plugins", full)
+    known = {each["name"]: each for each in full["plugins"]}
+    assert (known["adaptive"]["use"], known["adaptive"]["gives"]) == ("detect", ["steps"])
+    assert "score" in [each["name"] for each in known["adaptive"]["parameters"]]
+    every = done(capsys, "pipelines", "--json").document
+    check("pipelines", every)
+    one = done(capsys, "pipelines", "waist-steps", "--json").document
+    check("pipelines", one)
+    assert one["pipelines"][0] in every["pipelines"]
+    assert one["pipelines"][0]["stages"][0]["parameters"]["score"] == 0.25
+
+
+def test_results_say_what_they_hold_and_their_score(capsys: pytest.CaptureFixture[str]) -> None:
+    done(capsys, "replay", "waist-walk", "--no-viewer", "--to", 20)
+    info = done(capsys, "info", "waist-walk.results.mcap", "--json").document
+    check("info", info)
+    found = info["results"]
+    assert (found["recording"], found["pipeline"]) == ("waist-walk.mcap", "waist-steps")
+    score = done(capsys, "score", "waist-walk.results.mcap", "--json").document["steps"]
+    assert found["events"]["steps"] == score["detected"]
+    assert found["score"]["steps.f1"] == score["f1"]
+    said = done(capsys, "info", "waist-walk.results.mcap").out
+    assert f"found: {score['detected']} steps" in said
+    assert f"score: steps F1 {score['f1']:.3f}" in said
+    quick = done(capsys, "info", "waist-walk.results.mcap", "--json", "--quick").document
+    assert quick["results"]["score"] == {}
+    assert done(capsys, "info", "waist-walk", "--json").document["results"] is None

@@ -49,7 +49,7 @@ class ImportReport:
     samples
         Samples (rows) of each topic.
     start_ns, end_ns
-        First sample, and one period after the last [ns].
+        First and last sample [ns].
     sensors
         How many sensors the geometry places.
     labels
@@ -73,7 +73,7 @@ class ImportReport:
 
     @property
     def duration_s(self) -> float:
-        """Length of the recording [s]."""
+        """From the first to the last sample [s]."""
         return (self.end_ns - self.start_ns) / 1e9
 
 
@@ -349,7 +349,7 @@ class _Counts:
     def counted(self, blocks: Iterable[SignalBlock]) -> Iterator[SignalBlock]:
         for block in blocks:
             self.samples[block.topic] = self.samples.get(block.topic, 0) + len(block)
-            self.end_ns = max(self.end_ns, block.end_ns)
+            self.end_ns = max(self.end_ns, block.last_ns)
             if self.progress is not None:
                 self.progress((self.end_ns - self.start_ns) / NS_PER_S)
             self.units.setdefault(block.topic, UnitWatch(block.stream)).update(block)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from groundtrace_codecs.device_clocks import merged_clocks
 from groundtrace_codecs.errors import SchemaError
@@ -113,6 +113,28 @@ class FaultInfo:
 
 
 @dataclass(frozen=True, slots=True)
+class StageInfo:
+    """One stage of a pipeline, with every parameter as it stood."""
+
+    name: str
+    use: str
+    parameters: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ResultsInfo:
+    """What results hold: of which recording, by which pipeline, how many events, how well."""
+
+    recording: str
+    sha256: str
+    pipeline: str
+    duration_s: float
+    stages: list[StageInfo]
+    events: dict[str, int]
+    score: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
 class RecordingInfo:
     """Everything that there is to say of a recording; what ``info --json`` prints."""
 
@@ -137,6 +159,7 @@ class RecordingInfo:
     signals_read: bool = True
     pipelines: list[str] = field(default_factory=list)
     source: dict[str, str] | None = None
+    results: ResultsInfo | None = None
 
 
 def summary(recording: Recording, size: int, *, labels: bool = True) -> RecordingInfo:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from groundtrace_codecs.events import EVENTS
 from groundtrace_codecs.location import is_url
 from groundtrace_codecs.recording import Recording
 from groundtrace_codecs.signals import NS_PER_S
 
 from ..api.files import named_recording
-from ..api.inspection import examine, summary
+from ..api.inspection import ResultsInfo, StageInfo, examine, summary
+from ..errors import RecordingError
 from ..explain.suitability import SIGNALS
-from ..pipeline.config import parse_pipeline
-from ..pipeline.results import RUN, provenance_in
+from ..pipeline.results import RUN
 from .console import (
     annotations_to_show,
     lost_messages,
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..api.inspection import FaultInfo, GapInfo, RecordingInfo, StreamInfo
-    from ..pipeline.results import Provenance
 
 
 def info(
@@ -53,7 +54,7 @@ def info(
     recording = named_recording(recording)
     with Recording.open(recording) as opened:
         size = opened.file.size
-        origin = provenance_in(opened, recording.name) if _is_result(opened) else None
+        is_result = _is_result(opened)
         duration_s = (opened.end_ns - opened.start_ns) / NS_PER_S
         if is_url(recording):  # all of a remote recording is not fetched for this
             found = summary(opened, size, labels=False)
@@ -64,34 +65,75 @@ def info(
                 found = examine(opened, size, show)
         marked = Counter(a.label.kind for a in annotations_to_show(opened, recording))
         found = replace(found, annotations=dict(marked))
+    if is_result:
+        found = replace(found, results=results_info(recording, scored=not quick))
     if json:
         print_json(found)
-        return
-    if origin is not None:
-        _print_results(found, origin, recording)
-        return
-    _print(found, recording)
+    elif found.results is not None:
+        _print_results(found, found.results, recording)
+    else:
+        _print(found, recording)
 
 
 def _is_result(opened: Recording) -> bool:
     return RUN in opened.metadata and not opened.streams
 
 
-def _print_results(found: RecordingInfo, origin: Provenance, path: Path) -> None:
-    """Print what results are of, by which pipeline, and what to do with them."""
-    config = parse_pipeline(origin.pipeline.encode(), f"{path.name}: pipeline")
-    print_line(
-        f"{found.recording}: results of {origin.recording} by {config.name}, "
-        f"{(origin.end_ns - origin.start_ns) / NS_PER_S:.3f} s, {found.bytes / 1e6:.2f} MB"
+def results_info(path: Path, *, scored: bool) -> ResultsInfo:
+    """Return what results hold; with their score, where they have truth and it is asked for."""
+    # what scores is not imported before there are results to score
+    from ..api.results import load_results
+    from ..api.scores import numbers_of
+
+    found = load_results(path)
+    origin, config = found.decided.provenance, found.pipeline.config
+    kinds = Counter(type(event) for event in found.decided.events)
+    events = {EVENTS[kind].plural: n for kind, n in kinds.items() if kind in EVENTS}
+    score: dict[str, float] = {}
+    if scored and found.decided.labels:
+        with suppress(RecordingError):  # there is truth, but none that the stages answer
+            parts = found.score().details.parts
+            score = {f"{part}.{name}": value for part, name, value in numbers_of(parts)}
+    return ResultsInfo(
+        origin.recording,
+        origin.sha256,
+        config.name,
+        (origin.end_ns - origin.start_ns) / NS_PER_S,
+        [StageInfo(stage.key, stage.use, dict(stage.parameters)) for stage in config.stage],
+        events,
+        score,
     )
-    for stage in config.stage:
+
+
+#: Figures of a score that are printed of results, in words.
+HEADLINES = {
+    "steps.f1": "steps F1 {:.3f}",
+    "positions.rmse_m": "positions RMSE {:.2f} m",
+    "picks.all.median_abs_ms": "picks {:.2f} ms off in the median",
+    "track.ospa_m": "track OSPA {:.2f} m",
+    "heading.rmse_deg": "heading RMSE {:.2f} deg",
+    "passes.matched": "{:.0f} passes found",
+}
+
+
+def _print_results(found: RecordingInfo, results: ResultsInfo, path: Path) -> None:
+    """Print what results are of, by which pipeline, what they hold, and what to do with them."""
+    print_line(
+        f"{found.recording}: results of {results.recording} by {results.pipeline}, "
+        f"{results.duration_s:.3f} s, {found.bytes / 1e6:.2f} MB"
+    )
+    for stage in results.stages:
         values = ", ".join(f"{name} {value}" for name, value in stage.parameters.items())
-        print_line(f"stage {stage.key}: {stage.use}: {values}")
+        print_line(f"stage {stage.name}: {stage.use}: {values}")
+    events = ", ".join(f"{n} {name}" for name, n in results.events.items())
+    print_line(f"found: {events or 'nothing'}")
     if found.truth:
         print_line("truth: " + ", ".join(f"{n} {kind}" for kind, n in found.truth.items()))
-        print_line(f"next: groundtrace score {quoted(path)}")
-    else:
-        print_line(f"next: groundtrace export {quoted(path)} -o tables")
+    said = [text.format(results.score[k]) for k, text in HEADLINES.items() if k in results.score]
+    if said:
+        print_line(f"score: {', '.join(said)}")
+    after = f"score {quoted(path)}" if found.truth else f"export {quoted(path)} -o tables"
+    print_line(f"next: groundtrace {after}")
 
 
 def _print(found: RecordingInfo, recording: Path) -> None:

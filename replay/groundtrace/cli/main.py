@@ -147,12 +147,12 @@ COMMANDS = {
         "Example: groundtrace doctor torn.mcap --repair mended.mcap",
     ),
     "plugins": (
-        f"{HERE}.doctor:plugins",
-        "List what is installed: detectors, associators, importers, sinks.\n\n"
+        f"{HERE}.plugins:plugins",
+        "List what is installed by use: detect, locate, track, import, export, show.\n\n"
         "Example: groundtrace plugins --parameters",
     ),
     "pipelines": (
-        f"{HERE}.doctor:pipelines",
+        f"{HERE}.plugins:pipelines",
         "List the shipped pipelines, or print one with all its parameters.\n\n"
         "Example: groundtrace pipelines waist-steps > mine.toml",
     ),
@@ -221,6 +221,9 @@ def application() -> App:
     for name, (target, text) in ANALYSES.items():
         analyze.command(target, name=name, help=text)
     app.command(analyze)
+    app.register_install_completion_command(
+        help="Install completion of commands and options for the present shell."
+    )
     return app
 
 

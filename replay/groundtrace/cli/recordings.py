@@ -19,7 +19,15 @@ from ..api.files import existing_file, named_recording, writable
 from ..errors import UsageError
 from ..export.base import Origin
 from ..pipeline.results import write_text
-from .console import print_json, print_line, print_stderr, print_table, progress
+from .console import (
+    counted,
+    print_json,
+    print_line,
+    print_stderr,
+    print_table,
+    progress,
+    quoted,
+)
 from .exit_codes import ExitCode
 from .options import FLAG, OUT, Force, Json, Quiet
 
@@ -102,15 +110,25 @@ def import_(
         _print_import(report)
 
 
+#: So many files of an import are named.
+MOST_NAMES = 3
+
+
 def _print_import(report: ImportReport) -> None:
-    print_line(f"wrote {report.path}: {len(report.files)} files by {report.importer}")
+    few = len(report.files) <= MOST_NAMES
+    files = ", ".join(report.files) if few else f"{len(report.files)} files"
+    streams = counted(len(report.samples), "stream")
+    said = f"{streams}, {report.duration_s:.3f} s"
+    print_line(f"imported {files} ({report.importer}) into {report.path}: {said}")
     for topic, samples in report.samples.items():
-        print_line(f"  {topic}: {samples} samples")
-    print_line(f"  {report.duration_s:.3f} s, {report.sensors} sensors placed")
+        print_line(f"  {topic}: {counted(samples, 'sample')}")
+    if report.sensors:
+        print_line(f"  {counted(report.sensors, 'sensor')} placed")
     for remark in report.remarks:
         print_line(f"  {remark}")
     if report.labels:
         print_line("  truth: " + ", ".join(f"{n} {kind}" for kind, n in report.labels.items()))
+    print_line(f"next: groundtrace info {quoted(report.path)}")
 
 
 def _guess(sources: tuple[Path, ...], out: Path | None, *, force: bool) -> None:

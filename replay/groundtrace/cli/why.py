@@ -70,8 +70,8 @@ def why(
     Parameters
     ----------
     kind
-        What to explain: steps (the default), picks, fixes, the places of steps, or vehicles, the
-        passes or courses of a pipeline for them (the default there).
+        What to explain: steps, picks, fixes, the places of steps, or vehicles, the passes or
+        courses of a pipeline for them. Without it, the first of these that the results hold.
     step
         Show everything about the true step of this number, as the table of all counts them.
     fix

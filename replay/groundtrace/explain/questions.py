@@ -12,6 +12,8 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import RecordingError, UsageError
 from ..evaluation.matching import STEP_TOLERANCE_S
 from ..evaluation.truth import kinds_of
+from ..pipeline.plugins import stage_named
+from ..pipeline.stage import emitted
 from .reasons import StepReasons, matched
 from .redecide import OfflineDecider
 from .remedies import RemedySearch
@@ -147,8 +149,24 @@ def explained(evidence: Evidence, name: str, asked: Question) -> Answer:
         length_s = (evidence.end_ns - evidence.start_ns) / NS_PER_S
         raise UsageError(f"--at: expected 0 to {length_s:.3f} s, found {asked.at_s:g} s")
     if chosen == "steps" and asked.kind is None and asked.step is None:
-        chosen = "vehicles" if evidence.config.application == "vehicle" else chosen
+        chosen = _kind_of(evidence, name, at_ns)
     return EXPLAINERS[chosen](evidence, name, asked, at_ns)
+
+
+def _kind_of(evidence: Evidence, name: str, at_ns: int | None) -> Kind:
+    """Return what results have that can be explained, where nobody asks for a kind."""
+    if evidence.config.application == "vehicle":
+        return "vehicles"
+    given = {emitted(stage_named(stage.use)) for stage in evidence.config.stage}
+    kinds: dict[str, Kind] = {"step": "steps", "fix": "fixes", "pick": "picks"}
+    chosen = next((kind for event, kind in kinds.items() if event in given), None)
+    if given and chosen is None and at_ns is None:
+        found = ", ".join(sorted(given))
+        raise RecordingError(
+            f"{name}: expected steps, picks, fixes or passes to explain, found {found}; "
+            f"--at SECONDS explains a moment"
+        )
+    return chosen or "steps"
 
 
 def _explained_steps(evidence: Evidence, name: str, asked: Question, at_ns: int | None) -> Answer:

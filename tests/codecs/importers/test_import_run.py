@@ -85,7 +85,7 @@ def test_a_table_becomes_a_recording_with_geometry_and_truth(table: Path) -> Non
     )
     assert report.importer == "csv"
     assert report.samples == {"/seismic": 500}
-    assert (report.duration_s, report.sensors, report.labels) == (5.0, 2, {"impact": 1})
+    assert (report.duration_s, report.sensors, report.labels) == (4.99, 2, {"impact": 1})
     with Recording.open(folder / "out.mcap") as recording:
         (stream,) = recording.streams
         assert recording.start_ns == report.start_ns == 1_700_000_000_500_000_000
