@@ -90,8 +90,8 @@ def test_an_installed_plugin_is_listed_with_its_distribution(
 ) -> None:
     listed = groundtrace(installed, tmp_path, "plugins", "--parameters")
     rows = [line.split() for line in listed.splitlines()]
-    assert ["stages", "threshold", "groundtrace-threshold", "0.1.0"] in rows
-    assert ["stages", "toa-cv", "groundtrace", rows[1][3]] in rows
+    assert ["detect", "threshold", "picks", "groundtrace-threshold", "0.1.0"] in rows
+    assert ["detect", "toa-cv", "picks", "groundtrace", rows[1][4]] in rows
     assert "threshold: An arrival is a peak of the amplitude" in listed
 
 
