@@ -338,7 +338,7 @@ class FollowedFile:
         held = MessageTable.joined([self._held, *self._arrived]).in_order()
         self._arrived.clear()
         settled = held.before(int(held.rows["log_time"][-1]) - LATE_NS)
-        self._held = held[settled:]
+        self._held = MessageTable.of(held[settled:])  # a slice would keep all chunks before it
         if settled:
             yield held[:settled]
 

@@ -88,6 +88,12 @@ def test_wherever_a_file_stops_on_its_way_all_its_messages_come(
     assert times == sorted(times)
 
 
+def test_what_was_given_is_let_go() -> None:
+    data = write_recording(blocks=400)
+    file = FollowedFile(Steps(data, range(0, len(data), 997)), threading.Event(), lambda _: None)
+    assert max(len(table.pieces) for table in file.tables()) <= 3
+
+
 def test_messages_a_little_out_of_order_come_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     data = write_recording(shuffle=True)
     monkeypatch.setattr(follow, "LATE_NS", 2_000_000_000)
