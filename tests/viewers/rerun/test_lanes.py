@@ -139,3 +139,17 @@ def test_a_curve_without_values_keeps_the_axis_to_what_is_shown(tmp_path: Path) 
     assert np.isnan(np.array(values)).all()
     assert times[0] == 0
     assert np.diff(times).max() <= AXIS_NS
+
+
+def test_states_may_have_any_words_and_the_viewer_has_nothing_to_say(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    recording = rr.RecordingStream("lanes", recording_id="lanes")
+    recording.save(tmp_path / "lanes.rrd")
+    said = Lane(Timeline(recording, START_NS), "/state/4-picks", {"rejected: ratio": 0xFF})
+    said.add(START_NS, "rejected: ratio")
+    said.add(START_NS + 10**9, "V1 10.0 m/s")
+    said.flush()
+    recording.flush()
+    recording.disconnect()
+    assert capfd.readouterr().err == ""

@@ -559,7 +559,8 @@ class Lane:
         height = self._timeline.row_of(self._path, number)
         for state in dict.fromkeys(bar.state for bar in bars):
             own = [bar for bar in bars if bar.state == state]
-            path = f"{LANES}/{self._path.removeprefix('/state/')}/{state}"
+            part = rr.escape_entity_path_part(state)
+            path = f"{LANES}/{self._path.removeprefix('/state/')}/{part}"
             style = rr.SeriesLines(
                 names=state,
                 colors=np.array([self._colours.get(state, SPAN)], np.uint32),
