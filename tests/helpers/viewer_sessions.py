@@ -61,7 +61,7 @@ SPEC = StageSpec(
     "/seismic",
     NAMES,
     (Quantity("ratio", "1"), Quantity("peak", "m/s")),
-    (GateSpec("ratio", "1", "threshold", 4.0), GateSpec("peak", "m/s", "floor", 1e-6)),
+    (GateSpec("ratio", "1", "ratio", 4.0), GateSpec("peak", "m/s", "ratio", 1e-6)),
     (Quantity("ratio", "1"), Quantity("peak", "m/s")),
     "pick",
 )

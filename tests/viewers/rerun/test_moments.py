@@ -97,9 +97,25 @@ def test_a_missed_step_says_why_and_a_false_one_what_let_it_pass(walked: Results
     assert all("threshold" in m.text for m in false)
 
 
+def test_a_wrong_step_says_what_mends_it_and_other_thresholds_what_they_would_make(
+    walked: Results,
+) -> None:
+    steps = [e for e in walked.events if isinstance(e, StepEvent)]
+    found = moments_of_results(walked, labels=(Label(steps[0].time_ns, "step"),))
+    (first, *_) = [m for m in found.misses if m.kind == "false"]
+    assert first.gates
+    assert [(g.passed, g.doublings >= 0) for g in first.gates] == [(True, True)] * len(first.gates)
+    mended = [m for m in found.misses if m.remedy]
+    assert all(f"false {len(steps) - 1} → " in m.effect for m in mended)
+    assert found.curves
+    for curve in found.curves:
+        at = curve.values.index(curve.now)
+        assert (curve.right[at], curve.missed[at], curve.false[at]) == (1, 0, len(steps) - 1)
+
+
 def test_without_truth_nothing_is_wrong(walked: Results) -> None:
     found = moments_of_results(walked, labels=())
-    assert (found.truth, found.misses) == (False, ())
+    assert (found.truth, found.misses, found.curves) == (False, (), ())
     assert found.events
 
 

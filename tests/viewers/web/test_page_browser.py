@@ -127,8 +127,16 @@ def test_a_walk_is_annotated_by_keyboard(page: Page, tmp_path: Path) -> None:
         assert sorted(rows(page, "marks")) == ["missed", "note"]
         after = drawn(page, "walk-annotated")
         assert (np.abs(after - before).max(axis=2) > 40).any()
+        here = cursor(page)
+        page.wait_for_function(f"location.hash.startsWith('#t={here:g}')")
         page.reload()
         ready(page)
+        assert cursor(page) == pytest.approx(here, abs=1e-5)  # the address leads back
+        page.evaluate("location.hash = '#t=1.5'")
+        page.wait_for_function("document.getElementById('time').value === '1.500000'")
+        page.locator("#viewer").focus()
+        page.keyboard.press("Tab")  # the viewer lets the focus go
+        assert page.evaluate("document.activeElement.id") == "help-button"
         assert sorted(rows(page, "marks")) == ["missed", "note"]
         assert page.locator("#marks img").count() == 0
     kept = {a.label.kind: a.label for a in stored(recording).kept.annotations}

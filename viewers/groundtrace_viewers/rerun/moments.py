@@ -11,8 +11,11 @@ import numpy as np
 
 from groundtrace.evaluation.matching import match_steps
 from groundtrace.explain.reasons import StepReasons
+from groundtrace.explain.redecide import OfflineDecider
+from groundtrace.explain.remedies import RemedySearch
+from groundtrace.explain.thresholds import ThresholdCurve, threshold_curves
 from groundtrace.explain.unfiltered import with_recording
-from groundtrace.explain.why import narrowest
+from groundtrace.explain.why import narrowest, remedy_of
 from groundtrace.explain.why_picks import pick_account
 from groundtrace.pipeline.results import evidence_of
 from groundtrace_codecs.events import (
@@ -32,12 +35,21 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .timeline import TIMELINE
 from .vehicles import crossing_text, pass_text, wrong_passes
-from .wrong_decisions import TOLERANCE_S, let_pass, results_of
+from .wrong_decisions import (
+    TOLERANCE_S,
+    doublings,
+    effect_of,
+    gates_at,
+    let_pass,
+    results_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from groundtrace.explain.reasons import GateReading
+    from groundtrace.explain.remedies import Remedy
     from groundtrace.pipeline.engine import ReplaySession
     from groundtrace.pipeline.results import Evidence, Results
     from groundtrace_codecs.events import Event, Label
@@ -65,12 +77,45 @@ class PageMoment:
         Which stage it comes from; empty where none.
     text
         For people: what it is, or why it went wrong.
+    remedy, effect
+        Of a wrong step: the smallest change that mends it, as ``--set`` takes it, and what it does
+        to the recording; empty where there is none.
+    gates
+        What the gates said of its candidate.
     """
 
     t_s: float
     kind: str
     stage: str
     text: str
+    remedy: str = ""
+    effect: str = ""
+    gates: tuple[PageGate, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PageGate:
+    """A gate of a wrong decision.
+
+    Attributes
+    ----------
+    name, value, threshold, unit
+        As they are written.
+    sign
+        How the value compares with the threshold.
+    doublings
+        How far it is from it, in doublings.
+    passed
+        Whether it let the candidate pass.
+    """
+
+    name: str
+    value: str
+    sign: str
+    threshold: str
+    unit: str
+    doublings: float
+    passed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +146,11 @@ class PageMoments:
     events, misses
         In the order of time.
     opens_s
-        Where the page opens [s]; None stands for the first event.
+        Where the page opens [s]; None stands for the first wrong decision, or event.
     live
         True while the replay is running: there will be more.
+    curves
+        What other thresholds would make of the steps.
     """
 
     recording: str
@@ -122,6 +169,7 @@ class PageMoments:
     misses: tuple[PageMoment, ...]
     opens_s: float | None = None
     live: bool = False
+    curves: tuple[ThresholdCurve, ...] = ()
 
     def json(self) -> bytes:
         """Return it as one JSON document."""
@@ -175,6 +223,7 @@ def moments_of_results(
         any(label.kind in ("step", "pick", "pass") for label in evidence.labels),
         tuple(sorted((m for m in found if m is not None), key=_order)),
         tuple(sorted(misses, key=_order)),
+        curves=threshold_curves(evidence, TOLERANCE_S) if misses else (),
     )
 
 
@@ -300,25 +349,50 @@ def _moment(time_ns: int, start_ns: int, kind: str, stage: str, text: str) -> Pa
 
 
 def _wrong_steps(evidence: Evidence, events: Sequence[Event], steps: str) -> list[PageMoment]:
-    """Return missed and false steps, each with the first thing that made it so."""
+    """Return missed and false steps, each with the first thing that made it so, and its remedy."""
     if not steps or not any(label.kind == "step" for label in evidence.labels):
         return []
     times = [e.time_ns for e in events if isinstance(e, StepEvent) and e.stage == steps]
     found_ns, start_ns = np.array(times, np.int64), evidence.start_ns
     matching = match_steps(evidence.labels, found_ns, start_ns, evidence.end_ns, TOLERANCE_S)
     reasons = StepReasons(evidence, TOLERANCE_S, matching)
+    healer = RemedySearch(OfflineDecider(evidence), TOLERANCE_S)
     wrong = []
     for time_ns in matching.truth_ns[matching.missed].tolist():
         reason, pair = reasons.at(time_ns), reasons.wrong_time(time_ns)
         found = "" if pair is None else f" (the step found at {pair.found_s:.3f} s)"
         text = f"{reason.cause}: {reason.text}{found}"
-        wrong.append(_moment(time_ns, start_ns, "missed", reason.stage, text))
+        moment = _moment(time_ns, start_ns, "missed", reason.stage, text)
+        remedy = remedy_of(healer, reasons, time_ns)
+        wrong.append(_mended(moment, remedy, reason.readings))
     for time_ns in matching.found_ns[matching.false].tolist():
         pair = reasons.wrong_time(time_ns)
         answers = "" if pair is None else f"{pair.text}; "
         text = answers + let_pass(narrowest(evidence, time_ns))
-        wrong.append(_moment(time_ns, start_ns, "false", steps, text))
+        moment = _moment(time_ns, start_ns, "false", steps, text)
+        remedy = remedy_of(healer, reasons, time_ns, false=True)
+        wrong.append(_mended(moment, remedy, gates_at(evidence, time_ns)))
     return wrong
+
+
+def _mended(moment: PageMoment, remedy: Remedy | None, gates: Sequence[GateReading]) -> PageMoment:
+    """Return a wrong decision with what mends it and what its gates said."""
+    shown = tuple(
+        PageGate(
+            gate.gate,
+            f"{gate.value:.4g}",
+            "\u2265" if gate.value >= gate.threshold else "<",
+            f"{gate.threshold:.4g}",
+            "" if gate.unit == "1" else gate.unit,
+            doublings(gate.value, gate.threshold, passed=gate.passed),
+            gate.passed,
+        )
+        for gate in gates
+    )
+    if remedy is None:
+        return replace(moment, gates=shown)
+    settings, effect = " --set ".join(remedy.settings), effect_of(remedy)
+    return replace(moment, remedy=settings, effect=effect, gates=shown)
 
 
 def _wrong_picks(evidence: Evidence) -> list[PageMoment]:

@@ -324,7 +324,7 @@ def _right(evidence: Evidence, one: Verdict, step: int) -> Decision:
     off_ms = ((one.found_ns or 0) - one.time_ns) / 1e6
     how = f"found {abs(off_ms):.0f} ms {'late' if off_ms > 0 else 'early'}"
     title = f"Right: step {step}, {_seconds(evidence, one.time_ns)}"
-    return Decision(one.time_ns, "hit", title, how, gates=_gates_at(evidence, one.found_ns))
+    return Decision(one.time_ns, "hit", title, how, gates=gates_at(evidence, one.found_ns))
 
 
 def _missed(evidence: Evidence, one: Missed, explained: StepExplanation) -> Decision:
@@ -347,7 +347,7 @@ def _false(evidence: Evidence, one: FalseDetection, texts: Mapping[int, str]) ->
     remedy, effect = _mended(one.remedy, "no change of one or two parameters removes it")
     cause = "; ".join(filter(None, (texts.get(time_ns, ""), let_pass(one.narrowest))))
     title = f"False: {_seconds(evidence, time_ns)}"
-    gates = _gates_at(evidence, time_ns)
+    gates = gates_at(evidence, time_ns)
     return Decision(time_ns, "false", title, cause, remedy, effect, gates)
 
 
@@ -363,12 +363,16 @@ def _mended(remedy: Remedy | None, none: str) -> tuple[str, str]:
     """Return the remedy and what it does, in words."""
     if remedy is None:
         return none, ""
+    return " ".join(f"--set {setting}" for setting in remedy.settings), effect_of(remedy)
+
+
+def effect_of(remedy: Remedy) -> str:
+    """Return what a remedy does to the whole recording."""
     before, after = remedy.before, remedy.after
-    effect = (
+    return (
         f"right {before.tp} → {after.tp}, missed {before.fn} → {after.fn}, "
         f"false {before.fp} → {after.fp}"
     )
-    return " ".join(f"--set {setting}" for setting in remedy.settings), effect
 
 
 def _seconds(evidence: Evidence, time_ns: int) -> str:
@@ -385,7 +389,7 @@ def _deciding(evidence: Evidence) -> list[StageEvidence]:
     return [part for part in finding if part.spec.stage == finding[-1].spec.stage]
 
 
-def _gates_at(evidence: Evidence, time_ns: int | None) -> tuple[GateReading, ...]:
+def gates_at(evidence: Evidence, time_ns: int | None) -> tuple[GateReading, ...]:
     """Return what the gates said of the candidate that was accepted at a time."""
     from groundtrace.explain.reasons import readings
 

@@ -13,6 +13,21 @@ export function time_text(seconds) {
   return seconds.toFixed(3);
 }
 
+/** Return a time as the page and the viewer write it: seconds, and minutes and seconds. */
+export function both_clocks(seconds) {
+  const whole = `${seconds.toFixed(3)} s`;
+  const rest = seconds % 60;
+  const minutes = Math.floor(seconds / 60);
+  if (!minutes) return whole;
+  const hours = Math.floor(minutes / 60);
+  return `${whole} = ${hours ? `${hours} h ` : ""}${minutes % 60} m ${rest.toFixed(1)} s`;
+}
+
+/** Say something to who does not see it. */
+export function say(text) {
+  document.getElementById("said").textContent = text;
+}
+
 /** Say what went wrong, or nothing. */
 export function complain(text) {
   document.getElementById("error").textContent = text;

@@ -16,6 +16,14 @@ function typing(target) {
     && (target.matches("input:not([type=range]), textarea, select") || target.isContentEditable);
 }
 
+/** Whether a key presses, or moves, what has the focus: a button, a list or a slider of the page. */
+function pressing(event) {
+  const key = event.key;
+  if (!(event.target instanceof HTMLElement)) return false;
+  if (event.target.matches("button, a, select, summary")) return key === " " || key === "Enter";
+  return event.target.matches("input[type=range]") && /^(Arrow|Page|Home|End)/.test(key);
+}
+
 /** How a key is written in the help. */
 const WRITTEN = {
   ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓", Delete: "Del",
@@ -36,12 +44,16 @@ export class Keys {
 
   pressed(event) {
     const dialog = document.querySelector("dialog[open]");
+    if (event.key === "Tab" && !event.target.closest?.("#panel, dialog")) {
+      event.stopImmediatePropagation(); // the viewer would keep the focus for ever
+      return;
+    }
     const action = this.actions.get(named(event));
     if (event.key === "Escape" && typing(event.target) && event.target.closest("#panel")) {
       event.target.blur();
       return;
     }
-    if (!action || typing(event.target) || (dialog && named(event) !== "?")) return;
+    if (!action || pressing(event) || typing(event.target) || (dialog && named(event) !== "?")) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     action();

@@ -1,9 +1,11 @@
 /* The page: the viewer, the clock that moves its cursor, the lists, and the marks. */
 
 import { asset, bytes_of, document_of } from "./assets.js";
-import { complain, el } from "./dom.js";
+import { Decision, Tuning } from "./decision.js";
+import { both_clocks, complain, el, say } from "./dom.js";
 import { Jumps } from "./jumps.js";
 import { Keys } from "./keys.js";
+import { Link } from "./link.js";
 import { Marks, SPANS } from "./marks.js";
 import { Player } from "./player.js";
 import { exported } from "./exchange.js";
@@ -32,6 +34,9 @@ class Page {
     this.viewer = new Viewer(moments.timeline, (seconds) => this.player.follow(seconds));
     this.player = new Player(moments.duration_s, (seconds) => this.viewer.seek(seconds), () => this.changed());
     this.jumps = new Jumps(moments, (seconds) => this.go(seconds));
+    this.decision = new Decision(moments.misses);
+    this.tuning = new Tuning(moments.curves ?? []);
+    this.link = new Link(() => this.moments.misses, (seconds) => this.go(seconds), (at) => this.decision.number(at));
     this.strip = new Strip(byId("strip"), moments.duration_s, (seconds) => this.go(seconds));
     this.marks = new Marks(kept ? new ServerStore() : new BrowserStore(moments, config.marks ?? []), this);
     this.sample_s = moments.sample_s ?? UNKNOWN_SAMPLE_S;
@@ -55,7 +60,10 @@ class Page {
 
   jump(find, forward) {
     this.player.play(false);
-    this.go(find.call(this.jumps, this.player.at, forward));
+    const at = find.call(this.jumps, this.player.at, forward);
+    this.go(at);
+    const what = at === null ? null : this.jumps.all.find((m) => m.t_s === at);
+    if (what) say(`${what.kind} at ${both_clocks(at)}: ${what.text}`);
   }
 
   faster(by) {
@@ -137,7 +145,7 @@ class Page {
   /** Make the buttons and tie everything to what it does. */
   furnish() {
     const button = (text, key, title, action, attributes = {}) => {
-      const made = el("button", { title, tabindex: "-1", ...attributes }, text);
+      const made = el("button", { title, ...attributes }, text);
       if (key) made.append(el("kbd", {}, key));
       made.onclick = action;
       return made;
@@ -174,7 +182,7 @@ class Page {
   }
 
   furnish_marks(button, marks) {
-    const kinds = el("select", { id: "span-kind", "aria-label": "Kind of spans", title: "Kind of spans", tabindex: "-1" });
+    const kinds = el("select", { id: "span-kind", "aria-label": "Kind of spans", title: "Kind of spans" });
     kinds.append(...SPANS.map((kind) => el("option", { value: kind }, kind)));
     const mark = (text, key, title, kind, action) => button(text, key, title, action, { "data-kind": kind });
     byId("mark-buttons").append(
@@ -232,7 +240,10 @@ class Page {
     this.play_button.textContent = player.playing ? "❚❚" : "▶";
     this.loop_button.setAttribute("aria-pressed", player.loop !== null);
     if (this.undo_button) this.undo_button.disabled = !marks.can_undo;
+    this.tell_duration();
     this.jumps.follow(player.at);
+    this.decision.follow(player.at);
+    if (this.opened && !player.playing && !this.moments.live) this.link.follow(player.at);
     this.strip.draw(this.jumps.all, marks.all, player, marks.span_start);
   }
 
@@ -245,15 +256,25 @@ class Page {
     await started;
     byId("status").hidden = true;
     if (this.moments.live) this.renew();
-    else this.go(this.moments.opens_s ?? this.jumps.beyond(-1, true) ?? 0);
+    else this.go(this.opening());
+    this.opened = true;
     if (this.marking) await this.layer();
     document.documentElement.dataset.state = "ready";
     setInterval(() => this.watch(), 2000);
   }
 
+  /** Return where the page opens [s]: where its address says, else at what went wrong first. */
+  opening() {
+    const { opens_s, truth, misses } = this.moments;
+    const first = truth ? misses[0]?.t_s : undefined;
+    return this.link.asked() ?? opens_s ?? first ?? this.jumps.beyond(-1, true) ?? 0;
+  }
+
   tell_duration() {
     const { duration_s, live } = this.moments;
-    byId("duration").textContent = `of ${duration_s.toFixed(1)} s${live ? ", live" : ""}`;
+    const { at } = this.player;
+    const clock = at >= 60 ? `= ${both_clocks(at).split("= ")[1]} ` : "";
+    byId("duration").textContent = `${clock}of ${duration_s.toFixed(1)} s${live ? ", live" : ""}`;
   }
 
   /** Take what is new of a replay that is running, until it has ended. */
@@ -263,6 +284,10 @@ class Page {
     this.player.duration = moments.duration_s;
     this.strip.duration = Math.max(moments.duration_s, 1e-9);
     this.jumps.renew(moments);
+    if (!moments.live) {
+      this.decision.renew(moments.misses);
+      this.tuning.renew(moments.curves ?? []);
+    }
     this.tell_duration();
     this.changed();
     if (moments.live) setTimeout(() => this.renew().catch(complain), RENEW_MS);

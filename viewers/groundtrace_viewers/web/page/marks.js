@@ -1,6 +1,6 @@
 /* Marks: what a person says happened, made at the cursor, listed, edited and taken back. */
 
-import { complain, el, reveal, time_text } from "./dom.js";
+import { complain, el, reveal, say, time_text } from "./dom.js";
 
 export const MOMENTS = ["missed", "false", "step", "pick", "note"];
 export const SPANS = ["span", "walking", "ignore", "disturbed", "pass"];
@@ -88,6 +88,7 @@ export class Marks {
     const mark = { kind, ...said, note: this.note.value.trim() };
     this.note.value = "";
     this.note.blur();
+    say(`${kind} marked at ${time_text(mark.time_s)} s`);
     return this.change((author) => this.store.add(mark, author));
   }
 

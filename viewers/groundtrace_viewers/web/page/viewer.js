@@ -61,12 +61,16 @@ export class Viewer {
       enable_history: false,
       notebook: false,
       persist: false,
-      theme: "dark",
+      theme: "dark", // in its light theme names on dark pictures are hard to read
       render_backend: new URLSearchParams(location.search).get("renderer"),
       panel_state_overrides: { top: "Hidden" },
       on_viewer_event: (text) => this.heard(JSON.parse(text)),
     });
     await this.handle.start(canvas);
+    for (const field of document.querySelectorAll("#stage input")) {
+      field.setAttribute("aria-label", "Typing in the viewer");
+      field.tabIndex = -1;
+    }
     if (layout.length) this.push(layout, "layout");
     if (typeof recording === "string") this.handle.add_receiver(recording);
     else this.push(recording, "replay");
