@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from command_runs import done, run
+from command_runs import check_schema, done, run
 
-from groundtrace_recordings import path_of
+from groundtrace_recordings import bundled, path_of
 
 
 def test_a_demo_ends_with_the_command_that_explains_its_first_missed_step(capsys):
@@ -37,3 +37,20 @@ def test_a_demo_runs_again_but_replaces_no_other_recording(capsys):
     assert error.startswith("lower-back.mcap: expected a new file")
     done(capsys, "demo", "--no-viewer", "--force")
     assert Path("lower-back.mcap").read_bytes() == path_of("lower-back.mcap").read_bytes()
+
+
+def test_recordings_are_listed_and_each_says_where_it_is_from(capsys):
+    listed = done(capsys, "recordings").out
+    document = done(capsys, "recordings", "--json").document
+    check_schema("recordings", document)
+    names = [each["name"] for each in document["recordings"]]
+    assert [f"{name}.mcap" for name in names] == list(bundled())
+    assert [line.split()[0] for line in listed.splitlines()[1 : 1 + len(names)]] == names
+    shown = done(capsys, "recordings", "show", "lower-back").out
+    assert "licence: Apache-2.0" in shown
+    assert "url: https://" in shown
+    path = done(capsys, "recordings", "get", "lower-back").out.strip()
+    assert Path(path) == path_of("lower-back.mcap")
+    wrong = run(capsys, "recordings", "show", "lower-bakc")
+    assert (wrong.code, wrong.error[-26:]) == (2, "; did you mean lower-back?")
+    assert run(capsys, "recordings", "get").code == 2

@@ -31,6 +31,11 @@ COMMANDS = {
         "timeline, which opens where there is a display.\n\n"
         "Example: groundtrace demo",
     ),
+    "recordings": (
+        f"{HERE}.bundled:recordings",
+        "List the recordings that come with groundtrace, or show where one is from.\n\n"
+        "Example: groundtrace recordings show lower-back",
+    ),
     "import": (
         f"{HERE}.recordings:import_",
         "Turn files of another tool into a recording.\n\n"
