@@ -1,5 +1,7 @@
 """A folder with a stranger's recording runs none of the stranger's code, and configures nothing.
 
+No process of these commands calls another computer either.
+
 In it lie modules by the names of what is imported late, and files by which packages configure
 themselves. Each module notes that it was executed; of the files, a hook in every process of Python
 notes that they were opened.
@@ -68,16 +70,31 @@ FILES = {
     "evil-1.0.dist-info/METADATA": "Metadata-Version: 2.1\nName: evil\nVersion: 1.0\n",
     "evil-1.0.dist-info/entry_points.txt": "[groundtrace.stages]\nevil = evil:Evil\n",
 }
-#: Executed by every process of Python before anything else: notes which files here are opened.
+#: Executed by every process of Python before anything else: notes which files here are opened, and
+#: which other computers are called. A datagram socket that is connected sends nothing: Dask and Ray
+#: so find out their own address. Ray asks the machine's cloud, at 169.254.169.254, which one it is.
 HOOK = """
-import os, sys
+import os, socket, sys
+def tell(text):
+    handle = os.open({told!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+    os.write(handle, (text + "\\n").encode())
+    os.close(handle)
+def is_here(host):
+    with socket.socket() as probe:
+        try:
+            probe.bind((host, 0))
+        except OSError:
+            return False
+    return True
 def hook(event, arguments):
+    if event == "socket.connect" and arguments[0].type == socket.SOCK_STREAM:
+        host = arguments[1][0] if isinstance(arguments[1], tuple) else ""
+        if host not in ("", "::1", "169.254.169.254") and not is_here(host):
+            tell("called " + host)
     if event == "open" and isinstance(arguments[0], str):
         path = os.path.realpath(arguments[0])
         if path.startswith({folder!r} + os.sep) and path[{start}:] in {files!r}:
-            handle = os.open({told!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-            os.write(handle, ("opened " + path + "\\n").encode())
-            os.close(handle)
+            tell("opened " + path)
 sys.addaudithook(hook)
 """
 FLEET = ("fleet", "walk.mcap", "again.mcap", "--pipeline", "waist-steps", "--workers", "2")
@@ -157,7 +174,7 @@ def nothing_told(folder: Path) -> None:
     ],
     ids=lambda arguments: f"{arguments[0]}-{Path(arguments[-1]).stem}",
 )
-def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left(
+def test_no_process_of_a_command_runs_or_reads_what_a_stranger_left_or_calls_elsewhere(
     arguments: tuple[str, ...], folder: Path
 ) -> None:
     for engine, package in (("dask", "distributed"), ("ray", "ray")):

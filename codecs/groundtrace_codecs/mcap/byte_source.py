@@ -214,9 +214,7 @@ class RemoteBytes:
         self.fetched_bytes = self.requests = 0
         self._system, self._path = file_system(location)
         self.size = self._size()
-        self._file = self._asked(
-            "start", lambda: self._system.open(self._path, "rb", cache_type="none")
-        )
+        self._file = self._opened()
         self._kept: OrderedDict[int, bytes] = OrderedDict()
         self._ahead, self._next = 1, -1
         self._digest = hashlib.sha256()
@@ -233,9 +231,14 @@ class RemoteBytes:
         return b"".join(blocks)[start : start + stop - offset]
 
     def close(self) -> None:
-        """Forget what was kept."""
+        """Forget what was kept; what is read later is fetched anew."""
         self._kept.clear()
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
+        self._file = None
+
+    def _opened(self) -> Any:
+        return self._asked("start", lambda: self._system.open(self._path, "rb", cache_type="none"))
 
     def sha256(self) -> str:
         """Return the SHA-256 of the whole file; what was not read yet is fetched now."""
@@ -282,9 +285,11 @@ class RemoteBytes:
         return int(size)
 
     def _range(self, start: int, stop: int) -> bytes:
+        file = self._file = self._opened() if self._file is None else self._file
+
         def read() -> bytes:
-            self._file.seek(start)
-            return bytes(self._file.read(stop - start))
+            file.seek(start)
+            return bytes(file.read(stop - start))
 
         place = f"bytes {start} to {stop}"
         data = self._asked(place, read)

@@ -12,10 +12,11 @@ import os
 import queue
 import signal
 import socket
+import sys
 import threading
 import time
 from collections import Counter, deque
-from contextlib import ExitStack, chdir, contextmanager, suppress
+from contextlib import ExitStack, chdir, contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -365,6 +366,8 @@ def _start() -> _Process:
 def _serve(pipe: Connection[Any, Any]) -> None:
     """Answer tasks until the other end is closed."""
     raise_malloc_trim()
+    # at the end it remarks on requests that a time limit broke off
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     while True:
         try:
             function, task = pipe.recv()
@@ -527,14 +530,16 @@ def ray_crew(address: str, size: int) -> Iterator[RayCrew]:
     """
     ray = import_module("ray")
     name = f"ray:{address}" if address else "ray"
-    with scratch_folder() as empty:
+    # Ray prints on stdout that a worker was killed
+    with scratch_folder() as empty, redirect_stdout(sys.stderr):
         # workers look for modules where this process is while it makes contact
         with chdir(empty), quiet():
             if address:
                 with reached(name):
                     _listens(address)
-                    ray.init(address=address, log_to_driver=False)
+                    ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
             else:
+                os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # to the makers of Ray
                 ray.init(
                     address="local",
                     num_cpus=size,

@@ -227,10 +227,8 @@ def join_parts(
         Where some are missing and ``partial`` is not given, or there are none at all.
     """
     with ThreadPoolExecutor(_READERS) as readers:
-        found = list(readers.map(identity_of, tasks))
-    listed = [
-        Listed(task.location, identity.key) for task, identity in zip(tasks, found, strict=True)
-    ]
+        keys = list(readers.map(_key_in_time, tasks))
+    listed = [Listed(task.location, key) for task, key in zip(tasks, keys, strict=True)]
     missing = [item for item in listed if not parts.has(item.key)]
     if missing and (not partial or len(missing) == len(listed)):
         raise RecordingError(
@@ -239,6 +237,15 @@ def join_parts(
         )
     there = [item for item in listed if item not in set(missing)] if missing else listed
     return join(parts, there, table), len(missing)
+
+
+def _key_in_time(task: Task) -> str:
+    """Return the key of a task's part; that of unread bytes where reading takes too long."""
+    try:
+        with TimeLimit(task):
+            return identity_of(task).key
+    except TimeLimitError:
+        return _key(task, "")
 
 
 def _knowing(tasks: Sequence[Task], parts: Parts) -> list[Task]:
@@ -428,8 +435,10 @@ def identity_of(task: Task) -> Identity:
     """Find out what a task is about, by the bytes of its recording and of its truth."""
     if not is_url(task.location):
         path = task.path
-        content = _file_content(path)
-        size = path.stat().st_size if content else 0
+        try:
+            content, size = file_sha256(path), path.stat().st_size
+        except OSError:  # is told when it is opened
+            content, size = "", 0
         return Identity(_key(task, content), content, size)
     try:
         remote = RemoteBytes(task.location)
@@ -534,10 +543,45 @@ def evaluate(task: Task) -> Done:
     """
     if wrong := misfit(task.software):
         raise MisfitError(f"{platform.node()}: {wrong}")
-    identity = identity_of(task)
-    if identity.key in task.known:
-        return Done(identity.key)
-    return evaluated(task, identity, first_row(task, identity))
+    began = time.perf_counter()
+    limit = TimeLimit(task)
+    identity = Identity("")
+    try:
+        with limit:
+            identity = identity_of(task)
+            if identity.key in task.known:
+                return Done(identity.key)
+            part = _part(task, first_row(task, identity), identity, limit)
+            sha256 = part.row.sha256 if identity.remote is None else identity.remote.sha256()
+    except TimeLimitError:
+        said = f"{name_of(task.location)}: expected a replay within {limit.limit_s:g} s, found none"
+    except (CodecError, GroundtraceError) as error:
+        said = error_text(task, error)
+    except OSError as error:
+        said = f"{name_of(task.location)}: expected a file to use, found: {error.strerror or error}"
+    except Exception as error:  # a bug costs its recording, and is told; the fleet goes on
+        said = _place_of(error)
+    else:
+        done = replace(part.row, sha256=sha256, wall_s=time.perf_counter() - began)
+        return Done(identity.key, replace(part, row=done).encoded())
+    return _failed(task, identity, said, time.perf_counter() - began)
+
+
+def _failed(task: Task, identity: Identity, said: str, wall_s: float = 0.0) -> Done:
+    """Return what came of a task that failed; without a key it is that of bytes nobody has read."""
+    identity = identity if identity.key else Identity(_key(task, ""))
+    row = replace(first_row(task, identity), wall_s=wall_s)
+    return Done(identity.key, failed(row, said).encoded(), failed=True)
+
+
+def lost(task: Task) -> Done:
+    """Return what came of a task whose workers were killed, twice.
+
+    The bytes of a remote recording are not asked for: it may be these that come to no end.
+    """
+    said = "expected a worker that ends, found it killed twice, or overdue"
+    identity = Identity("") if is_url(task.location) else identity_of(task)
+    return _failed(task, identity, f"{name_of(task.location)}: {said}")
 
 
 #: The most that a recording may take: so many times its length, and at least so long [s]. Chosen by
@@ -548,8 +592,8 @@ LIMIT_RATIO, LEAST_LIMIT_S = 50.0, 600.0
 _GRACE_S = 30.0
 
 
-class TimeLimitError(GroundtraceError):
-    """A recording took longer than it may."""
+class TimeLimitError(BaseException):
+    """A recording took longer than it may: no damage or failed request to be borne with."""
 
 
 class TimeLimit:
@@ -565,6 +609,8 @@ class TimeLimit:
         self._task = task
         self._thread = threading.get_ident()
         self._timer: threading.Timer | None = None
+        self._ending = threading.Lock()
+        self._over = False
         self.limit_s = LEAST_LIMIT_S if task.limit_s is None else task.limit_s
 
     def __enter__(self) -> Self:
@@ -572,7 +618,10 @@ class TimeLimit:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop()
+        with self._ending:
+            self._over = True
+            self._stop()
+            self._raise(None)  # what was raised and has not come yet
 
     def of_length(self, length_s: float) -> None:
         """Take the length of the recording into account."""
@@ -591,18 +640,17 @@ class TimeLimit:
             self._timer.cancel()
 
     def _break(self) -> None:
-        raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
-        raise_in(ctypes.c_ulong(self._thread), ctypes.py_object(TimeLimitError))
-        if self._task.made_by != (platform.node(), os.getpid()):  # a worker, not the run itself
-            self._wait(_GRACE_S, lambda: os._exit(OVERDUE))
+        with self._ending:
+            if self._over:
+                return
+            self._raise(TimeLimitError)
+            if self._task.made_by != (platform.node(), os.getpid()):  # a worker, not the run itself
+                self._wait(_GRACE_S, lambda: os._exit(OVERDUE))
 
-
-def lost(task: Task) -> Done:
-    """Return what came of a task whose workers were killed, twice."""
-    identity = identity_of(task)
-    row = first_row(task, identity)
-    said = f"{row.recording}: expected a worker that ends, found it killed twice, or overdue"
-    return Done(identity.key, failed(row, said).encoded(), failed=True)
+    def _raise(self, error: type[BaseException] | None) -> None:
+        """Let this thread raise an error as soon as it can; None takes it back."""
+        raised = ctypes.py_object() if error is None else ctypes.py_object(error)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread), raised)
 
 
 def first_row(task: Task, identity: Identity) -> Row:
@@ -619,45 +667,6 @@ def first_row(task: Task, identity: Identity) -> Row:
     )
 
 
-def evaluated(task: Task, identity: Identity, row: Row) -> Done:
-    """Replay, score and explain; whatever goes wrong becomes the row's error.
-
-    Parameters
-    ----------
-    task
-        What to do.
-    identity
-        Key of the part, and the bytes of a remote recording.
-    row
-        What is known already.
-    """
-    began = time.perf_counter()
-    remote = identity.remote
-    limit = TimeLimit(task)
-    try:
-        with limit:
-            if identity.error:
-                raise RecordingError(identity.error)
-            if remote is None and not task.path.is_file():
-                said = f"{row.recording}: expected a file, found none visible on worker {row.host}"
-                raise RecordingError(said)
-            part = _part(task, row, remote, limit)
-            sha256 = row.sha256 if remote is None else remote.sha256()
-    except TimeLimitError:
-        said = f"{row.recording}: expected a replay within {limit.limit_s:g} s, found none"
-    except (CodecError, GroundtraceError) as error:
-        said = error_text(task, error)
-    except OSError as error:
-        said = f"{row.recording}: expected a file to use, found: {error.strerror or error}"
-    except Exception as error:  # a bug costs its recording, and is told; the fleet goes on
-        said = _place_of(error)
-    else:
-        done = replace(part.row, sha256=sha256, wall_s=time.perf_counter() - began)
-        return Done(identity.key, replace(part, row=done).encoded())
-    row = replace(row, wall_s=time.perf_counter() - began)
-    return Done(identity.key, failed(row, said).encoded(), failed=True)
-
-
 def _place_of(error: Exception) -> str:
     """Return an error that nobody expected, with the line of code it is from."""
     trace = error.__traceback__
@@ -668,8 +677,14 @@ def _place_of(error: Exception) -> str:
     return f"{type(error).__name__}: {error}{at}{line}"
 
 
-def _part(task: Task, row: Row, remote: ByteSource | None, limit: TimeLimit) -> Part:
+def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
     """Replay a recording and return all that is said about it."""
+    if identity.error:
+        raise RecordingError(identity.error)
+    remote = identity.remote
+    if remote is None and not task.path.is_file():
+        said = f"expected a file, found none visible on worker {row.host}"
+        raise RecordingError(f"{row.recording}: {said}")
     sink = EventList()
     with Recording.open(remote or task.path) as opened:
         limit.of_length((opened.end_ns - opened.start_ns) / NS_PER_S)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import shutil
 import time
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -21,7 +23,17 @@ from pyarrow import parquet
 from groundtrace.evaluation import __path__ as score_path
 from groundtrace.fleet import run as fleet_run
 from groundtrace.fleet.engines import MisfitError
-from groundtrace.fleet.run import Software, evaluate, misfit, recipes_of, tasks_of
+from groundtrace.fleet.run import (
+    Recipe,
+    Software,
+    Task,
+    TimeLimit,
+    TimeLimitError,
+    evaluate,
+    misfit,
+    recipes_of,
+    tasks_of,
+)
 from groundtrace.fleet.table import FIGURES, decoded
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
@@ -299,6 +311,15 @@ def test_a_recording_that_hangs_is_a_row_that_says_so(
     said = "walk-1.mcap: expected a replay within 5 s, found none"
     assert errors["small/walk-1.mcap"] == said
     assert errors["small/walk-2.mcap"] == ""
+
+
+def test_what_is_done_in_time_is_not_broken_off_afterwards() -> None:
+    here = (platform.node(), os.getpid())
+    task = Task(Location("a.mcap"), Recipe("", "", ""), limit_s=0.02, made_by=here)
+    for _ in range(50):
+        with suppress(TimeLimitError), TimeLimit(task):
+            time.sleep(0.02)
+        time.sleep(0.002)  # here it would be raised
 
 
 def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not_see(

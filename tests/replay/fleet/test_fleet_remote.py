@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import re
+import time
 import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from command_runs import assert_same_decisions, check_schema, done, run
-from fleet_runs import Here, use
+from fleet_runs import Here, ran_fleet, use
 from pyarrow import parquet
 from served_room import ROOM, Ranges, served_room
 
-from groundtrace.fleet.run import name_of, recordings_of
+from groundtrace.fleet.run import lost, name_of, recipes_of, recordings_of, tasks_of
+from groundtrace.fleet.table import decoded
 from groundtrace.pipeline.results import provenance_of
 from groundtrace_codecs import CodecError, Recording
 from groundtrace_codecs.location import Location, as_url, is_url
@@ -65,6 +67,16 @@ def test_the_hash_costs_no_second_reading(memory: Any) -> None:
     assert blocks > 0
     assert len(ROOM) <= source.fetched_bytes < len(ROOM) + 2 * BLOCK_BYTES
     assert source.requests < len(ROOM) / BLOCK_BYTES
+
+
+def test_what_was_closed_is_read_and_hashed_anew(served: str) -> None:
+    source = RemoteBytes(served)
+    with Recording.open(source) as recording:
+        assert recording.streams  # its index, and no more
+    assert source.read_at(100, 50) == ROOM[100:150]
+    source.close()
+    source.close()
+    assert source.sha256() == hashlib.sha256(ROOM).hexdigest()
 
 
 def test_info_of_a_url_fetches_a_part_of_it(served: str, capsys: Capture) -> None:
@@ -197,3 +209,40 @@ def test_a_server_without_ranges_is_told_before_its_file_is_in_memory(
         source.read_at(len(ROOM) - 100, 100)
     assert tracemalloc.get_traced_memory()[1] < len(ROOM) / 2
     tracemalloc.stop()
+
+
+def test_a_server_that_comes_to_no_end_is_a_row_wherever_it_is_read(
+    memory: Any, monkeypatch: pytest.MonkeyPatch, capsys: Capture, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    memory.pipe("/slow.mcap", ROOM)
+    memory.pipe("/room.mcap", ROOM)
+    read = RemoteBytes.read_at
+
+    def endless(source: RemoteBytes, offset: int, length: int) -> bytes:
+        while source.name.endswith("slow.mcap"):
+            time.sleep(0.01)
+        return read(source, offset, length)
+
+    monkeypatch.setattr(RemoteBytes, "read_at", endless)
+    use(monkeypatch, Here())
+    command = ("memory://room.mcap", "memory://slow.mcap", "--pipeline", "room-steps")
+    limited = (*command, "-o", "t.parquet", "--limit-s", "3")
+    said = ran_fleet(capsys, *limited)
+    assert (said["rows"], said["errors"]) == (2, 1)
+    errors = parquet.read_table("t.parquet").column("error").to_pylist()
+    assert errors == ["", "slow.mcap: expected a replay within 3 s, found none"]
+    assert ran_fleet(capsys, *limited, "--join")["digest"] == said["digest"]
+
+
+def test_of_a_lost_url_nothing_is_asked(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    memory.pipe("/room.mcap", ROOM)
+    monkeypatch.setattr(RemoteBytes, "__init__", lambda *_, **__: pytest.fail("asked"))
+    recipes = recipes_of(["room-steps"], [], 0.12)
+    (task,) = tasks_of([Location("memory://room.mcap")], recipes, 0.12, {})
+    done = lost(task)
+    part = decoded(done.data or b"")
+    assert part is not None
+    assert part.row.error == (
+        "room.mcap: expected a worker that ends, found it killed twice, or overdue"
+    )
