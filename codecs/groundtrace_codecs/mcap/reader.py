@@ -37,6 +37,7 @@ from .chunks import (
     ATTACHMENT_INDEX,
     CHANNEL,
     CHUNK_INDEX,
+    DATA_END,
     FOOTER,
     HEADER,
     MAGIC,
@@ -320,6 +321,26 @@ class McapFile:
             raise FormatError(f"{self.name}: attachment {ref.name!r}: {error}") from error
         return bytes(data)
 
+    def check_data(self) -> None:
+        """Read all bytes once more: what no CRC of its own protects is damage where it changed.
+
+        The CRC of the data section tells (MCAP specification, "Data End"), in a file with a summary
+        and without other damage, which would be a reason for it as well.
+        """
+        if self._damage or not self.indexed or (span := _summary_span(self._source)) is None:
+            return
+        end = span[0] - RECORD_HEAD.size - U32.size
+        try:
+            (expected,) = Fields(read_record(self._source, end, DATA_END)).unpack(U32)
+        except MalformedError:  # the summary does not follow the data at once
+            return
+        if expected and (found := crc32_of(self._source, 0, end)) != expected:
+            reason = (
+                f"data section: expected CRC 0x{expected:08x}, found 0x{found:08x}: metadata, "
+                f"definitions or indexes were changed"
+            )
+            self._note(Damage(0, end, None, None, 0, reason))
+
     def close(self) -> None:
         """Close the source."""
         self._loader.discard()
@@ -498,12 +519,20 @@ def _header(source: ByteSource, damage: list[Damage]) -> tuple[str, str]:
 
 
 def _metadata(
-    source: ByteSource, spans: list[tuple[int, int]], damage: list[Damage]
+    source: ByteSource, spans: list[tuple[int, int, str]], damage: list[Damage]
 ) -> list[MetadataRecord]:
+    """Return the records of an index; one that is not as long or called as it says is damage."""
     found = []
-    for offset, length in spans:
+    for offset, length, name in spans:
         try:
-            found.append(parse_metadata(read_record(source, offset, METADATA)))
+            content = read_record(source, offset, METADATA)
+            record = parse_metadata(content)
+            size = RECORD_HEAD.size + len(content)
+            if (record.name, size) != (name, length):
+                raise MalformedError(
+                    f"expected {name!r} of {length} bytes, found {record.name!r} of {size}"
+                )
+            found.append(record)
         except MalformedError as error:
             damage.append(Damage(offset, length, None, None, 0, f"metadata: {error}"))
     return found
@@ -547,7 +576,7 @@ class Summary:
     chunks, attachments
         As indexed.
     metadata
-        Offset and length of each Metadata record.
+        Offset, length and name of each Metadata record.
     statistics
         None where the summary has none.
     """
@@ -557,7 +586,7 @@ class Summary:
         self.channels: list[memoryview] = []
         self.chunks: list[ChunkEntry] = []
         self.attachments: list[AttachmentRef] = []
-        self.metadata: list[tuple[int, int]] = []
+        self.metadata: list[tuple[int, int, str]] = []
         self.statistics: Statistics | None = None
 
     def take(self, opcode: int, content: memoryview) -> None:
@@ -572,8 +601,9 @@ class Summary:
         elif opcode == ATTACHMENT_INDEX:
             self._attachment(Fields(content))
         elif opcode == METADATA_INDEX:
-            offset, length = Fields(content).unpack(U64_U64)
-            self.metadata.append((offset, length))
+            fields = Fields(content)
+            offset, length = fields.unpack(U64_U64)
+            self.metadata.append((offset, length, fields.text()))
         elif opcode == STATISTICS:
             self._statistics(Fields(content))
 

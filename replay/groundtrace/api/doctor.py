@@ -139,6 +139,8 @@ def _examined(file: McapFile, path: Path, progress: Progress) -> Health:
         for message in passing(file, show):
             counts[message.channel_id] += 1
     attachments = _attachments(file)
+    if not any(a.fault for a in attachments):
+        file.check_data()
     undecodable, signals = _signals(path, progress)
     topics: Counter[str] = Counter()
     for channel_id, channel in sorted(file.channels.items()):

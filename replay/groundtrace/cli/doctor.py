@@ -100,10 +100,9 @@ def _place_text(place: Place) -> str:
     span = ""
     if place.start_s is not None and place.end_s is not None:
         span = f"{place.start_s:.3f} to {place.end_s:.3f} s"
-    stop = place.offset + place.length
-    return (
-        f"bytes {place.offset} to {stop}: {', '.join(filter(None, (lost, span)))}: {place.reason}"
-    )
+    told = ", ".join(filter(None, (lost, span)))
+    bytes_ = f"bytes {place.offset} to {place.offset + place.length}"
+    return ": ".join(filter(None, (bytes_, told, place.reason)))
 
 
 def _print_installation(found: Installation) -> None:
