@@ -564,7 +564,7 @@ class ImuPreview:
 
 
 TRANSFORM_TOPIC = "/tf_static"
-_FRAME = "site"
+FRAME = "site"
 
 
 def transforms(geometry: Geometry, time_ns: int) -> tuple[Output, Packet]:
@@ -573,7 +573,7 @@ def transforms(geometry: Geometry, time_ns: int) -> tuple[Output, Packet]:
 
     message = FrameTransforms()
     for sensor in geometry.sensors:
-        transform = message.transforms.add(parent_frame_id=_FRAME, child_frame_id=sensor.name)
+        transform = message.transforms.add(parent_frame_id=FRAME, child_frame_id=sensor.name)
         set_time(transform.timestamp, time_ns)
         transform.translation.x = sensor.x
         transform.translation.y = sensor.y
