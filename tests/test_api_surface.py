@@ -33,11 +33,11 @@ SURFACE = {
         ParameterInfo Part Updates build checked_value describe gate given_waypoints measured
         parse_value""",
     "groundtrace.pipeline.stage": """
-        CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS
-        LocationEstimate Measured NO_FRAMES Numbers POWERS PresenceIntervals Stage StageConfig
-        StageRunner accepted_events allows associates detects emitted in_length_unit joined
-        length_note no_location scaled_lengths takes_signal_alone topic_of units_per_metre
-        wanted_quantities""",
+        CHAINED CLOCK_STEP COMMON_RADIUS_M CannotStart Context Curve Frames Input LEAST_PICKS
+        LocationEstimate Measured Memory NO_FRAMES Numbers POWERS PresenceIntervals Stage
+        StageConfig StageRunner accepted_events allows associates detects emitted
+        in_length_unit joined length_note no_location scaled_lengths takes_signal_alone topic_of
+        units_per_metre wanted_quantities""",
     "groundtrace_codecs": """
         Bearing CandidateBlock Channel CodecError Disagreement Disturbance Event Fix FormatError
         Gap GateSpec Geometry Heading Label LikelihoodSurface LineCrossing LoggedBlock McapFile

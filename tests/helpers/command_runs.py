@@ -13,7 +13,11 @@ from groundtrace.pipeline.conformance import Outcome, assert_same, outcome
 from groundtrace.pipeline.results import read_results
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import pytest
+
+    from groundtrace_codecs.events import Event
 
 SCHEMAS = Path(__file__).parents[2] / "docs" / "json"
 
@@ -67,7 +71,12 @@ def check_schema(command: str, document: Any) -> None:
 
 def decisions(results: Path) -> dict[str, Outcome]:
     """Return what each stage decided, by its name."""
-    events = [e for e in read_results(results).events if stage_of(e)]
+    return decided_by(read_results(results).events)
+
+
+def decided_by(found: Iterable[Event]) -> dict[str, Outcome]:
+    """Return what each stage decided, by its name, among events."""
+    events = [e for e in found if stage_of(e)]
     names = dict.fromkeys(map(stage_of, events))
     return {name: outcome(e for e in events if stage_of(e) == name) for name in names}
 
@@ -79,8 +88,12 @@ def stage_of(event: Any) -> str:
 
 def assert_same_decisions(one: Path, other: Path) -> None:
     """Raise where two results differ in any candidate, verdict or event."""
-    first, second = decisions(one), decisions(other)
+    assert_decided_alike(decisions(one), decisions(other), f"{one.name} and {other.name}")
+
+
+def assert_decided_alike(first: dict[str, Outcome], second: dict[str, Outcome], what: str) -> None:
+    """Raise where stages decided otherwise, in any candidate, verdict or event."""
     assert first.keys() == second.keys()
     assert any(len(found.times) for found in first.values())
     for stage, found in first.items():
-        assert_same(found, second[stage], f"{one.name} and {other.name}: {stage}")
+        assert_same(found, second[stage], f"{what}: {stage}")

@@ -6,11 +6,8 @@ import itertools
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from groundtrace_codecs.events import CandidateBlock, StageSpec, TraceBlock
 from groundtrace_codecs.geometry import Geometry
 from groundtrace_codecs.importers.units import RANGES
 from groundtrace_codecs.live import LiveRecording
@@ -27,7 +24,7 @@ from ..pipeline.config import (
     load_pipeline,
     with_settings,
 )
-from ..pipeline.engine import Clock, ReplayLoop, ReplaySession
+from ..pipeline.engine import Clock, ReplayLoop, ReplaySession, part_of
 from ..pipeline.plugins import load
 from ..pipeline.results import (
     Provenance,
@@ -45,8 +42,6 @@ from .pipelines import default_pipeline
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from threading import Event as Stop
-
-    from numpy.typing import NDArray
 
     from groundtrace_codecs.events import Event, Gap, Label, Note
     from groundtrace_codecs.mcap.follow import Growing
@@ -195,7 +190,10 @@ class PlannedReplay:
             first_ns = session.start_ns if start_ns is None else start_ns
             last_ns = session.end_ns if end_ns is None else min(end_ns, session.end_ns)
             session = replace(session, shown_ns=(first_ns, last_ns))
-        return cls(recording, path, ready, session, (start_ns, end_ns), live)
+        plan = cls(recording, path, ready, session, (start_ns, end_ns), live)
+        if beside := plan.beside_span():
+            report(beside)
+        return plan
 
     def again(self) -> PlannedReplay:
         """Return the same with a pipeline that has seen nothing yet."""
@@ -243,6 +241,37 @@ class PlannedReplay:
             if isinstance(sink, ResultsSink):
                 sink.complete(replace(sink.provenance, sha256=sha256, end_ns=end_ns), late)
 
+    @property
+    def read_span(self) -> tuple[int | None, int | None]:
+        """What is replayed so that the span has the decisions of a replay of the whole [ns].
+
+        It begins and ends by the memory of the pipeline's stages before and after the span; None is
+        no bound.
+        """
+        memory, (start_ns, stop_ns) = self.ready.chain.memory, self.span
+        if start_ns is not None:
+            before_s = memory.warm_up_s
+            start_ns = None if before_s is None else start_ns - round(before_s * NS_PER_S)
+        if stop_ns is not None:
+            after_s = memory.delay_s
+            stop_ns = None if after_s is None else stop_ns + round(after_s * NS_PER_S)
+        return start_ns, stop_ns
+
+    def beside_span(self) -> str:
+        """Return in one line what is replayed beside the span, for people; empty for little."""
+        session, stages = self.session, self.ready.chain.memories
+        start_ns, stop_ns = self.span
+        said = []
+        before = [name for name, memory in stages.items() if memory.warm_up_s is None]
+        if before and start_ns is not None and start_ns > session.start_ns:
+            seconds = (start_ns - session.start_ns) / NS_PER_S
+            said.append(f"the {seconds:.1f} s before it, on all of which {before[0]} depends")
+        after = [name for name, memory in stages.items() if memory.delay_s is None]
+        if after and stop_ns is not None and stop_ns < session.end_ns:
+            seconds = (session.end_ns - stop_ns) / NS_PER_S
+            said.append(f"the {seconds:.1f} s after it, on all of which {after[0]} depends")
+        return f"the span is replayed with {' and '.join(said)}" if said else ""
+
     def run(
         self,
         sinks: Sequence[Sink],
@@ -272,7 +301,7 @@ class PlannedReplay:
             if progress is not None:
                 progress(min(max((time_ns - first_ns) / length_ns, 0.0), 1.0))
 
-        start_ns, stop_ns = self.span
+        start_ns, stop_ns = self.read_span
         # who waits for samples is given them as they come, and nothing is taken ahead
         waits = bool(rate) or self.live is not None
         source = Source(
@@ -280,13 +309,16 @@ class PlannedReplay:
             start_ns=start_ns,
             stop_ns=stop_ns,
             block_s=0.0 if waits else None,
+            in_whole=True,
         )
         for sink in sinks:
             sink.open(session)
         done = False
         try:
             clock = Clock(rate) if waits else None
-            loop = ReplayLoop(self.ready.chain, sinks, clock=clock, progress=reached)
+            loop = ReplayLoop(
+                self.ready.chain, sinks, clock=clock, progress=reached, span=self.span
+            )
             items = with_warnings(source, self.ready.looked_at)
             tally = loop.through(itertools.chain(self.ready.notes, items))
             self._complete(sinks)
@@ -440,7 +472,7 @@ class TimeWindowSink:
 
     def write(self, item: SignalBlock | Event) -> None:
         """Pass on the part of an item that lies in the window."""
-        part = self._part(item)
+        part = part_of(item, self._start_ns, self._end_ns)
         if part is not None:
             self._sink.write(part)
 
@@ -452,25 +484,3 @@ class TimeWindowSink:
     def close(self) -> None:
         """End the replay."""
         self._sink.close()
-
-    def _part(self, item: SignalBlock | Event) -> SignalBlock | Event | None:
-        if isinstance(item, StageSpec):
-            return item
-        if isinstance(item, SignalBlock):
-            times = item.sample_times()
-            first, last = np.searchsorted(times, (self._start_ns, self._end_ns))
-            return item.slice(int(first), int(last)) if last > first else None
-        if isinstance(item, CandidateBlock | TraceBlock):
-            return _rows(item, (item.time_ns >= self._start_ns) & (item.time_ns < self._end_ns))
-        return item if self._start_ns <= item.time_ns < self._end_ns else None
-
-
-def _rows(block: Any, rows: NDArray[np.bool_]) -> CandidateBlock | TraceBlock | None:
-    """Return some rows of a block of columns; None of none."""
-    if not rows.any():
-        return None
-    names = [f for f in type(block).__dataclass_fields__ if f != "spec"]
-    part: CandidateBlock | TraceBlock = replace(
-        block, **{name: getattr(block, name)[rows] for name in names}
-    )
-    return part

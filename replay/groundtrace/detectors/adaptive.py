@@ -33,7 +33,7 @@ from ..dsp.periodicity import HOP, PERIODS_S, Rhythm, Scale
 from ..dsp.resample import GRID_HZ, CentredFilter, ColumnBuffer, gaussian, lowpass
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import CannotStart, Context, Curve, Input, Measured, Stage, joined
+from ..pipeline.stage import CannotStart, Context, Curve, Input, Measured, Memory, Stage, joined
 from .body_signals import FORCE, MAGNITUDE, Upward, UpwardPart
 from .step_score import (
     APART_STEPS,
@@ -48,7 +48,7 @@ from .step_score import (
     scores,
     trained,
 )
-from .trace import FrameTrace, trace_of
+from .trace import TRACE, FrameTrace, trace_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,6 +68,9 @@ _TRUNK_SCALES = (Scale(4.0, 2),)
 #: Windows [s] and how many of them must agree: a hand or a pocket must keep its rhythm for longer
 #: than a trunk. Chosen by trial on rieck-stepcounter (docs/steps.md, "What was chosen on what").
 _OTHER_SCALES = (Scale(8.0, 2), Scale(12.0, 3))
+#: What averages, bands and looks ahead at a step reach beyond the rhythm together [s]. Source:
+#: definitions: 2.5 for gravity, 0.5 to 1.4 for the grid, 1.6 for the band; rounded up.
+AVERAGED_S = 6.0
 #: Axes of acceleration among which forward is looked for. Source: definition.
 _AXES = 3
 
@@ -251,6 +254,11 @@ class AdaptiveDetector(Stage):
 
     def __init__(self, parameters: AdaptiveParameters) -> None:
         self.parameters = parameters
+
+    @property
+    def memory(self) -> Memory:
+        """All before, by which a step is judged; and the rhythm and the averages after a point."""
+        return Memory(None, self.parameters.ahead_s + AVERAGED_S).behind([TRACE])
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the acceleration upward is one channel.

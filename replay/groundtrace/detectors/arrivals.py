@@ -27,6 +27,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from .. import kernels
 from ..dsp.filters import SampleClock, SampleHistory
 from ..dsp.noise import (
+    CELL_S,
     LocalMaxima,
     LocalMaximaWithOnset,
     NoiseLevel,
@@ -34,13 +35,15 @@ from ..dsp.noise import (
     cell_length,
 )
 from ..pipeline.gates import Candidates
-from ..pipeline.stage import Curve, Measured
-from .trace import FrameTrace
+from ..pipeline.stage import CHAINED, Curve, Measured, Memory
+from .trace import TRACE, FrameTrace, WholeFrames
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
 
     from ..dsp.noise import CompleteCells
 
@@ -131,6 +134,38 @@ class ArrivalParameters(Protocol):
     def refine(self) -> Refine:
         """How the onset of a candidate is found."""
 
+    @property
+    def refractory_s(self) -> float:
+        """Least time between two arrivals [s]."""
+
+
+def picker_memory(
+    parameters: ArrivalParameters,
+    forgotten_s: float,
+    back_s: float,
+    windows_s: tuple[tuple[float, float], ...],
+    ahead_s: float = 0.0,
+) -> Memory:
+    """Return how much signal the arrivals of a picker depend on.
+
+    Parameters
+    ----------
+    parameters
+        Its parameters.
+    forgotten_s
+        After how long its filters and its noise have forgotten what was before [s].
+    back_s, windows_s
+        As :class:`ArrivalSettings` has them.
+    ahead_s
+        How far its decision function looks ahead [s].
+    """
+    p = parameters
+    before_s, after_s = (max(times) for times in zip(*windows_s, strict=True))
+    around_s = p.separation_s + 2 * CELL_S
+    told = Memory(p.gap_s + back_s + before_s + around_s, ahead_s + after_s + around_s)
+    chained = Memory(forgotten_s + CHAINED * p.refractory_s, 0.0)
+    return told.behind([TRACE]).behind([chained])
+
 
 class ArrivalTracker:
     """Turns cells of decision functions into candidates, block by block.
@@ -177,6 +212,8 @@ class ArrivalTracker:
         back = round(settings.back_s / cell_s)
         self._maxima = LocalMaxima(channels, reach, settings.floor, back)
         self._trace = FrameTrace(1 / cell_s, channels)
+        self._whole = WholeFrames(self._trace.length * self._length)
+        self._begun = False
         self.frames = self._trace.signal
         self._reached: tuple[CompleteCells, NDArray[np.float64]] | None = None
         self._waiting = LocalMaximaWithOnset.none()  # maxima whose AIC windows are open
@@ -186,6 +223,20 @@ class ArrivalTracker:
         before, self._after = (int(most) for most in self._windows.max(axis=0))
         self._before = self._back + before
 
+    def begun(self, block: SignalBlock) -> SignalBlock:
+        """Count in the next block of the run; return it from the run's first whole frame on."""
+        block = self._whole.of(block)
+        if len(block):
+            if not self._begun:
+                self._ratio.begin_at(block.first // self._length)
+            self._begun = True
+            self.clock.add(block)
+        return block
+
+    def nothing(self) -> Measured:
+        """Return what a block without a whole frame brings."""
+        return Measured(NOTHING, self._trace.nothing())
+
     def take(self, cells: CompleteCells, level: Levels) -> Measured:
         """Take the cells that are complete by now, after the samples were added to the history.
 
@@ -193,7 +244,7 @@ class ArrivalTracker:
         """
         if not len(cells):
             self._reached = (cells, cells.level)
-            return Measured(NOTHING, self._trace.nothing())
+            return self.nothing()
         ratio = self._ratio(cells.level)
         self._reached = (cells, ratio)
         if self._ratios is not None and (curve := self.curve(level)) is not None:

@@ -10,7 +10,14 @@ from scipy import signal
 
 from groundtrace_codecs.signals import G0_MPS2, NS_PER_S, UNKNOWN_UNITS
 
-from ..dsp.filters import StreamingFilter, UnbiasedMean, corner, phase_delay_s, planar
+from ..dsp.filters import (
+    StreamingFilter,
+    UnbiasedMean,
+    corner,
+    forgotten_s,
+    phase_delay_s,
+    planar,
+)
 from ..dsp.resample import CentredFilter, ColumnBuffer, GridPart, UniformResampler, gaussian
 
 if TYPE_CHECKING:
@@ -30,6 +37,16 @@ OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ = 1e9, 0.05
 #: Step frequency at which the filter's delay is taken out of the times [Hz]. Chosen by judgement:
 #: steps of a usual walk, 0.55 s each.
 NOMINAL_CADENCE_HZ = 1.8
+
+
+#: Times of steps are taken back by at most this, the filter's delay and what a peak comes after the
+#: contact [s]. Chosen by judgement: more than both together, at any rate.
+SHIFTED_S = 1.0
+
+
+def walking_forgotten_s(cutoff_hz: float, gravity_hz: float) -> float:
+    """Return after how long a :class:`WalkingSignal` has forgotten what was before [s]."""
+    return forgotten_s(0.0, cutoff_hz) + forgotten_s(gravity_hz, 0.0, order=1)
 
 
 class WalkingSignal:

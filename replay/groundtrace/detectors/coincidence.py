@@ -24,7 +24,7 @@ from groundtrace_codecs.signals import NS_PER_S
 
 from ..pipeline.gates import Candidates, Level, Reach
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Input, Stage
+from ..pipeline.stage import CHAINED, Context, Input, Memory, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -122,6 +122,12 @@ class Coincidence(Stage):
         self._most = 0
         self._window_ns = parameters.window_s * NS_PER_S
         self._sharp_ns = parameters.sharp_s * NS_PER_S
+
+    @property
+    def memory(self) -> Memory:
+        """Of groups and of impacts that follow each other without a rest; and the window."""
+        p = self.parameters
+        return Memory(CHAINED * (p.window_s + p.refractory_s), p.window_s + p.sharp_s)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin; an impact is not of one channel."""

@@ -20,12 +20,26 @@ import numpy as np
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..dsp.filters import StreamingFilter, UnbiasedMean, bandpass, planar
+from ..dsp.filters import (
+    FORGOTTEN,
+    StreamingFilter,
+    UnbiasedMean,
+    bandpass,
+    forgotten_s,
+    planar,
+)
 from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
-from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker, Refine
+from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage, joined
+from .arrivals import (
+    COLUMNS,
+    RISE_WINDOWS_S,
+    ArrivalSettings,
+    ArrivalTracker,
+    Refine,
+    picker_memory,
+)
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -147,6 +161,14 @@ class NoiseStatistics(Stage):
     def __init__(self, parameters: NoiseStatisticsParameters) -> None:
         self.parameters = parameters
 
+    @property
+    def memory(self) -> Memory:
+        """That of the band-pass, the noise, and the refractory time; and what follows a sample."""
+        p = self.parameters
+        held_s = forgotten_s(p.low_hz, p.high_hz) + FORGOTTEN * p.noise_s + p.warm_up_s
+        ahead_s = 2 * max(length_s for length_s, _ in STRETCHES)
+        return picker_memory(p, held_s, p.gap_s, RISE_WINDOWS_S, ahead_s)
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
@@ -167,9 +189,11 @@ class NoiseStatistics(Stage):
 
     def process(self, block: SignalBlock) -> Measured:
         """Compare what follows each sample with the noise before it, and look for arrivals."""
+        block = self.state.tracker.begun(block)
+        if not len(block):
+            return self.state.tracker.nothing()
         recorded = planar(block)
         band = self.state.band(recorded)
-        self.state.tracker.clock.add(block)
         return self._measure(*self.state.stretches.add(recorded, band))
 
     def curve(self) -> Curve | None:

@@ -18,9 +18,9 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage
-from .body_signals import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, Activity, WalkingSignal
-from .trace import FrameTrace, trace_of
+from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage
+from .body_signals import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, SHIFTED_S, Activity, WalkingSignal
+from .trace import TRACE, FrameTrace, trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -84,6 +84,11 @@ class PeakDetector(Stage):
 
     def __init__(self, parameters: PeakParameters) -> None:
         self.parameters = parameters
+
+    @property
+    def memory(self) -> Memory:
+        """All before: a swing begins with the last peak; and what is around a peak."""
+        return Memory(None, self.parameters.around_s + SHIFTED_S).behind([TRACE])
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""

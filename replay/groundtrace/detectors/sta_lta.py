@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
-from ..dsp.filters import SmoothedSlope, UnbiasedMean, planar
+from ..dsp.filters import FORGOTTEN, SmoothedSlope, UnbiasedMean, planar
 from ..dsp.noise import CellReducer
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage, joined
-from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker, Refine
+from ..pipeline.stage import Context, Curve, Input, Measured, Memory, Stage, joined
+from .arrivals import COLUMNS, ArrivalSettings, ArrivalTracker, Refine, picker_memory
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -95,6 +95,14 @@ class StaLtaPicker(Stage):
     def __init__(self, parameters: StaLtaParameters) -> None:
         self.parameters = parameters
 
+    @property
+    def memory(self) -> Memory:
+        """That of the averages, one after the other, and of the refractory time."""
+        p = self.parameters
+        slope_s = p.smooth_s + p.slope_s
+        held_s = slope_s + FORGOTTEN * (2 * p.lta_s + p.sta_s)
+        return picker_memory(p, held_s, 2 * p.sta_s, WINDOWS_S, slope_s)
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
@@ -112,7 +120,9 @@ class StaLtaPicker(Stage):
 
     def process(self, block: SignalBlock) -> Measured:
         """Average the squared slope and look for arrivals."""
-        self.state.tracker.clock.add(block)
+        block = self.state.tracker.begun(block)
+        if not len(block):
+            return self.state.tracker.nothing()
         return self._measure(*self.state.slope(planar(block)))
 
     def curve(self) -> Curve | None:

@@ -21,9 +21,15 @@ from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 from ..dsp.filters import CentredWindow
 from ..pipeline.gates import Candidates, Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Curve, Input, Measured, Stage
-from .body_signals import OPEN_CUTOFF_HZ, OPEN_GRAVITY_HZ, WalkingSignal
-from .trace import FrameTrace, trace_of
+from ..pipeline.stage import CHAINED, Context, Curve, Input, Measured, Memory, Stage
+from .body_signals import (
+    OPEN_CUTOFF_HZ,
+    OPEN_GRAVITY_HZ,
+    SHIFTED_S,
+    WalkingSignal,
+    walking_forgotten_s,
+)
+from .trace import TRACE, FrameTrace, WholeFrames, trace_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -55,6 +61,7 @@ class SwingParameters:
 
 @dataclass(slots=True)
 class _State:
+    whole: WholeFrames
     walking: WalkingSignal
     trace: FrameTrace
     signal: CentredWindow
@@ -97,14 +104,23 @@ class SwingDetector(Stage):
     def __init__(self, parameters: SwingParameters) -> None:
         self.parameters = parameters
 
+    @property
+    def memory(self) -> Memory:
+        """That of the filters, the machine, and the refractory time; and the swing that follows."""
+        p = self.parameters
+        held_s = walking_forgotten_s(p.cutoff_hz, p.gravity_hz) + CHAINED * p.refractory_s
+        return Memory(held_s + 2 * p.rest_s, p.rest_s + SHIFTED_S).behind([TRACE])
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; the norm of all acceleration axes is one channel."""
         stream = context.stream
         p, rate = self.parameters, stream.rate_hz
         reach = max(1, round(p.rest_s * rate))
+        trace = FrameTrace(rate, 1)
         self.state = _State(
+            WholeFrames(trace.length),
             WalkingSignal(rate, p.cutoff_hz, p.gravity_hz),
-            FrameTrace(rate, 1),
+            trace,
             CentredWindow(1, reach, reach),
             rate,
             reach,
@@ -114,6 +130,9 @@ class SwingDetector(Stage):
     def process(self, block: SignalBlock) -> Measured:
         """Find the swings; each waits until the machine would be at rest again."""
         state = self.state
+        block = state.whole.of(block)
+        if not len(block):
+            return Measured(Candidates.empty(len(self.columns)), state.trace.nothing())
         norm, y = state.walking(block)
         times = block.sample_times()
         frames = state.trace.add(times, y, np.abs(y), y * y, norm, norm)

@@ -14,15 +14,19 @@ from groundtrace_codecs.events import Quantity
 
 from .. import kernels
 from ..dsp.noise import SignalFrames
-from ..pipeline.stage import Frames
+from ..pipeline.stage import Frames, Memory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from groundtrace_codecs.signals import SignalBlock
 
 #: Length of a frame, and memory of the quiet swing and the noise [s]. Chosen by judgement: frames
 #: resolve a step and cost little; in 5 s there is quiet between steps.
 FRAME_S = 0.05
 NOISE_S = 5.0
+#: How much signal a trace depends on: the frame under way, and those before it.
+TRACE = Memory(NOISE_S + 2 * FRAME_S, 2 * FRAME_S)
 
 
 def trace_of(decision: Quantity, filtered_unit: str, recorded_unit: str) -> tuple[Quantity, ...]:
@@ -40,6 +44,32 @@ def trace_of(decision: Quantity, filtered_unit: str, recorded_unit: str) -> tupl
         Quantity("quiet", recorded_unit),
         Quantity("flat", "s"),
     )
+
+
+class WholeFrames:
+    """Leaves out what comes of a run before its first whole frame.
+
+    Where a replay begins in the middle of a run, its frames are so those of the whole run.
+
+    Parameters
+    ----------
+    samples
+        Of a frame.
+    """
+
+    def __init__(self, samples: int) -> None:
+        self._samples = samples
+        self._skip: int | None = None
+
+    def of(self, block: SignalBlock) -> SignalBlock:
+        """Return what is left of the next block of a run, which may be nothing."""
+        if self._skip is None:
+            self._skip = -block.first % self._samples
+        if not self._skip:
+            return block
+        cut = min(self._skip, len(block))
+        self._skip -= cut
+        return block.slice(cut, len(block))
 
 
 class FrameTrace:

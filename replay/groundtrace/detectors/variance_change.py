@@ -22,12 +22,19 @@ from groundtrace_codecs.events import Pick, Quantity
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from .. import kernels
-from ..dsp.filters import bandpass, steady_state
+from ..dsp.filters import FORGOTTEN, bandpass, forgotten_s, steady_state
 from ..dsp.noise import CompleteCells, RunningMaximum, cell_length
 from ..pipeline.gates import Level, Refractory
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Input, Stage
-from .arrivals import COLUMNS, RISE_WINDOWS_S, ArrivalSettings, ArrivalTracker, Refine
+from ..pipeline.stage import Context, Input, Memory, Stage
+from .arrivals import (
+    COLUMNS,
+    RISE_WINDOWS_S,
+    ArrivalSettings,
+    ArrivalTracker,
+    Refine,
+    picker_memory,
+)
 from .trace import trace_of
 
 if TYPE_CHECKING:
@@ -156,6 +163,14 @@ class VarianceChange(Stage):
     def __init__(self, parameters: VarianceChangeParameters) -> None:
         self.parameters = parameters
 
+    @property
+    def memory(self) -> Memory:
+        """That of the band-pass, the moving average, the noise, and the refractory time."""
+        p = self.parameters
+        average_s = p.memory_s * FORGOTTEN / float(np.log(10))
+        held_s = forgotten_s(p.low_hz, p.high_hz) + average_s + p.noise_s
+        return picker_memory(p, held_s, p.gap_s, RISE_WINDOWS_S)
+
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; every channel is picked on its own."""
         stream = context.stream
@@ -170,8 +185,9 @@ class VarianceChange(Stage):
     def process(self, block: SignalBlock) -> Measured:
         """Average the squared signal and look for arrivals."""
         tracker = self.state.tracker
-        if len(block):
-            tracker.clock.add(block)
+        block = tracker.begun(block)
+        if not len(block):
+            return tracker.nothing()
         return tracker.take(
             self.state.variance(block, tracker.history, tracker.frames), self._levels
         )

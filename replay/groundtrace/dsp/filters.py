@@ -159,6 +159,27 @@ def bandpass(low_hz: float, high_hz: float, rate_hz: float, order: int = 2) -> N
     return np.array([[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
 
 
+#: What a recursive filter holds of the past is nothing after its slowest part has fallen by so many
+#: factors of e. Source: arithmetic, e^45 is 3e19: a thousandth of the rounding of a double.
+FORGOTTEN = 45.0
+
+
+def forgotten_s(low_hz: float, high_hz: float, order: int = 2) -> float:
+    """Return after how long :func:`bandpass` has forgotten what was before, at any rate [s].
+
+    Of the analogue filter, whose poles the digital one has: the slowest of all that the rate may
+    leave of it, with both edges or with one.
+    """
+    prototype = -np.exp(1j * np.pi * np.arange(1.0 - order, order, 2) / (2 * order))
+    edges = [2 * np.pi * hz for hz in (low_hz, high_hz) if hz > 0]
+    slowest = [edge * float(-prototype.real.max()) for edge in edges]
+    if 0 < low_hz < high_hz:
+        half = prototype * (edges[1] - edges[0]) / 2
+        apart = np.sqrt(half**2 - edges[0] * edges[1])
+        slowest.append(float(-np.concatenate([half + apart, half - apart]).real.max()))
+    return FORGOTTEN / min(slowest) if slowest else 0.0
+
+
 def phase_delay_s(sos: NDArray[np.float64], frequency_hz: float, rate_hz: float) -> float:
     """Return by how much ``sos`` delays a sinusoid of ``frequency_hz`` [s]."""
     from scipy import signal
@@ -262,8 +283,10 @@ class SmoothedSlope:
         ends[0], ends[-1] = 1.0, -1.0
         self.kernel = np.convolve(window / window.sum(), ends / (2 * reach))
         self.delay = len(self.kernel) // 2
+        #: The same of what the signal rises by: no offset of it rounds the slope.
+        self._of_rises = np.cumsum(self.kernel)
         self._zi: NDArray[np.float64] | None = None
-        self._offset: NDArray[np.float64] = np.empty(0)
+        self._last: NDArray[np.float64] = np.empty(0)
         self._signal: NDArray[np.float64] = np.empty((0, 0))
         self._skip = self.delay
 
@@ -280,13 +303,14 @@ class SmoothedSlope:
         if x.shape[1] == 0:  # lfilter would lose its state
             return x, x
         if self._zi is None:
-            self._offset = x[:, :1]
+            self._last = x[:, :1]
             self._zi = np.zeros((x.shape[0], len(self.kernel) - 1))
             self._signal = np.empty((x.shape[0], 0))
         # two denominator terms keep lfilter sample by sample: the same sums whatever the blocks
         slope, self._zi = signal.lfilter(
-            self.kernel, [1.0, 0.0], x - self._offset, axis=1, zi=self._zi
+            self._of_rises, [1.0, 0.0], np.diff(x, prepend=self._last), axis=1, zi=self._zi
         )
+        self._last = x[:, -1:]
         skipped = min(self._skip, x.shape[1])
         self._skip -= skipped
         slope = slope[:, skipped:]

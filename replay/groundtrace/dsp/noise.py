@@ -194,6 +194,10 @@ class NoiseRatio:
         self._tail: NDArray[np.float64] | None = None
         self._count = 0
 
+    def begin_at(self, cell: int) -> None:
+        """Begin with a cell of the run that is not its first: so long the noise has gone on."""
+        self._count = cell
+
     def __call__(self, level: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the ratio of the cells of a block, shape (n_channels, n)."""
         n = level.shape[1]

@@ -17,7 +17,7 @@ from groundtrace_codecs.events import Gap, Heading, Label, Note, Quantity, StepE
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from ..pipeline.gates import Candidates, Level
-from ..pipeline.stage import Context, Input, Stage
+from ..pipeline.stage import Context, Input, Memory, Stage
 from .body_motion import LevelFrameTracker
 from .frames import PATIENCE_NS, QUANTITIES, SensorAligner, columns_of_axes
 from .pdr_filter import MagneticBearing, ReckoningFilter, ReckoningNoise, Stride, Track
@@ -344,6 +344,11 @@ class DeadReckoning(Stage):
         self._fixes: list[PositionReference] = []  # in order of time
         self._received_ns = -(2**62)  # how far the topic of the steps was heard of
         self._known_ns = -(2**62)  # until when the reckoner knows fixes
+
+    @property
+    def memory(self) -> Memory:
+        """All before; and what is waited for after a step."""
+        return Memory(None, (LATE_NS + WAIT_NS) / NS_PER_S)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a track where the geometry says that walks begin."""

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from groundtrace_codecs.events import EVENTS, Pick, StepEvent
 from groundtrace_codecs.signals import SignalBlock
 
 from ..pipeline.parameters import measured
-from ..pipeline.stage import CannotStart, Context, Input, Stage
+from ..pipeline.stage import CannotStart, Context, Input, Memory, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -78,6 +78,12 @@ class ArrayMethod(Stage):
 
     needs: str = "channels of another kind"
     ends_at = "clock step"
+    parameters: Any
+
+    @property
+    def memory(self) -> Memory:
+        """All before, where the method learns from steps; and the signal after one."""
+        return Memory(None, self.parameters.after_s)
 
     def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Begin with a stream; return the names of the candidates' channels, none if it cannot."""

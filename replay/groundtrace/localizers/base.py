@@ -16,7 +16,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..errors import PipelineError
 from ..pipeline.gates import Candidates, Level, Reach, gate_specs, never_passed
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import LEAST_PICKS, CannotStart, Context, Input, Stage
+from ..pipeline.stage import LEAST_PICKS, CannotStart, Context, Input, Memory, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -293,6 +293,11 @@ class ArrivalLocalizer(Stage):
         self._told = False
         self._check: ModelCheck | None = None
         self._doubted = False
+
+    @property
+    def memory(self) -> Memory:
+        """All places before, which tell how well the model holds; and the window of a step."""
+        return Memory(None, self.parameters.window_s)
 
     def prepare(self, site: PlacedSensors) -> str:
         """Prepare for a site; return what it lacks, or an empty text."""

@@ -26,11 +26,12 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 
 from groundtrace_codecs.events import Bearing, Fix, Quantity, StepEvent
-from groundtrace_codecs.signals import SEISMIC_QUANTITIES
+from groundtrace_codecs.signals import NS_PER_S, SEISMIC_QUANTITIES
 
+from ..pipeline.buffers import KEEP_NS
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate, measured
-from ..pipeline.stage import Context, Input, LocationEstimate, Stage, no_location
+from ..pipeline.stage import Context, Input, LocationEstimate, Memory, Stage, no_location
 from .array_method import ArrayMethod, ArrayParameters, takes_steps
 from .base import place_candidate
 
@@ -132,6 +133,12 @@ class Bearings(ArrayMethod):
     def __init__(self, parameters: BearingsParameters) -> None:
         self.parameters = parameters
         self.stations: tuple[Station, ...] = ()
+
+    @property
+    def memory(self) -> Memory:
+        """The signal of a step, and the picks that are kept to look back at."""
+        p = self.parameters
+        return Memory(p.before_s + 2 * KEEP_NS / NS_PER_S, p.after_s)
 
     def prepare(self, stream: Stream, geometry: Geometry) -> tuple[str, ...]:
         """Find the stations; there are none where no place has all three axes."""
@@ -373,6 +380,11 @@ class Crossing(Stage):
     def __init__(self, parameters: CrossingParameters) -> None:
         self.parameters = parameters
         self._latest: dict[str, Bearing] = {}
+
+    @property
+    def memory(self) -> Memory:
+        """The bearings of one step, which have one time."""
+        return Memory(0.0, 0.0)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin with the stations that give bearings, and none of these."""

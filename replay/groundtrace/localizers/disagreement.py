@@ -12,7 +12,7 @@ from groundtrace_codecs.events import Disagreement, Fix, Note, Quantity
 
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import gate
-from ..pipeline.stage import Context, Input, Stage, length_note
+from ..pipeline.stage import Context, Input, Memory, Stage, length_note
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -60,6 +60,11 @@ class LocalizerDisagreement(Stage):
         self.parameters = parameters
         self._waiting: dict[str, Fix] = {}
         self._told = False
+
+    @property
+    def memory(self) -> Memory:
+        """The fixes of one step, which have one time."""
+        return Memory(0.0, 0.0)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin with the pairs of the localizers."""

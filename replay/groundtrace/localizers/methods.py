@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from ..dsp.robust import HUBER
 from ..pipeline.parameters import gate, measured
+from ..pipeline.stage import Memory
 from . import arrival_order, joint_calibration, tdoa
 from .base import (
     EXPONENT,
@@ -51,6 +52,11 @@ class SoTdoa(ArrivalLocalizer):
     Parameters = SoTdoaParameters
     columns = columns("1")
     gates = gates("1", "max_residual")
+
+    @property
+    def memory(self) -> Memory:
+        """The arrivals of a step: one place tells nothing of the next."""
+        return Memory(self.parameters.window_s, self.parameters.window_s)
 
     def prepare(self, site: PlacedSensors) -> str:
         """Find the regions."""

@@ -171,7 +171,7 @@ class SignalBuffer:
             first_ns = self._picks[0].time_ns
             if block.end_ns > first_ns + self.after_ns + KEEP_NS:
                 self._kept = self._cut(first_ns)
-        horizon = block.end_ns - KEEP_NS
+        horizon = block.start_ns - KEEP_NS  # the picks of this block are to come
         if self._picks and self._kept is None:
             spread_ns = round(float(np.ptp(self.ahead_s)) * NS_PER_S)
             horizon = min(horizon, self._picks[0].time_ns - self.before_ns - spread_ns)

@@ -17,7 +17,7 @@ from groundtrace_codecs.signals import SignalBlock
 from ..errors import PipelineError, SettingError, Usage, did_you_mean
 from .parameters import build, checked_value, describe, parse_value
 from .plugins import stage_named
-from .stage import StageConfig, StageRunner
+from .stage import Memory, StageConfig, StageRunner
 from .track_check import TrackCheck, Tracking
 
 if TYPE_CHECKING:
@@ -232,8 +232,11 @@ class Pipeline:
         stages: Sequence[Taking],
         resolved: str,
         check: TrackCheck | None = None,
+        memories: Mapping[str, Memory] | None = None,
     ) -> None:
         self.config = config
+        #: By name of a stage, of how much signal its results depend on.
+        self.memories = dict(memories or {})
         self.stages = tuple(stages)
         self._resolved = resolved
         self._check = check or TrackCheck(config.application, (), metric=False)
@@ -242,6 +245,11 @@ class Pipeline:
     def runs_ahead(self) -> bool:
         """Whether the first stage needs nothing of what the others do: another core may run it."""
         return all(getattr(stage, "runs_ahead", True) for stage in self.stages[:1])
+
+    @property
+    def memory(self) -> Memory:
+        """How much signal the results of a time depend on, whatever stage they are of."""
+        return Memory.longest([self.memories.get(s.name, Memory()) for s in self.stages])
 
     def recipe(self) -> str:
         """Return the pipeline as TOML, every parameter with its value and unit."""
@@ -311,6 +319,7 @@ def build_pipeline(
     wired = wire(config.stage, kinds)
     windows = {s.key: getattr(p, "window_s", 0.0) for s, p in zip(config.stage, given, strict=True)}
     stages, tracked = [], []
+    memories: dict[str, Memory] = {}
     for stage, kind, parameters, sources in zip(config.stage, kinds, given, wired, strict=True):
         window_s = waits_s(stage.key, parameters, sources, windows)
         stages.append(
@@ -325,6 +334,8 @@ def build_pipeline(
                 window_s=window_s,
             )
         )
+        before = dict.fromkeys(name for names in sources.values() for name in names)
+        memories[stage.key] = stages[-1].memory.behind([memories[name] for name in before])
         if TrackPoint in kind.gives:
             tracked.append(tracking(stage.key, kind, sources))
     lines = [f"{key} = {_toml(getattr(config, key))}" for key in RECIPE_KEYS]
@@ -336,7 +347,7 @@ def build_pipeline(
         lines += _stage_recipe(stage, kind.Parameters, asdict(parameters))
     metric = geometry is None or geometry.unit != UNKNOWN_UNIT
     check = TrackCheck(config.application, tracked, metric=metric)
-    return Pipeline(config, stages, "\n".join(lines) + "\n", check)
+    return Pipeline(config, stages, "\n".join(lines) + "\n", check, memories)
 
 
 def _stage_recipe(stage: StageConfig, kind: type[Any], values: dict[str, Any]) -> list[str]:

@@ -7,12 +7,14 @@ import os
 import time
 from collections import Counter, deque
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from multiprocessing import parent_process
-from typing import TYPE_CHECKING, NoReturn, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeVar
 
-from groundtrace_codecs.events import CandidateBlock, Note, TraceBlock
+import numpy as np
+
+from groundtrace_codecs.events import CandidateBlock, Note, StageSpec, TraceBlock
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock
 
 from .warned import WarningCounter
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
 
     #: What a source gives: blocks and gaps in time order, and notes on them.
     Item = SignalBlock | Gap | Note
+
+    #: First and last time [ns], the last one left out; None is no bound.
+    Span = tuple[int | None, int | None]
 
     #: What gives the events of an item's first stage.
     Begun = Callable[[], list[Event]]
@@ -107,6 +112,9 @@ class ReplayLoop:
         Paces the replay, which then takes nothing ahead; None means as fast as possible.
     progress
         Told the time reached [ns] after each block.
+    span
+        Of what is counted, paced and given to sinks, ``start <= time < stop`` [ns]; None is no
+        bound. The pipeline sees all.
     """
 
     def __init__(
@@ -116,8 +124,10 @@ class ReplayLoop:
         *,
         clock: Clock | None = None,
         progress: Callable[[int], None] | None = None,
+        span: Span = (None, None),
     ) -> None:
         self.tally = ReplayCounts()
+        self._span = span
         self._pipeline = pipeline
         self._sinks = sinks
         self._clock = clock
@@ -179,18 +189,22 @@ class ReplayLoop:
             self._finish(item, begun)
 
     def _finish(self, item: Item, begun: Begun) -> None:
-        if isinstance(item, SignalBlock):
-            self._wait(item.end_ns)
-            self.tally.update(item)
-        else:
-            self.tally.add([item])
-        for sink in self._sinks:
-            sink.write(item)
+        part = part_of(item, *self._span)
+        if isinstance(part, SignalBlock):
+            self._wait(part.end_ns)
+            self.tally.update(part)
+        elif part is not None:
+            self.tally.add([part])
+        for sink in self._sinks if part is not None else ():
+            sink.write(part)
         self._deliver(self._pipeline.go_on(item, begun()))
         if self._progress is not None and self.tally.last_ns is not None:
             self._progress(self.tally.last_ns)
 
     def _deliver(self, events: Collection[Event]) -> None:
+        if self._span != (None, None):
+            parts = (part_of(event, *self._span) for event in events)
+            events = [part for part in parts if part is not None]
         self.tally.add(events)
         for event in events if self._sinks else ():
             for sink in self._sinks:
@@ -230,6 +244,31 @@ def replay(
 ) -> ReplayCounts:
     """Stream a source through a pipeline into open sinks, in one go: see :class:`ReplayLoop`."""
     return ReplayLoop(pipeline, sinks, clock=clock, progress=progress).through(source)
+
+
+def part_of(item: Any, start_ns: int | None, stop_ns: int | None) -> Any:
+    """Return what of a block or event is of ``start_ns <= time < stop_ns``, or None.
+
+    What a stage states is of all times.
+    """
+    if (start_ns is None and stop_ns is None) or isinstance(item, StageSpec):
+        return item
+    if isinstance(item, SignalBlock):
+        part = item.between(start_ns, stop_ns)
+        return part if len(part) else None
+    times = np.asarray(item.time_ns)
+    inside = np.ones(times.shape, np.bool_)
+    if start_ns is not None:
+        inside &= times >= start_ns
+    if stop_ns is not None:
+        inside &= times < stop_ns
+    if not isinstance(item, CandidateBlock | TraceBlock):
+        return item if inside else None
+    if inside.all():
+        return item
+    names = [name for name in type(item).__dataclass_fields__ if name != "spec"]
+    rows = {name: getattr(item, name)[inside] for name in names}
+    return replace(item, **rows) if inside.any() else None
 
 
 class Clock:

@@ -84,6 +84,9 @@ class Source:
         :func:`block_length_s`.
     bridge_s
         Longest gap that is filled [s].
+    in_whole
+        What comes before ``start_ns`` is read, though not given: so runs, their sample counts and
+        the blocks are those of the whole recording.
 
     Notes
     -----
@@ -100,6 +103,7 @@ class Source:
         stop_ns: int | None = None,
         block_s: float | None = None,
         bridge_s: float = BRIDGE_S,
+        in_whole: bool = False,
     ) -> None:
         self.recording = recording
         self.topics = topics
@@ -108,6 +112,7 @@ class Source:
         length_s = block_length_s(self.streams) if block_s is None else block_s
         self.block_ns = round(length_s * NS_PER_S)
         self.bridge_s = bridge_s
+        self._in_whole = in_whole
         self._trackers: Trackers = {}
 
     @property
@@ -124,12 +129,15 @@ class Source:
         waiting: dict[str, list[SignalBlock | Gap]] = {}
         width_ns = self.block_ns or BATCH_NS
         window = None
-        wanted = (self.topics, self.start_ns, self.stop_ns, self.block_ns)
+        read_ns = None if self._in_whole else self.start_ns
+        wanted = (self.topics, read_ns, self.stop_ns, self.block_ns)
         for log_ns, block in self.recording.blocks(*wanted):
             if window is not None and log_ns // width_ns > window:
                 yield from self._drain(waiting)
             window = max(window or 0, log_ns // width_ns)
-            for item in self._followed(block):
+            for item in map(self._begun, self._followed(block)):
+                if item is None:
+                    continue
                 if self.block_ns == 0:
                     yield item
                 else:
@@ -141,6 +149,18 @@ class Source:
         if block.topic not in self._trackers:
             self._trackers[block.topic] = run_tracker(block.stream, self.bridge_s)
         yield from self._trackers[block.topic].add(block)
+
+    def _begun(self, item: SignalBlock | Gap) -> SignalBlock | Gap | None:
+        """Return what of an item is to be given, by when the source is to begin."""
+        start_ns = self.start_ns
+        if not self._in_whole or start_ns is None:
+            return item
+        if isinstance(item, Gap):
+            return item if item.end_ns >= start_ns else None
+        if item.start_ns >= start_ns:
+            return item
+        part = item.slice(item.index_of(start_ns), len(item))
+        return part if len(part) else None
 
     def _drain(self, waiting: dict[str, list[SignalBlock | Gap]]) -> Iterator[SignalBlock | Gap]:
         for stream in self.recording.streams:

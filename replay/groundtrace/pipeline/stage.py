@@ -65,6 +65,56 @@ class CannotStart(Exception):  # noqa: N818 - it is no error: nothing is wrong
 
 
 @dataclass(frozen=True, slots=True)
+class Memory:
+    """How much of a recording the results of a time depend on.
+
+    Attributes
+    ----------
+    warm_up_s
+        They do not depend on where a replay began, where that was at least so long before [s];
+        None: on all that came before.
+    delay_s
+        Nor on where it ended, where that was at least so long after [s]; None: on all that came
+        after. Smoothed tracks, in which all that was replayed of a track counts, are left out.
+    """
+
+    warm_up_s: float | None = None
+    delay_s: float | None = None
+
+    def behind(self, sources: Sequence[Memory]) -> Memory:
+        """Return that of a stage in terms of the signal, given those of the stages it takes from.
+
+        Both times add up along a chain of stages; of several, the longest one counts.
+        """
+        return Memory(
+            _added(self.warm_up_s, _longest([s.warm_up_s for s in sources])),
+            _added(self.delay_s, _longest([s.delay_s for s in sources])),
+        )
+
+    @classmethod
+    def longest(cls, memories: Sequence[Memory]) -> Memory:
+        """Return what is enough for all; of none, none."""
+        return cls(
+            _longest([m.warm_up_s for m in memories]), _longest([m.delay_s for m in memories])
+        )
+
+
+def _longest(times_s: Sequence[float | None]) -> float | None:
+    known = [time_s for time_s in times_s if time_s is not None]
+    return max(known, default=0.0) if len(known) == len(times_s) else None
+
+
+def _added(one_s: float | None, other_s: float | None) -> float | None:
+    return None if one_s is None or other_s is None else one_s + other_s
+
+
+#: A decision that asks for the time since the last one, and a group that begins where the last one
+#: ended, depend on the one before. So they do on that, while they follow each other without a rest:
+#: as many as this are followed back. Chosen by judgement: chains that begin apart soon meet.
+CHAINED = 20
+
+
+@dataclass(frozen=True, slots=True)
 class Input:
     """One thing that a stage takes: signal, the gaps of it, labels, or events of earlier stages.
 
@@ -202,6 +252,10 @@ class Stage(Protocol):
     for is no local maximum of its decision function, ``sought`` says what it is; where the least
     that makes a candidate is no parameter ``floor``, ``floors`` has it by the function's name.
     Columns named in ``of_usual`` say what there is of a usual event in a candidate, 1 of that one.
+
+    One that says its ``memory`` can begin in the middle of a recording. The index of the first
+    sample that it is given of a run, ``block.first``, is then not 0, and what it counts from the
+    run's begin on, as frames, it counts by that.
     """
 
     Parameters: type[Any]
@@ -217,6 +271,11 @@ class Stage(Protocol):
     site_lengths: ClassVar[bool] = False
 
     def __init__(self, parameters: Any) -> None: ...
+
+    @property
+    def memory(self) -> Memory:
+        """How much of what it takes its results of a time depend on; all, where it says nothing."""
+        return Memory()
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin a run; return the channels that candidates are numbered by.
@@ -451,6 +510,11 @@ class StageRunner:
     def runs_ahead(self) -> bool:
         """Whether it takes signal alone, unbuffered: only then may another core run it ahead."""
         return takes_signal_alone(self.kind)
+
+    @property
+    def memory(self) -> Memory:
+        """What the stage says of how much of its inputs its results depend on."""
+        return self.kind(self.parameters).memory
 
     @property
     def buffers(self) -> bool:

@@ -25,7 +25,7 @@ from groundtrace_codecs.signals import NS_PER_S
 from ..dsp.assignment import assign
 from ..pipeline.gates import Candidates, Level
 from ..pipeline.parameters import measured
-from ..pipeline.stage import Context, Input, Stage
+from ..pipeline.stage import Context, Input, Memory, Stage
 from .kalman import PACE_M, Motion, StepFilter, WalkModel, first_spread, smoothed
 
 if TYPE_CHECKING:
@@ -399,6 +399,12 @@ class WalkerTracker(Stage):
         self._count = 0
         self._waiting: list[Fix] = []  # fixes that may still get company
         self._together: list[Fix] = []  # those being decided
+
+    @property
+    def memory(self) -> Memory:
+        """All before; and the fixes that make a track one."""
+        p = self.parameters
+        return Memory(None, p.confirm * (p.end_s + p.together_s))
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin without tracks."""

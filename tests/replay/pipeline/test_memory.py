@@ -1,0 +1,198 @@
+"""A replay that begins by a stage's memory earlier has the decisions of the whole recording.
+
+Times and verdicts are the same. Values may differ by the rounding of what a recursive filter holds;
+the time since the last accepted one is that since the replay's begin, where nothing was before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from decided_spans import assert_same_span
+
+from groundtrace.pipeline.config import PipelineConfig, build_pipeline
+from groundtrace.pipeline.engine import EventList, ReplayLoop
+from groundtrace.pipeline.gates import Refractory
+from groundtrace.pipeline.plugins import plugins, stage_named
+from groundtrace.pipeline.source import Source
+from groundtrace.pipeline.stage import Memory, StageConfig
+from groundtrace_codecs.geometry import Geometry, Sensor
+from groundtrace_codecs.recording import LoggedBlock, Recording
+from groundtrace_codecs.signals import NS_PER_S, Channel, SignalBlock, Stream
+from groundtrace_recordings import path_of
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from numpy.typing import NDArray
+
+    from groundtrace_codecs.events import Event
+
+START_NS = 1_700_000_000_000_000_000
+#: Stages, by what must be before each of them.
+BEFORE = {
+    "toa-cv": (),
+    "toa-sb": (),
+    "sta-lta": (),
+    "rest-swing": (),
+    "coincidence": ("toa-cv",),
+    "so-tdoa": ("toa-cv", "coincidence"),
+    "bearings": ("toa-cv", "coincidence"),
+    "crossing": ("toa-cv", "coincidence", "bearings"),
+    "disagreement": ("toa-cv", "coincidence", "so-tdoa", "bearings", "crossing"),
+}
+
+
+@dataclass
+class Made:
+    """Signals of one stream, as a recording of messages of 50 ms."""
+
+    stream: Stream
+    samples: NDArray[Any]
+
+    @property
+    def streams(self) -> tuple[Stream, ...]:
+        return (self.stream,)
+
+    def blocks(
+        self,
+        topics: Collection[str] | None = None,  # noqa: ARG002
+        start_ns: int | None = None,
+        stop_ns: int | None = None,
+        joined_ns: int = 0,  # noqa: ARG002
+    ) -> Iterator[LoggedBlock]:
+        length = round(0.05 * self.stream.rate_hz)
+        for first in range(0, len(self.samples), length):
+            block = SignalBlock(self.stream, START_NS, first, self.samples[first : first + length])
+            part = block.between(start_ns, stop_ns)
+            if len(part):
+                yield LoggedBlock(block.last_ns, part)
+
+    def time_of(self, seconds: float) -> int:
+        return START_NS + round(seconds * NS_PER_S)
+
+
+#: Three stations of three axes.
+PLACES = [(x, y, axis) for x, y in ((0.0, 0.0), (5.0, 0.0), (0.0, 5.0)) for axis in "xyz"]
+SITE = Geometry(tuple(Sensor(f"G{i}", f"G{i}", x, y, 0.0, a) for i, (x, y, a) in enumerate(PLACES)))
+
+
+@cache
+def impacts(seed: int) -> Made:
+    """Bursts at any time on a noise that swells, 100 s of them: what chains decisions most."""
+    rng = np.random.default_rng(seed)
+    rate, count = 1000.0, 100_000
+    noise = (
+        rng.normal(size=(count, len(PLACES)))
+        * np.exp(np.cumsum(rng.normal(0, 0.003, count)))[:, None]
+    )
+    tail = np.exp(-np.arange(80) / 12) * np.sin(np.arange(80) * 0.9)
+    for at in np.cumsum(rng.exponential(0.2, 450) * 1000).astype(int):
+        for column in range(len(PLACES)):
+            begin = at + int(rng.integers(0, 12))
+            if begin + 80 < count:
+                noise[begin : begin + 80, column] += rng.lognormal(2.5, 1) * tail
+    channels = tuple(Channel(s.name, "ground_velocity", "m/s", axis=s.axis) for s in SITE.sensors)
+    return Made(Stream("/seismic", channels, rate), (noise * 100 + 4000).astype(np.int32))
+
+
+@cache
+def room() -> Made:
+    """The bundled room, thrice."""
+    with Recording.open(path_of("room-walk.mcap")) as recording:
+        blocks = [b for b in Source(recording) if isinstance(b, SignalBlock)]
+        samples = np.concatenate([b.samples for b in blocks])
+        return Made(recording.streams[0], np.concatenate([samples] * 3))
+
+
+@cache
+def shaken(seed: int) -> Made:
+    """Steps of any length and height, and rests: the accelerometer of a waist, 200 s."""
+    rng = np.random.default_rng(seed)
+    rate, count = 50.0, 10_000
+    step = np.repeat(rng.uniform(0.35, 1.2, 400), 50)[:count]
+    swing = np.repeat(rng.choice([0.0, 0.5, 3.0], 40), 250)[:count]
+    up = 9.8 + swing * np.sin(2 * np.pi * np.cumsum(1 / step) / rate)
+    values = np.column_stack([rng.normal(0, 0.3, (count, 2)), up + rng.normal(0, 0.1, count)])
+    channels = tuple(Channel(f"acc_{a}", "acceleration", "m/s2", axis=a) for a in "xyz")
+    return Made(Stream("/imu/waist", channels, rate, placement="waist"), values)
+
+
+@cache
+def waist() -> Made:
+    """The bundled walk, four times."""
+    with Recording.open(path_of("waist-walk.mcap")) as recording:
+        blocks = [b for b in Source(recording, topics={"/imu/waist"}) if isinstance(b, SignalBlock)]
+        samples = np.concatenate([b.samples for b in blocks])
+        return Made(replace(blocks[0].stream), np.concatenate([samples] * 4))
+
+
+def pipeline_of(name: str) -> PipelineConfig:
+    return PipelineConfig("p", stage=tuple(StageConfig(use) for use in (*BEFORE[name], name)))
+
+
+def memory_of(name: str) -> Memory:
+    return build_pipeline(pipeline_of(name), SITE).memory
+
+
+def decided(
+    name: str, made: Made, start_ns: int | None = None, stop_ns: int | None = None
+) -> list[Event]:
+    kept = EventList()
+    source = Source(made, start_ns=start_ns, stop_ns=stop_ns, in_whole=True)
+    ReplayLoop(build_pipeline(pipeline_of(name), SITE), [kept]).through(source)
+    return kept.events
+
+
+def signals_of(name: str) -> list[Made]:
+    if name == "rest-swing":
+        return [waist(), *map(shaken, range(3))]
+    return [room(), *map(impacts, range(2))]
+
+
+def test_every_shipped_stage_that_says_its_memory_is_held_to_it() -> None:
+    said = set()
+    for plugin in plugins("stages"):
+        kind = stage_named(plugin.name)
+        memory = kind(kind.Parameters()).memory
+        if memory.warm_up_s is not None:
+            assert memory.delay_s is not None
+            said.add(plugin.name)
+    assert said == set(BEFORE)
+
+
+@pytest.mark.parametrize("name", BEFORE)
+def test_a_replay_that_begins_by_the_memory_earlier_decides_as_the_whole(name: str) -> None:
+    memory = memory_of(name)
+    assert memory.warm_up_s is not None
+    assert memory.delay_s is not None
+    rng = np.random.default_rng(len(name))
+    compared = 0
+    for made in signals_of(name):
+        length_s = len(made.samples) / made.stream.rate_hz
+        whole = decided(name, made)
+        for _ in range(1 if made is room() else 3):
+            start_ns = made.time_of(rng.uniform(memory.warm_up_s, length_s - 4))
+            stop_ns = start_ns + round(rng.uniform(1, 3) * NS_PER_S)
+            begin_ns = start_ns - round(memory.warm_up_s * NS_PER_S)
+            end_ns = stop_ns + round(memory.delay_s * NS_PER_S)
+            part = decided(name, made, begin_ns, end_ns)
+            compared += assert_same_span(whole, part, start_ns, stop_ns)
+    assert compared > 10
+
+
+def test_memories_add_up_along_a_chain_and_the_longest_of_several_counts() -> None:
+    chain = build_pipeline(pipeline_of("crossing"), SITE)
+    alone = {stage.name: stage.memory for stage in chain.stages}  # type: ignore[attr-defined]
+    picks, steps, bearings = (alone[n] for n in ("toa-cv", "coincidence", "bearings"))
+    assert chain.memories["coincidence"].warm_up_s == picks.warm_up_s + steps.warm_up_s
+    before = picks.warm_up_s + steps.warm_up_s + bearings.warm_up_s
+    assert chain.memories["crossing"].warm_up_s == before
+    assert Memory(1.0, None).behind([Memory(2.0, 1.0), Memory(3.0, 0.5)]) == Memory(4.0, None)
+    assert Memory.longest([]) == Memory(0.0, 0.0)
+    assert Memory.longest([Memory(1.0, 2.0), Memory(None, 3.0)]) == Memory(None, 3.0)
+    assert isinstance(stage_named("toa-cv").gates[-1], Refractory)
