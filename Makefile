@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # the viewer's analytics stay off
 export CI ?= 1
 
-.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto pictures clean
+.PHONY: demo dev fmt check compile test golden build wheel bench fuzz big accept excerpts proto docs pictures clean
 
 demo: $(VENV)/installed ## set up, then replay and score the bundled walk, and show it
 	$(BIN)/groundtrace demo
@@ -124,6 +124,11 @@ excerpts: dev ## the bundled excerpts of real recordings anew (GROUNDTRACE_DATA)
 proto: dev ## the committed descriptors, from the .proto
 	cd codecs/groundtrace_codecs/schemas && ../../../$(BIN)/python -m grpc_tools.protoc -I . \
 	  --include_imports --descriptor_set_out=groundtrace.desc groundtrace.proto
+
+docs: dev ## the site of the documentation, in build/site; a warning is an error
+	$(BIN)/pip install --quiet --group docs
+	rm -rf build/site build/site-src && mkdir -p build && cp -r docs build/site-src
+	$(BIN)/sphinx-build -q -W --keep-going -b html build/site-src build/site
 
 pictures: $(VENV)/installed ## those in the README
 	mkdir -p build

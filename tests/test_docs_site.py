@@ -1,0 +1,24 @@
+"""The site of the documentation: each page is reached from its first one."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+DOCS = Path(__file__).parents[1] / "docs"
+#: Written when the site is built.
+GENERATED = {"commands"}
+
+
+def below(page: str) -> list[str]:
+    """Return a page and all that its tables of contents lead to."""
+    if page in GENERATED:
+        return [page]
+    text = (DOCS / f"{page}.md").read_text("utf-8")
+    trees = re.findall(r"```\{toctree\}\n(?::.*\n)*\n(.*?)```", text, re.S)
+    return [page, *(each for tree in trees for name in tree.split() for each in below(name))]
+
+
+def test_every_page_is_reached_once() -> None:
+    pages = [path.stem for path in DOCS.glob("*.md")]
+    assert sorted(below("index")) == sorted([*pages, *GENERATED])
