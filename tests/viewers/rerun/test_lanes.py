@@ -11,6 +11,7 @@ from viewer_sessions import START_NS, read_back, room_session, write_room
 
 from groundtrace_viewers.rerun.blueprint import _views, blueprint
 from groundtrace_viewers.rerun.timeline import (
+    APART,
     AXIS,
     AXIS_NS,
     LANES,
@@ -106,7 +107,7 @@ def test_marks_are_thick_lines_at_the_height_of_their_lane(tmp_path: Path) -> No
 def test_lanes_of_the_same_number_stand_below_each_other() -> None:
     timeline = Timeline(rr.RecordingStream("test"), 0)
     rows = [timeline.row_of(path, number) for path, number in (("a", 1), ("b", 1), ("c", 2))]
-    assert rows == [7.0, pytest.approx(6.7), 6.0]
+    assert rows == [7.0, pytest.approx(7.0 - APART), 6.0]
     assert timeline.row_of("a", 1) == 7.0
 
 

@@ -466,7 +466,7 @@ LAST = 6
 MOST_ROWS = 6
 #: The height of a lane of number 0, the distance between lanes of one number, and the width of all
 #: in screen points.
-FIRST_ROW, APART, ROW_WIDTH = 8.0, 0.3, 7.0
+FIRST_ROW, APART, ROW_WIDTH = 8.0, 0.34, 6.0
 LANES = "/lanes"
 #: A curve without values, from the first sample to the last: it keeps the axes of plots to what is
 #: shown, so that they line up.

@@ -240,6 +240,11 @@ class StepWaves(View):
     }
 
 
+def _short(value: float) -> str:
+    """Return a number of three digits, or more before its point: never with an exponent there."""
+    return f"{value:.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
+
+
 def _across(times: Array) -> Array:
     """Return where times are drawn [ms after the step]."""
     part: Array = (times + BEFORE_NS / 1e6) / ((BEFORE_NS + AFTER_NS) / 1e6)
