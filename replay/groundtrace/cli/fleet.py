@@ -32,7 +32,7 @@ from ..fleet.run import (
 from ..fleet.run import shard as shard_tasks
 from ..fleet.table import Joined, Parts, join, missed_steps, read_table, steps_path
 from ..pipeline.config import build_pipeline, load_pipeline, named_pipelines
-from ..pipeline.results import write_text
+from ..pipeline.results import public_arguments, write_text
 from .console import print_json, print_line, print_stderr, print_table, progress
 from .exit_codes import ExitCode
 from .options import AT_LEAST_ONE, FLAG, OUT, POSITIVE, Json, Texts, Tolerance
@@ -137,14 +137,15 @@ def fleet(
     parts, count = Parts(out.with_suffix(".parts")), Count()
     joined: Joined | None = None
     missing = 0
+    command = shlex.join(["groundtrace", *public_arguments(sys.argv[1:])])
     if join_:
-        joined, missing = join_parts(tasks, parts, out, partial=partial)
+        joined, missing = join_parts(tasks, parts, out, command, partial=partial)
     else:
         mine = tasks if part is None else shard_tasks(tasks, *part)
         runs = engine_of(engine, workers or os.cpu_count() or 1)
         with _resumable(mine, count, parts), progress(len(mine), "fleet", "replays") as show:
             listed = run(mine, runs, parts, count, show, print_stderr, resume=resume)
-        joined = join(parts, listed, out) if part is None else None
+        joined = join(parts, listed, out, command) if part is None else None
     said = _report(out, parts, len(locations), count, joined, time.perf_counter() - began)
     if json:
         print_json(said)

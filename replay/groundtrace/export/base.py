@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, get_type_hints
@@ -19,7 +19,7 @@ from ..pipeline.plugins import load, plugins
 from ..pipeline.results import atomic_write
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -480,10 +480,11 @@ _NUMBERS = frozenset({"x_m", "y_m", "value"})
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Name and type of a column."""
+    """Name and type of a column, and its unit where the format has a place for that."""
 
     name: str
     type: ColumnType
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -498,11 +499,14 @@ class Table:
         What the cells are; None is an empty cell.
     batches
         Each the cells of some rows, a sequence for each column.
+    notes
+        What is said of the table as a whole, where its format has a place for that.
     """
 
     name: str
     columns: tuple[Column, ...]
     batches: Iterable[Sequence[Cells]]
+    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 def tables_of(material: Material, kind: str) -> Iterator[Table]:

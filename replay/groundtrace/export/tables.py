@@ -113,7 +113,10 @@ def write_parquet(table: Table, path: Path) -> int:
         "text": pa.string(),
         "bool": pa.bool_(),
     }
-    schema = pa.schema([(c.name, types[c.type]) for c in table.columns])
+    units = [{"unit": column.unit} if column.unit else None for column in table.columns]
+    named = zip(table.columns, units, strict=True)
+    columns = [pa.field(c.name, types[c.type], metadata=unit) for c, unit in named]
+    schema = pa.schema(columns, metadata=dict(table.notes) or None)
     rows, waiting = 0, []
     with ParquetWriter(path, schema) as writer:
         for batch in table.batches:

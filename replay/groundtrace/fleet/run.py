@@ -206,14 +206,14 @@ def _answers(
 
 
 def join_parts(
-    tasks: Sequence[Task], parts: Parts, table: Path, *, partial: bool = False
+    tasks: Sequence[Task], parts: Parts, table: Path, command: str = "", *, partial: bool = False
 ) -> tuple[Joined, int]:
     """Write the tables of all tasks out of parts that others made.
 
     Parameters
     ----------
-    tasks, parts, table
-        What was to be done, what came of it, and where to.
+    tasks, parts, table, command
+        What was to be done, what came of it, where to, and what the tables say they were made by.
     partial
         Leave out what is missing.
 
@@ -236,7 +236,7 @@ def join_parts(
             f"the first that is missing is of {missing[0].location}"
         )
     there = [item for item in listed if item not in set(missing)] if missing else listed
-    return join(parts, there, table), len(missing)
+    return join(parts, there, table, command), len(missing)
 
 
 def _key_in_time(task: Task) -> str:
@@ -710,6 +710,8 @@ def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
             samples=tally.samples,
             damaged_places=len(opened.damage),
             lost_messages=sum(d.messages or 0 for d in opened.damage),
+            subject=_stated(opened, "subject"),
+            site=_stated(opened, "site"),
         )
         origin = Provenance(row.recording, row.sha256, opened.start_ns, opened.end_ns, "")
         placements = {s.topic: s.placement for s in opened.streams if s.placement}
@@ -720,6 +722,13 @@ def _part(task: Task, row: Row, identity: Identity, limit: TimeLimit) -> Part:
         )
         result = replace(result, labels=scored_truth(labels, result).labels)
     return _judged(row, result, remote or task.path)
+
+
+def _stated(opened: Recording, key: str) -> str:
+    """Return what metadata of a recording say under a key, whatever their record is called."""
+    pairs = (pair for values in opened.metadata.values() for pair in values.items())
+    found = {value.strip() for name, value in pairs if name.lower() == key and value.strip()}
+    return "; ".join(sorted(found))
 
 
 def _with_truth(task: Task, row: Row, opened: Recording) -> tuple[tuple[Label, ...], Row]:

@@ -18,9 +18,10 @@ from ..explain.reasons import CAUSES
 from ..export.base import Column, Table
 from ..export.tables import write_parquet
 from ..pipeline.results import atomic_write, room_for
+from ..runtime import installed_version
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 #: What may differ between two runs that decide the same.
 OF_THE_RUN = ("wall_s", "host")
 #: Raised when a part means something else: older ones are then made again.
-FORMAT = 2
+FORMAT = 3
 #: Largest part that is unpacked [bytes]. Chosen by judgement: damaged ones cannot claim all memory.
 _MOST_BYTES = 1 << 31
 
@@ -64,6 +65,8 @@ class Row:
         Where it is from: ``recording``, ``annotations``, the name of a file, or nothing.
     labels
         How many labels that is.
+    subject, site
+        Who walks and where, as far as the recording's metadata say.
     damaged_places, lost_messages
         Damage of the file that was left out, and the messages known to be lost by it.
     gaps, lost_samples
@@ -99,6 +102,8 @@ class Row:
     tolerance_s: float = STEP_TOLERANCE_S
     truth: str = ""
     labels: int = 0
+    subject: str = ""
+    site: str = ""
     damaged_places: int = 0
     lost_messages: int = 0
     gaps: int = 0
@@ -307,8 +312,15 @@ def steps_path(table: Path) -> Path:
     return table.with_name(f"{table.stem}.steps{table.suffix}")
 
 
-def join(parts: Parts, listed: Sequence[Listed], table: Path) -> Joined:
+def join(parts: Parts, listed: Sequence[Listed], table: Path, command: str = "") -> Joined:
     """Write the tables, in the order of ``listed``; each appears whole or not at all.
+
+    Parameters
+    ----------
+    parts, listed, table
+        What is joined, in which order, and where to.
+    command
+        What the tables say they were made by.
 
     Raises
     ------
@@ -326,8 +338,12 @@ def join(parts: Parts, listed: Sequence[Listed], table: Path) -> Joined:
             if part.steps:
                 yield _step_cells(item.location, part)
 
-    count = _written(Table("steps", _STEP_COLUMNS, steps()), steps_path(table))
-    _written(_rows_table(rows), table)
+    notes = {"groundtrace.version": installed_version(), "groundtrace.command": command}
+    count = _written(Table("steps", _with_units(_STEP_COLUMNS), steps(), notes), steps_path(table))
+    hashes = {row.pipeline: row.pipeline_sha256 for _, row in rows if not row.error}
+    notes["groundtrace.pipelines"] = msgspec.json.encode(hashes, order="sorted").decode()
+    notes["groundtrace.decided"] = digest.hexdigest()
+    _written(_rows_table(rows, notes), table)
     errors = sum(bool(row.error) for _, row in rows)
     warnings = sum(bool(row.warnings) for _, row in rows)
     return Joined(len(rows), count, errors, warnings, digest.hexdigest())
@@ -372,10 +388,28 @@ def _cause(name: str) -> Callable[[str, Row], Any]:
     return cell
 
 
-def _rows_table(rows: Sequence[tuple[str, Row]]) -> Table:
+def _rows_table(rows: Sequence[tuple[str, Row]], notes: Mapping[str, str]) -> Table:
     pairs = _columns()
     batch = [[cell(*row) for row in rows] for _, cell in pairs]
-    return Table("fleet", tuple(column for column, _ in pairs), [batch] if rows else [])
+    columns = _with_units([column for column, _ in pairs])
+    return Table("fleet", columns, [batch] if rows else [], notes)
+
+
+#: Units by the word that a name of a column has for them.
+_UNITS = {
+    "s": "s", "ns": "ns", "ms": "ms", "m": "m", "deg": "deg", "mps": "m/s", "percent": "%",
+    "bytes": "B",
+}  # fmt: skip
+
+
+def _with_units(columns: Sequence[Column]) -> tuple[Column, ...]:
+    """Return columns of numbers with the units that their names have words for."""
+
+    def unit(column: Column) -> str:
+        words = column.name.split("_") if column.type in ("int", "float") else []
+        return next((_UNITS[word] for word in reversed(words) if word in _UNITS), "")
+
+    return tuple(replace(column, unit=unit(column)) for column in columns)
 
 
 def _step_cells(location: str, part: Part) -> list[Sequence[Any]]:

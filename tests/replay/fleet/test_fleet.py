@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from command_runs import done, run
 from fleet_runs import Here, ran_fleet, use, walks
-from pyarrow import parquet
+from pyarrow import concat_tables, parquet
 
 from groundtrace.evaluation import __path__ as score_path
 from groundtrace.fleet import run as fleet_run
@@ -35,9 +35,11 @@ from groundtrace.fleet.run import (
     tasks_of,
 )
 from groundtrace.fleet.table import FIGURES, decoded
+from groundtrace.simulate.gait import WalkOptions
 from groundtrace.simulate.recording import write
 from groundtrace.simulate.room import simulate_room
 from groundtrace.simulate.room_plan import RoomOptions
+from groundtrace.simulate.walk import simulate_walk
 from groundtrace_codecs.copies import convert
 from groundtrace_codecs.location import Location
 
@@ -379,6 +381,58 @@ def test_workers_that_are_left_out_are_named_and_counted(
     assert f"workers left out: 1; {line}" in done.out
     assert line in done.err
     assert ran(capsys, *WAIST, "--resume")["left_out"] == [line]
+
+
+def test_tables_of_any_recordings_have_the_same_columns_and_say_what_made_them(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    monkeypatch.setattr("sys.argv", ["groundtrace", "fleet", "/home/ada/small", "-o", "t.parquet"])
+    digest = ran(capsys, *WAIST)["digest"]
+    ran_fleet(capsys, "small/zjunk.mcap", "-o", "junk.parquet", *WAIST)
+    several = [parquet.read_table(name) for name in ("t.parquet", "junk.parquet")]
+    assert concat_tables(several).num_rows == 5
+    assert several[0].schema.equals(several[1].schema)
+    steps = [parquet.read_table(f"{name}.steps.parquet") for name in ("t", "junk")]
+    assert concat_tables(steps).num_rows == steps[0].num_rows > 0
+    notes = {key.decode(): value.decode() for key, value in several[0].schema.metadata.items()}
+    assert notes["groundtrace.decided"] == digest
+    assert notes["groundtrace.version"]
+    assert notes["groundtrace.command"] == "groundtrace fleet small -o t.parquet"
+    assert json.loads(notes["groundtrace.pipelines"]) == {
+        "waist-peaks": rows()[0]["pipeline_sha256"]
+    }
+    units = {
+        field.name: field.metadata[b"unit"].decode()
+        for table in (several[0], steps[0])
+        for field in table.schema
+        if field.metadata
+    }
+    named = ("duration_s", "steps_latency_ms_median", "positions_rmse_m", "error_ms", "bytes")
+    assert [units[name] for name in named] == ["s", "ms", "m", "ms", "B"]
+    assert not {"steps_f1", "samples", "miss", "text"} & set(units)
+
+
+def test_subject_and_site_are_those_of_the_metadata(
+    capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    use(monkeypatch, Here())
+    for number, subject in enumerate(("ada", "bea")):
+        walk = simulate_walk(WalkOptions(seed=number, duration_s=8.0))
+        session = {"Subject": subject, "site": " hall ", "shoe": "boot"}
+        told = replace(walk, metadata={**walk.metadata, "session": session})
+        write(told, Path(f"small/told-{number}.mcap"))
+    ran(capsys, *WAIST)
+    said = {row["recording"]: (row["subject"], row["site"]) for row in rows()}
+    assert said["told-0.mcap"] == ("ada", "hall")
+    assert said["told-1.mcap"] == ("bea", "hall")
+    assert said["walk-1.mcap"] == said["zjunk.mcap"] == ("", "")
+    ran_fleet(capsys, "small/told-0.mcap", "small/told-1.mcap", "-o", "told.parquet", *WAIST)
+    report = ("fleet-report", "told.parquet", "-o", "told.html", "--against", "told.parquet")
+    changes = done(capsys, *report, "--group-by", "subject", "--json").document["changes"]
+    assert {change["groups"] for change in changes} == {2}
+    missing = run(capsys, "fleet-report", "t.parquet", "-o", "t.html", "--group-by", "subject")
+    assert "walk-1.mcap: expected its subject, found none" in missing.error
 
 
 def test_a_disk_without_room_is_told_first(
