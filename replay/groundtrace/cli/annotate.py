@@ -70,14 +70,14 @@ def annotate(
     note
         Free text.
     author
-        Who annotates. Not the name of the system's user, which is not kept.
+        Annotator name; the system user name is never stored.
     edit
         ID KIND@SECONDS: say this instead; --label, --channel and --note replace what was said,
         without them it stays.
     delete
         ID to take away; may be given several times.
     undo
-        Take the last action of --author back; again, the one before.
+        Undo the author's last action; again, the one before.
     merge
         Take in what others annotated: their REC.annotations.mcap, or JSON of this command or of
         the page. Conflicts are listed.

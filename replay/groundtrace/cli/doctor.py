@@ -38,7 +38,7 @@ def doctor(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Say what of a damaged recording can be read and exactly what is missing.
+    """Check a damaged recording: what can be read, and exactly what is missing.
 
     Parameters
     ----------

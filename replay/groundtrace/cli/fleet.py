@@ -112,7 +112,7 @@ def fleet(
     join_
         Compute nothing: write the table of the parts that shards made.
     resume
-        Leave out what is done already: same recording, truth, pipeline, versions and code.
+        Skip finished recordings: same recording, truth, pipeline, versions and code.
     partial
         With --join: leave out parts that are missing, and say how many they are.
     limit_s

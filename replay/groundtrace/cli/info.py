@@ -41,7 +41,7 @@ def info(
     quick: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
-    """Say what a recording holds: topics, rates, gaps, units, faults, geometry, truth, damage.
+    """Show what a recording contains: topics, rates, gaps, units, faults, geometry, truth, damage.
 
     Parameters
     ----------

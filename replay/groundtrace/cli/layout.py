@@ -45,7 +45,7 @@ def room(
     force: ForceOutputs = False,
     json: Json = False,
 ) -> None:
-    """Tell how well a layout of sensors will locate, before anyone records.
+    """Predict the location error of a sensor layout, before anyone records.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def calibrate(
     truth
         Truth instead of the recording's own: CSV or MCAP; steps and impacts with places count.
     ignore_places
-        Take no notice of known places of impacts.
+        Ignore known impact positions.
     offsets
         Whether the sensors' clocks are told: no takes them as the geometry has them; auto tells
         them where places of impacts are known and places held out of the fit show the offsets; yes

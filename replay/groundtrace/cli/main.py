@@ -38,12 +38,12 @@ COMMANDS = {
     ),
     "import": (
         f"{HERE}.recordings:import_",
-        "Turn files of another tool into a recording.\n\n"
+        "Import files from other tools.\n\n"
         "Example: groundtrace import shots/*.dat -o line.mcap --truth picks.sgt",
     ),
     "info": (
         f"{HERE}.info:info",
-        "Say what a recording holds: topics, rates, gaps, units, geometry, truth, damage.\n\n"
+        "Show what a recording contains: topics, rates, gaps, units, geometry, truth, damage.\n\n"
         "Example: groundtrace info walk.mcap",
     ),
     "replay": (
@@ -56,7 +56,7 @@ COMMANDS = {
     ),
     "score": (
         f"{HERE}.score:score",
-        "Score a result against the truth, with the level of chance beside it.\n\n"
+        "Score results against truth, with chance levels.\n\n"
         "Example: groundtrace score walk.results.mcap --tolerance 0.1",
     ),
     "why": (
@@ -88,8 +88,8 @@ COMMANDS = {
     "calibrate": (
         f"{HERE}.layout:calibrate",
         "Estimate from all impacts how waves travel over the floor and how far the sensors' clocks "
-        "differ, with or without known places; say what cannot be told. Or, by a walk of so many "
-        "metres (--distance 114), how long the steps of a walker are.\n\n"
+        "differ, with or without known places; report what cannot be estimated. Or, by a walk of "
+        "so many metres (--distance 114), how long the steps of a walker are.\n\n"
         "Example: groundtrace calibrate room.results.mcap --geometry-out calibrated.toml",
     ),
     "annotate": (
@@ -146,7 +146,7 @@ COMMANDS = {
     ),
     "doctor": (
         f"{HERE}.doctor:doctor",
-        "Say what of a damaged recording can be read and exactly what is missing; write a sound "
+        "Check a damaged recording: what can be read, and exactly what is missing; write a sound "
         "copy of all that can be read. Without a recording: what is installed, and what is "
         "missing.\n\n"
         "Example: groundtrace doctor torn.mcap --repair mended.mcap",
@@ -187,7 +187,7 @@ SIMULATIONS = {
 ANALYSES = {
     "room": (
         f"{HERE}.layout:room",
-        "Tell how well a layout of sensors will locate: errors over the room, wrong signs, "
+        "Predict the location error of a sensor layout: errors over the room, sign errors, "
         "ambiguous regions, what each sensor contributes, where one more would help.\n\n"
         "Example: groundtrace analyze room room.toml --sigma-ms 0.5 --png room.png",
     ),
@@ -220,7 +220,7 @@ def application() -> App:
     app.command(simulate)
     analyze = App(
         name="analyze",
-        help="Tell what a layout of sensors can do, and what a floor does to waves.\n\n"
+        help="Predict the location error of a sensor layout; fit how a floor attenuates.\n\n"
         "Example: groundtrace analyze room room.toml",
     )
     for name, (target, text) in ANALYSES.items():

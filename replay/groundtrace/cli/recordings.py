@@ -50,7 +50,7 @@ def import_(
     quiet: Quiet = False,
     json: Json = False,
 ) -> None:
-    """Turn files of another tool into a recording.
+    """Import files from other tools.
 
     Parameters
     ----------

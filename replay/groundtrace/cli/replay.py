@@ -97,7 +97,7 @@ def replay(
     web
         Serve the finished replay to a browser on this machine; with --follow, while it runs.
     no_viewer
-        Make no viewer's file but the one of --rrd, and open none.
+        Write no timeline unless --rrd is given, and open no viewer.
     full_rate
         Where fast signals are shown at every sample: none, misses, events, all, or FROM-TO in
         seconds. Without it misses, without truth events, up to a size that is said before;

@@ -42,7 +42,7 @@ def score(
     force: Annotated[bool, FLAG] = False,
     json: Json = False,
 ) -> None:
-    """Score a result against the truth in its recording, with the level of chance beside it.
+    """Score results against truth, with chance levels.
 
     Parameters
     ----------

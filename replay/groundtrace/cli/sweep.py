@@ -45,7 +45,7 @@ def sweep(
         What to sweep, as stage.param=FROM:TO:COUNT or stage.param=VALUE,VALUE; may be given
         several times, and all combinations are tried.
     random
-        Try so many random settings of those ranges instead of all combinations.
+        Number of random settings to try, instead of all combinations.
     seed
         Of the random settings.
     tolerance

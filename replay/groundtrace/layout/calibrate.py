@@ -215,7 +215,7 @@ def calibrate(
     geometry
         Outline and unit of the site.
     ignore_places
-        Take no notice of known places of impacts.
+        Ignore known impact positions.
     offsets
         ``no`` takes the clocks of the geometry; ``auto`` and ``yes`` estimate them where they are
         identifiable, and ``yes`` is an error where they are not.
