@@ -1,0 +1,124 @@
+"""How many intervals of a fleet's report hold the true change, where people recur.
+
+    python bench/fleet_intervals.py --runs 1000
+
+Fleets are drawn by laws of which the truth is known: people differ in what a change does to them,
+the recordings of one are alike, and some have many more than others. The figure is the recall of
+all steps together; on average nothing changed. Each interval claims to hold nine of ten. Rivals:
+recordings drawn as if each were of another person, groups drawn with the plain percentile interval,
+and Student's t of the people's mean changes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import t as student
+
+from groundtrace.explain.reasons import ENDS, RECORDING_DRAWS, RatioOfSums, bootstrap_recordings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Pair = tuple[RatioOfSums, RatioOfSums, NDArray[np.intp]]
+
+#: How a person's own change is drawn, with mean 0 and deviation 1.
+LAWS: dict[str, Callable[[np.random.Generator, int], Array]] = {
+    "normal": lambda rng, n: rng.normal(size=n),
+    "skewed": lambda rng, n: rng.exponential(size=n) - 1,
+    "heavy tails": lambda rng, n: rng.standard_t(3, n) / np.sqrt(3),
+}
+PEOPLE = (6, 8, 12, 20, 40)
+#: Deviation of people's changes of recall, and of recordings beside it.
+OF_PEOPLE, OF_RECORDINGS = 0.03, 0.02
+STEPS = 100
+
+
+def fleet(rng: np.random.Generator, law: str, people: int) -> Pair:
+    """Return recall before and after, and whose each recording is; on average nothing changed."""
+    of = np.repeat(np.arange(people), rng.integers(1, 11, people))
+    own = OF_PEOPLE * LAWS[law](rng, people)
+    before = np.clip(rng.normal(0.8, 0.05, people)[of] + rng.normal(0, 0.02, len(of)), 0, 1)
+    after = before + own[of] + rng.normal(0, OF_RECORDINGS, len(of))
+    steps = np.full(len(of), float(STEPS))
+    return RatioOfSums(before * steps, steps), RatioOfSums(after * steps, steps), of
+
+
+def ours(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[float, float]:
+    """Return the interval of the report, with whole groups drawn."""
+    found = bootstrap_recordings(before.by_group(of), after.by_group(of))
+    assert found is not None
+    return found.low, found.high
+
+
+def by_recording(
+    before: RatioOfSums, after: RatioOfSums, _: NDArray[np.intp]
+) -> tuple[float, float]:
+    """Return the interval of the report without groups."""
+    found = bootstrap_recordings(before, after)
+    assert found is not None
+    return found.low, found.high
+
+
+def percentile(
+    before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]
+) -> tuple[float, float]:
+    """Return the plain percentile interval, with whole groups drawn."""
+    first, last = before.by_group(of), after.by_group(of)
+    n = len(first.top)
+    times = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), RECORDING_DRAWS)
+    changes = times @ last.top / (times @ last.bottom) - times @ first.top / (times @ first.bottom)
+    low, high = np.percentile(changes, ENDS)
+    return float(low), float(high)
+
+
+def of_means(before: RatioOfSums, after: RatioOfSums, of: NDArray[np.intp]) -> tuple[float, float]:
+    """Return Student's interval of the mean over people, each of whom counts once."""
+    first, last = before.by_group(of), after.by_group(of)
+    changes = last.top / last.bottom - first.top / first.bottom
+    n = len(changes)
+    half = student.ppf(ENDS[1] / 100, n - 1) * changes.std(ddof=1) / np.sqrt(n)
+    return float(changes.mean() - half), float(changes.mean() + half)
+
+
+WAYS = {
+    "groups, expanded (the report)": ours,
+    "groups, percentile": percentile,
+    "recordings (the report without groups)": by_recording,
+    "Student's t of people": of_means,
+}
+
+
+def main() -> None:
+    """Print how many intervals hold the truth."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=1000)
+    options = parser.parse_args()
+    print(f"intervals that hold the true change, of {options.runs}; they claim 90 %")
+    print(f"{'':48}{'law':14}" + "".join(f"{people:>10}" for people in PEOPLE) + "  people")
+    for law in LAWS:
+        held: dict[tuple[str, int], list[bool]] = {(w, n): [] for w in WAYS for n in PEOPLE}
+        wide: dict[tuple[str, int], list[float]] = {key: [] for key in held}
+        for people in PEOPLE:
+            rng = np.random.default_rng(people)
+            for _ in range(options.runs):
+                before, after, of = fleet(rng, law, people)
+                for way, interval in WAYS.items():
+                    low, high = interval(before, after, of)
+                    held[way, people].append(low <= 0 <= high)
+                    wide[way, people].append(high - low)
+        for way in WAYS:
+            cells = [f"{np.mean(held[way, people]):10.1%}" for people in PEOPLE]
+            print(f"{way:48}{law:14}" + "".join(cells))
+        for way in WAYS:
+            cells = [f"{np.median(wide[way, people]):10.4f}" for people in PEOPLE]
+            print(f"{'width: ' + way:48}{law:14}" + "".join(cells))
+
+
+if __name__ == "__main__":
+    main()
