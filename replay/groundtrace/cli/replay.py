@@ -82,9 +82,10 @@ def replay(
     set_
         A parameter of a stage, as stage.param=value; may be given several times.
     from_
-        Begin this many seconds after the first sample.
+        Begin this many seconds after the first sample, with the decisions of the whole recording:
+        what stages need of before is replayed too.
     to
-        End this many seconds after the first sample.
+        End this many seconds after the first sample, with the decisions of the whole recording.
     at_miss
         Replay everything, then show 5 s before and after the missed step of this number, N; the
         outputs are NAME-missN.rrd and NAME-missN.results.mcap.

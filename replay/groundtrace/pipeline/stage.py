@@ -75,7 +75,8 @@ class Memory:
         None: on all that came before.
     delay_s
         Nor on where it ended, where that was at least so long after [s]; None: on all that came
-        after. Smoothed tracks, in which all that was replayed of a track counts, are left out.
+        after. Left out are smoothed tracks, in which all that was replayed of a track counts, and
+        the first steps of a track that later ones made one.
     """
 
     warm_up_s: float | None = None

@@ -402,9 +402,8 @@ class WalkerTracker(Stage):
 
     @property
     def memory(self) -> Memory:
-        """All before; and the fixes that make a track one."""
-        p = self.parameters
-        return Memory(None, p.confirm * (p.end_s + p.together_s))
+        """All before; and the fixes that come together."""
+        return Memory(None, self.parameters.together_s)
 
     def start(self, context: Context) -> tuple[str, ...]:
         """Begin without tracks."""
