@@ -141,7 +141,7 @@ def test_exports_and_summaries_say_it(late: list[float], capsys: Capture) -> Non
 class Here:
     """An engine that works in this process."""
 
-    def run(self, function: Any, tasks: Any) -> Any:
+    def run(self, function: Any, tasks: Any, _: Any = None) -> Any:
         yield from ((number, function(task)) for number, task in enumerate(tasks))
 
 
