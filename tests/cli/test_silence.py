@@ -28,7 +28,7 @@ SAID = "placement of /imu/waist not stated: taken for waist or trunk ("
 class Here:
     """Does a fleet's work in this process."""
 
-    def run(self, function: Any, tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, function: Any, tasks: Sequence[Any], _: object) -> Iterator[tuple[int, Any]]:
         for number, task in enumerate(tasks):
             yield number, function(task)
 
