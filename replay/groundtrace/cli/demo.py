@@ -46,6 +46,9 @@ def demo(
     )
     results = load_results(f"{recording.stem}.results.mcap")
     print_found(results.score().steps)
+    if not results.misses:
+        print_line("missed: none")
+        return
     missed = results.misses[0]
     print_line(f"missed: step {missed.step} at {missed.time_s:.3f} s")
     print_line(f"next: groundtrace why {results.path} --step {missed.step}")
