@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 
-from groundtrace.evaluation.headings import heading_errors
 from groundtrace.evaluation.matching import STEP_TOLERANCE_S
 from groundtrace_codecs.events import CandidateBlock, Disturbance, Heading, StageSpec
 from groundtrace_codecs.signals import NS_PER_S
@@ -317,7 +316,10 @@ class _Story:
 
     def _log_error(self, known_ns: Times, sigma: Array) -> None:
         """Log heading minus truth, with twice what the headings claim as a band."""
+        # what compares places with the truth is not imported before there is a heading
         import rerun as rr
+
+        from groundtrace.evaluation.headings import heading_errors
 
         timeline, labels = self._timeline, self.context.session.labels
         times, radians = heading_errors(labels, self.headings, STEP_TOLERANCE_S)
