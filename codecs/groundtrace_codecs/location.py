@@ -80,10 +80,12 @@ def without_secrets(text: str) -> str:
     What other packages say of an error may have the URL in it, or a part of one that was kept.
     """
     text = _URLS.sub(lambda found: _public(found[0]), text)
+    secrets: set[str] = set()
     for url in _OPENED_BY.values():
         parts = urlsplit(url)
-        for secret in filter(None, (parts.query, parts.netloc.rpartition("@")[0], parts.password)):
-            text = text.replace(secret, "...")
+        secrets.update(filter(None, (parts.query, parts.netloc.rpartition("@")[0], parts.password)))
+    for secret in sorted(secrets, key=len, reverse=True):  # one may be a part of another
+        text = text.replace(secret, "...")
     return text
 
 

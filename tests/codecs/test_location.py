@@ -57,6 +57,8 @@ def test_what_others_say_of_an_error_loses_the_secrets() -> None:
     Location(URL)
     assert without_secrets(f"403 at {URL} again") == f"403 at {PUBLIC} again"
     assert without_secrets("no such user someone:pass%40word") == "no such user ..."
+    Location("ftp://other:word@host/walk.mcap")  # a part of the one before
+    assert without_secrets("no such user someone:pass%40word") == "no such user ..."
     assert "abc" not in without_secrets("GET /data/walk.mcap?token=abc&x=1 failed")
 
 

@@ -151,7 +151,6 @@ def test_truth_of_a_file_and_its_remarks_come_with_the_score(walk: gt.Results) -
         ),
         (("--from", 100), lambda: gt.replay("walk.mcap", from_s=100)),
         (("--out", "walk.mcap"), lambda: gt.replay("walk.mcap", out="walk.mcap")),
-        (("--out", "no/deep.mcap"), lambda: gt.replay("walk.mcap", out="no/deep.mcap")),
     ],
 )
 def test_errors_have_the_text_of_the_command_line(
@@ -162,6 +161,11 @@ def test_errors_have_the_text_of_the_command_line(
     with pytest.raises(gt.Error) as error:
         call()
     assert str(error.value) == said
+
+
+def test_the_folder_of_an_output_is_made() -> None:
+    assert gt.replay("waist-walk", "waist-steps", out="new/deep.mcap").path == Path("new/deep.mcap")
+    assert Path("new/deep.mcap").is_file()
 
 
 def test_errors_of_reading_have_the_text_of_the_command_line(

@@ -229,7 +229,7 @@ def test_score_why_and_sweep_of_a_room_that_was_struck_take_its_impacts(
     assert "5 right, 0 missed" in done(capsys, "why", "struck.results.mcap").out
     done(capsys, "sweep", "struck.results.mcap", "--grid", "steps.min_channels=2:4:3")
     done(capsys, "replay", "struck.mcap", "--pipeline", "hammer-shots", "--no-viewer", "--force")
-    said = run(capsys, "why", "struck.results.mcap").error
+    said = run(capsys, "why", "struck.results.mcap", "--kind", "steps").error
     assert (
         "expected true steps (in the recording, or --truth FILE), found 5 impact, 20 pick" in said
     )
