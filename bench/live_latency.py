@@ -116,15 +116,20 @@ def in_browser(target: Path) -> dict[str, list[tuple[int, float]]]:
     call = [sys.executable, "-c", MAIN, "replay", str(target), "--follow", "--web", "--force"]
     came: defaultdict[str, list[tuple[int, float]]] = defaultdict(list)
     rows: set[str] = set()
-    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True, cwd=target.parent) as replay:
-        assert replay.stderr is not None
-        url = next(m[1] for line in replay.stderr if (m := re.search(r"serving (\S+)", line)))
-        threading.Thread(target=replay.stderr.read, daemon=True).start()
+    said = target.with_name("said.txt")
+    with (
+        said.open("w") as stream,
+        subprocess.Popen(call, stderr=stream, stdout=stream, cwd=target.parent) as replay,
+    ):
+        while (found := re.search(r"serving (\S+)", said.read_text())) is None:
+            time.sleep(0.05)
+        url = found[1]
         with sync_playwright() as play:
-            gpu = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-            browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=gpu)
-            page = browser.new_page(viewport={"width": 1280, "height": 720})
-            page.goto(f"{url}?renderer=webgl")
+            flags = ["--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader"]
+            browser = play.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
+            page = browser.new_page(viewport={"width": 800, "height": 480})
+            page.add_init_script("console.debug = () => {}")  # the viewer says very much
+            page.goto(url)
             with Recording.open(target.with_name("source.mcap")) as source:
                 start_ns = source.start_ns
             while True:
@@ -133,18 +138,21 @@ def in_browser(target: Path) -> dict[str, list[tuple[int, float]]]:
                 except Error:
                     continue
                 now = time.time()
+
                 shown_ns = start_ns + round(float(seen[0] or 0) * NS_PER_S)
                 if not came["picture"] or came["picture"][-1][0] != shown_ns:
                     came["picture"].append((shown_ns, now))
                 for row in set(seen[2]) - rows:
                     came["list of steps"].append((start_ns + round(float(row) * NS_PER_S), now))
                 rows |= set(seen[2])
-                if "live" not in seen[1]:
+                if seen[1] and "live" not in seen[1]:
                     break
                 time.sleep(0.05)
             browser.close()
         print(f"memory of the replay at its end: {memory_mb(replay.pid):.0f} MB")
-        replay.terminate()
+        while replay.poll() is None:  # the first one may still end the recording alone
+            replay.terminate()
+            time.sleep(0.5)
     return came
 
 
