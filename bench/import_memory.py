@@ -39,6 +39,7 @@ def blocks(rows: int, channels: int = CHANNELS) -> Iterator[tuple[np.ndarray, np
 
 
 def the_map(path: Path, form: str, column: str) -> list[str]:
+    """Write the map of a file beside it; return the arguments that import the two."""
     columns = ", ".join(
         f'{{column = "{column.format(i)}", name = "G{i}", quantity = "seismic", unit = "count"}}'
         for i in range(CHANNELS)
@@ -49,6 +50,7 @@ def the_map(path: Path, form: str, column: str) -> list[str]:
 
 
 def npy(file: object, shape: tuple[int, ...], parts: Iterator[np.ndarray]) -> None:
+    """Write an array of doubles part by part, as NumPy stores one."""
     head = {"descr": "<f8", "fortran_order": False, "shape": shape}
     np.lib.format.write_array_header_1_0(file, head)
     for part in parts:

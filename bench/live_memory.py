@@ -9,13 +9,14 @@ Run: python bench/live_memory.py [--minutes 60]
 from __future__ import annotations
 
 import argparse
-import re
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from pathlib import Path
+
+from live_latency import memory_mb
 
 from groundtrace.api.replay import PlannedReplay, configured_for, growing
 from groundtrace.pipeline.plugins import load
@@ -25,12 +26,6 @@ from groundtrace_viewers.rerun import sink as viewer_sink
 from groundtrace_viewers.rerun.process import open_viewer
 
 ROWS = 12
-
-
-def memory_mb(pid: int | str) -> float:
-    """Return the resident memory of a process [MB]."""
-    text = Path(f"/proc/{pid}/status").read_text()
-    return int(re.findall(r"VmRSS:\s+(\d+)", text)[0]) / 1024
 
 
 def without_screen(arguments: list[str], port: int) -> subprocess.Popen[bytes]:

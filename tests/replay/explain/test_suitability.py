@@ -126,6 +126,8 @@ def test_a_pipeline_for_a_foot_is_refused_where_the_sensor_is_stated_to_be_elsew
 
 def test_a_pipeline_that_finds_something_or_wants_nothing_is_taken() -> None:
     refuse_unsuitable(WALKER, [geophones(), stream()], None, "r.mcap")
+    with pytest.raises(PipelineError):  # it is the sensor of the walker that it finds
+        refuse_unsuitable(WALKER, [geophones()], None, "r.mcap")
     refuse_unsuitable(load_pipeline("signals"), [geophones()], None, "r.mcap")
 
 

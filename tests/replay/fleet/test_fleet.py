@@ -318,10 +318,13 @@ def test_a_recording_that_hangs_is_a_row_that_says_so(
 def test_what_is_done_in_time_is_not_broken_off_afterwards() -> None:
     here = (platform.node(), os.getpid())
     task = Task(Location("a.mcap"), Recipe("", "", ""), limit_s=0.02, made_by=here)
+    undisturbed = 0
     for _ in range(50):
         with suppress(TimeLimitError), TimeLimit(task):
             time.sleep(0.02)
         time.sleep(0.002)  # here it would be raised
+        undisturbed += 1
+    assert undisturbed == 50
 
 
 def test_workers_started_elsewhere_find_the_recordings_and_say_which_they_do_not_see(
