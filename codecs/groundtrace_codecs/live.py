@@ -104,11 +104,6 @@ class LiveRecording:
         undecoded = self.head.damage[len(self.head.file.damage) :]
         return (*self._file.damage, *undecoded)
 
-    @property
-    def finished(self) -> bool:
-        """True where the file's own end was reached."""
-        return self._file.finished
-
     def sha256(self) -> str:
         """Return the SHA-256 of the bytes that are there."""
         return self._source.sha256()

@@ -98,7 +98,7 @@ class GrowingFile(FileBytes):
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
         self._path = Path(path)
-        self._told = self._same()
+        self._named = self._same()
 
     @property
     def ended(self) -> bool:
@@ -119,8 +119,8 @@ class GrowingFile(FileBytes):
                 f"{self.name}: expected a file that grows, found it cut to {size} bytes of "
                 f"{self.size}"
             )
-        if size == self.size and self._told and not self._same():
-            self._told = False
+        if size == self.size and self._named and not self._same():
+            self._named = False
             if self._path.exists():
                 raise CodecError(f"{self.name}: expected the file that was begun, found another")
         grown, self.size = size > self.size, size
