@@ -1,9 +1,19 @@
 from __future__ import annotations
 
 import numpy as np
-from viewer_sessions import IMU, NAMES, room_session
+import pytest
+from viewer_sessions import IMU, NAMES, SEISMIC, room_session
 
-from groundtrace_viewers.rerun.timeline import SENSOR_COLOURS, SensorColours, heat
+from groundtrace_viewers.rerun.decisions import readable
+from groundtrace_viewers.rerun.timeline import (
+    AXIS_COLOURS,
+    SENSOR_COLOUR_NAMES,
+    SENSOR_COLOURS,
+    STEP_COLOURS,
+    SensorColours,
+    heat,
+)
+from groundtrace_viewers.rerun.wrong_decisions import VERDICT_COLOURS
 
 
 def lightness(packed: np.ndarray) -> np.ndarray:
@@ -33,3 +43,23 @@ def test_axes_of_all_worn_quantities_share_their_colours() -> None:
     colours = SensorColours(room_session())
     shades = [colours.of_channel(c) for c in IMU.channels[:9]]
     assert shades[:3] == shades[3:6] == shades[6:9]
+
+
+def test_a_title_says_which_curve_is_which() -> None:
+    colours = SensorColours(room_session())
+    assert colours.key(IMU.channels[:3]) == "x sand, y teal, z steel"
+    assert colours.key(SEISMIC.channels) == "G1 orange, G2 sky, G3 green, G4 yellow"
+    assert colours.key(SEISMIC.channels[:1]) == colours.key([*SEISMIC.channels] * 2) == ""
+    assert len(SENSOR_COLOUR_NAMES) == len(set(SENSOR_COLOUR_NAMES)) == len(SENSOR_COLOURS)
+
+
+def test_the_axes_have_no_colour_that_says_right_wrong_left_or_right() -> None:
+    said = {*STEP_COLOURS.values(), *VERDICT_COLOURS.values()}
+    assert said.isdisjoint(AXIS_COLOURS.values())
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(4.933, "4.93"), (0.00123, "0.00123"), (2760.4, "2760"), (3e7, "3e+07")]
+)
+def test_values_are_short(value: float, text: str) -> None:
+    assert readable(value) == text

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewer_sessions import IMU, SEISMIC, at, blocks, imu_samples, seismic_samples
 
-from groundtrace_codecs.events import Pick, StepEvent
+from groundtrace_codecs.events import Pick
 from groundtrace_viewers.rerun.samples import RecentSamples, Traces
 
 
@@ -37,14 +37,15 @@ def test_a_pick_lies_on_its_trace_in_the_units_shown() -> None:
     assert traces.of_pick(pick) == pytest.approx(samples[1620, 2] * 2e-9 * 1e6)
 
 
-def test_a_step_lies_on_the_magnitude_of_the_acceleration() -> None:
+def test_a_step_is_as_high_as_the_curves_about_it() -> None:
     traces, samples = Traces([IMU, SEISMIC]), imu_samples()
     for block in blocks(IMU, samples, 100):
         traces.push(block)
-    step = StepEvent(at(2.0), "step", "", "/imu/waist", "steps", 1.0)
-    assert traces.of_step(step) == pytest.approx(np.linalg.norm(samples[200, :3]))
-    seismic = StepEvent(at(2.0), "step", "", "/seismic", "steps", 1.0)
-    assert traces.of_step(seismic) == 0.0
+    found = traces.extent("/imu/waist", at(2.0))
+    about = samples[175:225, :3]
+    expected = min(about.min(), 0.0), np.linalg.norm(about, axis=1).max()
+    assert found == pytest.approx(expected)
+    assert traces.extent("/seismic", at(2.0)) is None, "nothing of it came"
 
 
 @pytest.mark.parametrize("rows", [7, 500])

@@ -12,7 +12,6 @@ from groundtrace_viewers.rerun.waves import (
     AHEAD_NS,
     LEVELS,
     MOST_SAMPLES,
-    _short,
     averaged,
     scaled,
 )
@@ -79,10 +78,3 @@ def test_the_key_of_a_square_site_goes_beyond_its_sides_that_of_a_wide_one_does_
     square, wide = Bounds((0, 10), (0, 10)), Bounds((0, 40), (0, 10))
     assert np.ptp(square.key(4, 0.5)[:, 0]) == pytest.approx(10.5)
     assert np.ptp(wide.key(4, 0.5)[:, 0]) == pytest.approx(30.0)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"), [(4.933, "4.93"), (0.00123, "0.00123"), (2760.4, "2760"), (3e7, "3e+07")]
-)
-def test_values_are_short(value: float, text: str) -> None:
-    assert _short(value) == text

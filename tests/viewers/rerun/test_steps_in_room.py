@@ -150,6 +150,7 @@ def test_the_curve_of_a_picker_is_its_own_at_every_sample_around_steps(replayed:
     times, values = read_back(replayed, "/decision/picks/seismic", SCALARS)
     assert len(times)
     steps, _ = read_back(replayed, "/steps/seismic", SCALARS)
+    steps = steps[::3]  # an upright: two ends, and where the line ends
     missed = [at(STEPS_S[0]) - START_NS]
     assert np.abs(steps - missed).min() > 10**8
     steps = np.append(steps, missed)

@@ -56,6 +56,8 @@ MOST_LANES, MOST_ON_ROAD = 8, 6
 TEXTS, LEFT_WIDTH = 2.0, 0.8
 #: Share of the decision at the cursor, above a map: in words alone, and with bars.
 DECIDED = (0.9, 1.9)
+#: The same of words and bars that have the width of their column.
+DECIDED_ALONE = (1.0, 1.1)
 #: What is shown before and after the cursor [s]: of shots, of footsteps on a floor, of a walker,
 #: of a vehicle.
 SHOT_S, FAST_S, SLOW_S, ROAD_S = (0.05, 0.25), (0.02, 0.06), (2.0, 2.0), (0.5, 0.5)
@@ -96,17 +98,22 @@ def blueprint(
         return _page(_headings(session, entities), session, follow=follow)
     mapped = bool(_of(entities, "map"))
     on_road = session.application == "vehicle"
-    # Bands over the samples would double the legend; its colours stand in the overview's too.
-    named = not mapped and not _of(entities, "card")
-    detail = [] if on_road else _detail(session.application, entities, legend=named)
-    below = detail if mapped else []
+    detail = [] if on_road else _detail(session.application, entities)
     overview = _overview(session, entities)
     most = MOST_ON_ROAD if on_road else MOST_LANES
-    stack = overview + _lanes(entities, overview + below, most) + below
-    side = (_map(session, shown, entities) if mapped else detail) + _texts(entities)
-    side = [*_decided(entities), *side]
+    decided = _decided(entities, halves=mapped)
+    if mapped:
+        side = [*decided, *_map(session, shown, entities), *_texts(entities)]
+        stack = overview + _lanes(entities, overview + detail, most) + detail
+    elif decided and overview:  # what is wrong has the left, all signals the right
+        side = [*decided, *_texts(entities)]
+        stack = [*overview[:1], *detail, *overview[1:]]
+        stack += _lanes(entities, stack, most)
+    else:
+        side = [*decided, *detail, *_texts(entities)]
+        stack = overview + _lanes(entities, overview, most)
     columns = [_rows(side), _rows(stack)] if stack else [_rows(side)]
-    shares = [2.2, 3.0] if mapped else [1.0, 2.0]
+    shares = [2.2, 3.0] if mapped else [1.0, 1.7]
     whole_page = rrb.Horizontal(*columns, column_shares=shares[: len(columns)])
     return _page(whole_page, session, follow=follow)
 
@@ -204,7 +211,7 @@ def _shots(
     rest: list[Any] = [whole(e, span_ns) for e in _of(entities, "shots")]
     rest += [view for view, _ in _overview(session, entities)]
     rest += lanes_view(entities) if _of(entities, "lane") else []
-    rest += [view for view, _ in _detail(session.application, entities, legend=False)]
+    rest += [view for view, _ in _detail(session.application, entities)]
     parts: list[Part] = _parts(far, 4.6)
     parts.append((rrb.Horizontal(*words, column_shares=[5.0, 6.0][: len(words)]), 4.2))
     parts += _parts(rest, 1.9)
@@ -289,14 +296,19 @@ def _share(site: Bounds) -> float:
     return TEXTS * height / (1.0 - height)
 
 
-def _decided(entities: Sequence[Entity]) -> list[Part]:
-    """Show the decision at the cursor, where one is wrong: in words, and gate by gate."""
+def _decided(entities: Sequence[Entity], *, halves: bool) -> list[Part]:
+    """Show the decision at the cursor, where one is wrong: in words, and gate by gate.
+
+    They stand in ``halves`` side by side where a map is below.
+    """
     import rerun.blueprint as rrb
 
     shown: list[Any] = [text(e) for e in _of(entities, "card")]
     shown += [bars(e) for e in _of(entities, "bars")]
     if not shown:
         return []
+    if not halves:
+        return [(view, share) for view, share in zip(shown, DECIDED_ALONE, strict=False)]
     share = DECIDED[len(shown) - 1]
     return [(rrb.Horizontal(*shown, column_shares=[1.0, 1.1][: len(shown)]), share)]
 
@@ -308,8 +320,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
     seismic = enveloped or [
         e for e in _of(entities, "signal") if e.quantity not in WORN and not _is_other(e)
     ]
-    named = session.application != "vehicle" or not _of(entities, "map")
-    signals = [plot_view(e, legend_shown=named) for e in seismic]
+    signals = [plot_view(e) for e in seismic]
     span_ns = _shown_span(session)
     signals += [whole(_short(e), span_ns) for e in _of(entities, "whole")]
     tonal = [fixed(e, e.path, linked()) for e in _of(entities, "spectrogram")]
@@ -327,7 +338,7 @@ def _overview(session: ReplaySession, entities: Sequence[Entity]) -> list[Part]:
         return [*_walked(entities, [*signals, *tonal]), *decisions, *_believed(entities)]
     if session.application == "vehicle":
         fast = [e for e in _of(entities, "signal") if e.rate_hz > FULL_RATE_HZ]
-        signals += [samples(e, (), ROAD_S, 0) for e in fast]
+        signals += [samples(e, (), ROAD_S) for e in fast]
         return [
             *_parts([*signals, *tonal[1:]], 1.3),
             *_parts(tonal[:1], 1.3),
@@ -351,10 +362,8 @@ def _is_other(entity: Entity) -> bool:
 def _worn(entities: Sequence[Entity]) -> list[Part]:
     signals = _of(entities, "signal")
     parts: list[Part] = []
-    # The colours of the axes stand in the legend of the samples around the cursor.
-    legend = not any(e.quantity in ACCELERATIONS for e in signals)
     for row, share in ROWS:
-        shown = [plot_view(e, legend_shown=legend) for e in signals if e.quantity in row]
+        shown = [plot_view(e) for e in signals if e.quantity in row]
         parts += _parts(shown, share)
     others = [plot_view(e) for e in signals if e.quantity not in WORN and _is_other(e)]
     return parts + _parts(others, 1.0)
@@ -381,7 +390,7 @@ def _believed(entities: Sequence[Entity]) -> list[Part]:
 
 def _driven(entities: Sequence[Entity], decisions: Sequence[Part]) -> list[Part]:
     """Show powers, their ratios, and the way along the road."""
-    ratios = _parts([plot_view(e, legend_shown=False) for e in _of(entities, "ratio")], 2.0)
+    ratios = _parts([plot_view(e) for e in _of(entities, "ratio")], 2.0)
     return [*decisions, *ratios, *((bounded(e), 2.6) for e in _of(entities, "road"))]
 
 
@@ -399,22 +408,21 @@ def _lanes(entities: Sequence[Entity], others: Sequence[Part], most: int) -> lis
     return _parts(lanes_view(entities), rest * height / (1.0 - height))
 
 
-def _detail(application: str, entities: Sequence[Entity], *, legend: bool) -> list[Part]:
+def _detail(application: str, entities: Sequence[Entity]) -> list[Part]:
     """Show the samples around the cursor: fast streams, else the first acceleration."""
     signals = _of(entities, "signal")
     fast = [e for e in signals if e.rate_hz > FULL_RATE_HZ]
     slow = [e for e in signals if e.quantity in ACCELERATIONS]
-    most = 12 if legend else 0
     span = SHOT_S if application == "shots" else FAST_S
     shown = [
-        samples(e, _companions(e, entities), around, most)
+        samples(e, _companions(e, entities), around)
         for e, around in [(e, span) for e in fast] or [(e, SLOW_S) for e in slow[:1]]
     ]
     decisions = [decision(e, span) for e in _of(entities, "decision")]
     waves = [waves_view(e) for e in _of(entities, "waves")]
     if application == "room":  # it has more plots than a small window has room for
         return _parts([*waves, *shown, *decisions], 4.5 if waves else 2.6)
-    return _parts(shown, 3.0) + _parts(decisions, 2.3)
+    return _parts(shown, 3.0 if application == "shots" else 2.4) + _parts(decisions, 2.3)
 
 
 def _companions(signal: Entity, entities: Sequence[Entity]) -> list[Entity]:
@@ -432,8 +440,6 @@ def _stream(mark: Entity) -> str:
 
 #: What a plot shows: its entity and those below it, and the axis that all have alike.
 ALIGNED = ["$origin/**", AXIS]
-#: More curves than this would hide the plot behind its own legend.
-LEGEND_CURVES = 4
 
 
 def linked() -> rrb.TimeAxis:
@@ -454,14 +460,14 @@ def around(before_s: float, after_s: float) -> rrb.TimeAxis:
     return rrb.TimeAxis(link=rrb.components.LinkAxis.Independent, view_range=window)
 
 
-def legend(curves: int, most: int = LEGEND_CURVES) -> rrb.PlotLegend:
-    """Return a legend that is shown for several, but not too many curves."""
+def no_legend() -> rrb.PlotLegend:
+    """Return no legend: it would hide what it explains; titles have the keys."""
     import rerun.blueprint as rrb
 
-    return rrb.PlotLegend(rrb.Corner2D.RightTop, visible=1 < curves <= most)
+    return rrb.PlotLegend(visible=False)
 
 
-def plot_view(entity: Entity, *, legend_shown: bool = True) -> rrb.View:
+def plot_view(entity: Entity) -> rrb.View:
     """Return curves on the common time axis."""
     import rerun.blueprint as rrb
 
@@ -469,7 +475,7 @@ def plot_view(entity: Entity, *, legend_shown: bool = True) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         axis_x=linked(),
-        plot_legend=legend(entity.series, LEGEND_CURVES if legend_shown else 0),
+        plot_legend=no_legend(),
     )
 
 
@@ -486,7 +492,7 @@ def whole(entity: Entity, span_ns: tuple[int, int]) -> rrb.View:
         name=entity.title,
         axis_x=axis,
         axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)) if entity.top else None,
-        plot_legend=legend(entity.series),
+        plot_legend=no_legend(),
     )
 
 
@@ -500,13 +506,11 @@ def fixed(entity: Entity, origin: str, axis_x: rrb.TimeAxis) -> rrb.View:
         name=entity.title,
         axis_x=axis_x,
         axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
 
 
-def samples(
-    entity: Entity, companions: Sequence[Entity], span_s: tuple[float, float], most: int
-) -> rrb.View:
+def samples(entity: Entity, companions: Sequence[Entity], span_s: tuple[float, float]) -> rrb.View:
     """Return every sample around the cursor, with what belongs to it.
 
     Parameters
@@ -517,8 +521,6 @@ def samples(
         Curves and marks of the same stream.
     span_s
         How much is shown before and after the cursor [s].
-    most
-        Most curves with a legend.
     """
     import rerun.blueprint as rrb
 
@@ -527,11 +529,18 @@ def samples(
     return rrb.TimeSeriesView(
         origin="/",
         contents=[entity.path, *(e.path for e in companions)],
-        name=f"{entity.title}: every sample, cursor {span}",
+        name=_sampled(entity, companions, span),
         axis_x=around(before, after),
-        plot_legend=legend(entity.series, most),
+        plot_legend=no_legend(),
         overrides={entity.path: _mapped(entity.component)} if entity.component else None,
     )
+
+
+def _sampled(entity: Entity, companions: Sequence[Entity], span: str) -> str:
+    """Return the title of samples: which curve is which stands at its end."""
+    what, unit, key = entity.title.partition("]")
+    norm = ", magnitude white" if any(e.role == "norm" for e in companions) else ""
+    return f"{what}{unit}, cursor {span}{key}{norm}"
 
 
 def _mapped(component: str) -> rrb.Visualizer:
@@ -558,7 +567,7 @@ def decision(entity: Entity, span_s: tuple[float, float]) -> rrb.View:
         name=entity.title,
         axis_x=around(*span_s),
         axis_y=rrb.ScalarAxis(range=(0.0, entity.top)) if entity.top else None,
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
 
 
@@ -572,7 +581,7 @@ def bounded(entity: Entity) -> rrb.View:
         name=entity.title,
         axis_x=linked(),
         axis_y=rrb.ScalarAxis(range=(entity.bottom, entity.top)),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
 
 
@@ -586,7 +595,7 @@ def masses(entity: Entity) -> rrb.View:
         name=entity.title,
         axis_x=linked(),
         axis_y=rrb.ScalarAxis(range=(-0.06, entity.top + 0.06)),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
 
 
@@ -601,7 +610,7 @@ def headings_view(entities: Sequence[Entity]) -> rrb.View:
         name=f"Heading [°], cursor ± {HEADING_S:g} s: {curves}",
         axis_x=around(HEADING_S, HEADING_S),
         axis_y=rrb.ScalarAxis(range=(-TURN, TURN)),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
 
 
@@ -626,7 +635,7 @@ def bars(entity: Entity) -> rrb.View:
         origin=entity.path,
         name=entity.title,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=(-158.0, 158.0), y_range=(-16.0, entity.top + 8.0)
+            x_range=(-175.0, 175.0), y_range=(-16.0, entity.top + 8.0)
         ),
     )
 
@@ -701,6 +710,10 @@ def lanes_view(entities: Sequence[Entity]) -> list[rrb.View]:
         name = path.removeprefix(f"/state/{number}-").partition("/")[0]
         names.setdefault(number, []).append(name)
     rows = {int(FIRST_ROW) - n: ", ".join(dict.fromkeys(names[n])) for n in sorted(names)}
+    feet = any(path.endswith("truth/step") for path in paths)
+    keys = {"score": "score, missed red, false pink"}
+    keys |= {"truth": "truth, left blue, right orange"} if feet else {}
+    rows = {height: keys.get(text, text) for height, text in rows.items()}
     below = min(FIRST_ROW - n - APART * (len(own) - 1) for n, own in names.items())
     plot = rrb.TimeSeriesView(
         origin=LANES,
@@ -708,7 +721,7 @@ def lanes_view(entities: Sequence[Entity]) -> list[rrb.View]:
         name=" · ".join(f"{height} {text}" for height, text in rows.items()),
         axis_x=linked(),
         axis_y=rrb.ScalarAxis(range=(below - 0.5, max(rows) + 0.5)),
-        plot_legend=rrb.PlotLegend(visible=False),
+        plot_legend=no_legend(),
     )
     return [plot, states]
 

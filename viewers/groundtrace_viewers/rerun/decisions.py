@@ -57,6 +57,7 @@ from .timeline import (
     Entity,
     Lane,
     coincident,
+    scalar_column,
     used,
 )
 
@@ -761,7 +762,8 @@ class StepCurve:
         gate = gate if gate is not None and gate.name == decision.name else None
         unit = f" [{decision.unit.replace('s2', 's²')}]" if decision.unit not in ("", "1") else ""
         limit = f", threshold {gate.threshold:g} in red" if gate else ""
-        title = f"{spec.stage} {spec.topic}: filtered, every sample{unit}; peaks and valleys{limit}"
+        key = "\u25cf accepted green, \u00d7 rejected"
+        title = f"{spec.stage} {spec.topic}: filtered{unit}, {key}{limit}"
         lines = rr.SeriesLines(
             names="filtered",
             colors=np.array([CURVE], np.uint32),
@@ -782,7 +784,7 @@ class StepCurve:
             ("rejected/valley", REFUSED, shapes.Cross, 2.5),
             ("rejected/peak", REFUSED, shapes.Cross, 4.0),
             ("accepted/valley", VALLEY, shapes.Up, 3.5),
-            ("accepted/peak", ACCEPTED, shapes.Down, 5.0),
+            ("accepted/peak", ACCEPTED, shapes.Circle, 4.5),
         ):
             verdict, what = path.split("/")
             style = rr.SeriesPoints(
@@ -874,7 +876,7 @@ class StepView(View):
         self._context = context
         self._timeline = context.timeline
         self._lines = context.lines
-        self._pending: list[tuple[StepEvent, float]] = []
+        self._pending: list[StepEvent] = []
 
     def step(self, step: StepEvent) -> None:
         """Take a step."""
@@ -885,7 +887,7 @@ class StepView(View):
             return
         context.opens(step.time_ns)
         context.answers_ns.append(step.time_ns)
-        self._pending.append((step, context.traces.of_step(step)))
+        self._pending.append(step)
         what = " ".join(filter(None, (step.type or step.foot, step.kind)))
         seen = f", {step.channels} channels" if step.channels > 1 else ""
         where = self._timeline.seconds(step.time_ns)
@@ -894,25 +896,33 @@ class StepView(View):
 
     def flush(self, before_ns: int | None = None) -> None:  # noqa: ARG002
         """Log what is pending."""
-        for topic in dict.fromkeys(s.topic for s, _ in self._pending):
-            self._marks(topic, [(s, height) for s, height in self._pending if s.topic == topic])
+        for topic in dict.fromkeys(s.topic for s in self._pending):
+            self._marks(topic, [s for s in self._pending if s.topic == topic])
         if self._pending:
-            self._rows([s for s, _ in self._pending])
+            self._rows(self._pending)
         self._pending = []
 
-    def _marks(self, topic: str, marks: list[tuple[StepEvent, float]]) -> None:
+    def _marks(self, topic: str, steps: list[StepEvent]) -> None:
+        """Log a step as an upright over the curves: at no height, since none was measured."""
         import rerun as rr
 
+        extent, kinds = self._context.traces.extent, STEP_COLOURS | TYPE_COLOURS
+        ends = {s.time_ns: found for s in steps if (found := extent(topic, s.time_ns))}
+        own = [s for s in steps if s.time_ns in ends]
+        if not own:
+            return
         path = f"/steps/{topic.strip('/')}"
-        style = rr.SeriesPoints(markers="up", marker_sizes=7.0, names="step")
+        every = rr.components.AggregationPolicy.Off  # else an upright may lose its end
+        style = rr.SeriesLines(names="step", widths=1.0, aggregation_policy=every)
         self._timeline.declare(Entity(path, "mark"), style)
-        kinds = STEP_COLOURS | TYPE_COLOURS
-        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s, _ in marks]
+        shades = [kinds.get(s.type or s.foot or s.kind, STEP) for s in own]
+        heights = np.array([(*ends[s.time_ns], np.nan) for s in own])
         columns = [
-            *rr.Scalars.columns(scalars=np.array([height for _, height in marks])),
-            *rr.SeriesPoints.columns(colors=np.array(shades, np.uint32)),
+            scalar_column(heights.reshape(-1, 1)),
+            *rr.SeriesLines.columns(colors=np.repeat(np.array(shades, np.uint32), 3)),
         ]
-        self._timeline.send(path, [s.time_ns for s, _ in marks], columns)
+        times = np.repeat([s.time_ns for s in own], 3) + np.tile([0, 0, 1], len(own))
+        self._timeline.send(path, times, columns)
 
     def _rows(self, steps: list[StepEvent]) -> None:
         import pyarrow as pa

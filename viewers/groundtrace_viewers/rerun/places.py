@@ -513,7 +513,7 @@ TRACK_KEY = f"{TRACKS}/key"
 #: A walker is shown where it was last for so long after its last step [s].
 HOLD_S = 2.0
 #: The key stands below the site, this far down the margin.
-TRACK_MARGIN = 0.55
+TRACK_MARGIN = 0.47
 #: More would not fit below the site.
 MOST_NAMED = 4
 
@@ -621,7 +621,7 @@ class TrackView:
             labels=texts,
             show_labels=True,
             colors=np.array([_colour(*key) for key in known], np.uint32),
-            radii=-5.0,
+            radii=0.0,
         )
         self._timeline.static(TRACK_KEY, key)
 

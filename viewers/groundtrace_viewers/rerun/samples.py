@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from groundtrace.pipeline.engine import ReplaySession
-    from groundtrace_codecs.events import Pick, StepEvent
+    from groundtrace_codecs.events import Pick
     from groundtrace_codecs.signals import SignalBlock, Stream
 
     #: Times, shape (n,) [ns], and values, shape (n, n_columns).
@@ -363,6 +363,11 @@ class RecentSamples:
 SLOW_KEEP_S = 300.0
 
 
+#: A mark over the curves of a stream is as high as they are within so much of it [s]. Chosen by
+#: judgement: about a step of a walk, and about one on a floor.
+SLOW_AROUND_S, FAST_AROUND_S = 0.25, 0.05
+
+
 class Traces:
     """The last samples of all streams.
 
@@ -378,11 +383,13 @@ class Traces:
         #: topic and name, and of the accelerations that steps are found in by topic.
         self._picked: dict[tuple[str, str], tuple[list[int], float]] = {}
         self._stepped: dict[str, tuple[list[int], float]] = {}
+        self._factors: dict[str, float] = {}
         for stream in streams:
             self._begin(stream)
 
     def _begin(self, stream: Stream) -> None:
         factors = {i: curves.factor for curves in curves_of(stream) for i in curves.columns}
+        self._factors[stream.topic] = factors.get(0, 1.0)
         for i, channel in enumerate(stream.channels):
             self._picked.setdefault((stream.topic, channel.name), ([i], factors[i]))
         columns = stream.columns_of({"acceleration"}) or stream.columns_of(
@@ -423,10 +430,21 @@ class Traces:
         known = self._picked.get((pick.topic, pick.channel))
         return self._shown(pick.topic, pick.time_ns, *known) if known is not None else 0.0
 
-    def of_step(self, step: StepEvent) -> float:
-        """Return the magnitude of the acceleration at a step; 0 where there is none."""
-        known = self._stepped.get(step.topic)
-        return self._shown(step.topic, step.time_ns, *known) if known is not None else 0.0
+    def extent(self, topic: str, time_ns: int) -> tuple[float, float] | None:
+        """Return from where to where the curves of a stream go about a time; None of none.
+
+        Of worn sensors these are the acceleration and its magnitude, else all channels.
+        """
+        around_s = SLOW_AROUND_S if topic in self._stepped else FAST_AROUND_S
+        reach_ns = round(around_s * NS_PER_S)
+        blocks = self.blocks(topic, time_ns - reach_ns, time_ns + reach_ns)
+        if not blocks:
+            return None
+        every = list(range(len(blocks[0].stream.channels)))
+        columns, factor = self._stepped.get(topic, (every, self._factors.get(topic, 1.0)))
+        values = factor * np.concatenate([b.select(columns).values for b in blocks])
+        high = np.linalg.norm(values, axis=1).max() if topic in self._stepped else values.max()
+        return float(min(values.min(), 0.0)), float(high)
 
     def _shown(self, topic: str, time_ns: int, columns: list[int], factor: float) -> float:
         return factor * self._recent[topic].value(time_ns, columns)

@@ -272,7 +272,7 @@ class CurveStyles:
         """Return samples, and how they are drawn; ``where`` says which of them there are."""
         from rerun.components import AggregationPolicy
 
-        title = f"{self._heading(curves)} [{curves.unit}]{where}"
+        title = f"{self._heading(curves)} [{curves.unit}]{where}{self._key(curves)}"
         # The viewer's default policy averages minimum and maximum, which hides impacts.
         lines = self._lines(curves, AggregationPolicy.MinMax)
         return self._entity("signal", title, curves), lines
@@ -286,6 +286,7 @@ class CurveStyles:
         length = f"{bucket_s * 1e3:g} ms" if bucket_s < 0.1 else f"{bucket_s:g} s"
         what = "the whole recording" if role == "whole" else "envelope"
         title = f"{self._heading(curves)}: {what}, max |x| per {length} [{curves.unit}]"
+        title += self._key(curves)
         lines = self._lines(curves, AggregationPolicy.Max)
         return self._entity(role, title, curves), lines
 
@@ -304,6 +305,11 @@ class CurveStyles:
 
     def _heading(self, curves: Curves) -> str:
         return f"{curves.quantity.replace('_', ' ').capitalize()} {self._stream.topic}"
+
+    def _key(self, curves: Curves) -> str:
+        """Return which curve is which: in the title, where it hides no signal."""
+        key = self._colours.key([self._stream.channels[i] for i in curves.columns])
+        return f": {key}" if key else ""
 
     def _lines(self, curves: Curves, policy: AggregationPolicy) -> rr.SeriesLines:
         import rerun as rr

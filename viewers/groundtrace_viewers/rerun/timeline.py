@@ -96,7 +96,7 @@ class Entity:
 #: viewer's scalars, which are double, take three times as long to compress. A view must name it.
 SINGLES = "samples"
 #: Around a site, as parts of its extent: at the sides, and above and below.
-SIDE, MARGIN = 0.1, 0.16
+SIDE, MARGIN = 0.1, 0.17
 #: The key of a site goes this much beyond its sides.
 WIDER = 1.4
 
@@ -318,7 +318,28 @@ SENSOR_COLOURS = (
     0x8CB369FF,
     0x8EA4F5FF,
 )
-AXIS_COLOURS = {"x": 0xE8702AFF, "y": 0x00B283FF, "z": 0x56B4E9FF}
+#: What these are called where a plot says which curve is which.
+SENSOR_COLOUR_NAMES = (
+    "orange",
+    "sky",
+    "green",
+    "yellow",
+    "blue",
+    "vermilion",
+    "pink",
+    "grey",
+    "lime",
+    "purple",
+    "peach",
+    "cyan",
+    "tan",
+    "rose",
+    "olive",
+    "lavender",
+)
+#: Of the axes of worn sensors: paler than what is right, wrong, left or right.
+AXIS_COLOURS = {"x": 0xD2A679FF, "y": 0x7FB8A4FF, "z": 0x8FA8D8FF}
+AXIS_COLOUR_NAMES = {"x": "sand", "y": "teal", "z": "steel"}
 
 ACCEPTED = 0x4CE08AFF
 REJECTED = 0xB4B4BCA0
@@ -411,6 +432,10 @@ _HEAT = np.array(
 )
 
 
+#: A title that names more curves than this is cut in a small window.
+MOST_IN_KEY = 4
+
+
 class SensorColours:
     """Assigns colours to channels: by place in the geometry, else by order of appearance."""
 
@@ -430,6 +455,19 @@ class SensorColours:
         if channel.quantity not in SEISMIC_QUANTITIES and channel.axis in AXIS_COLOURS:
             return AXIS_COLOURS[channel.axis]
         return self.of(channel.name)
+
+    def key(self, channels: Sequence[Channel]) -> str:
+        """Return which curve is which, for the title of a plot; empty for one, or too many."""
+        if not 1 < len(channels) <= MOST_IN_KEY:
+            return ""
+        said = []
+        for channel in channels:
+            if self.of_channel(channel) == AXIS_COLOURS.get(channel.axis):
+                said.append(f"{channel.axis} {AXIS_COLOUR_NAMES[channel.axis]}")
+            else:
+                place = self._place[channel.name] % len(SENSOR_COLOURS)
+                said.append(f"{channel.name} {SENSOR_COLOUR_NAMES[place]}")
+        return ", ".join(said)
 
 
 def vehicle_colour(number: int) -> int:
@@ -923,7 +961,8 @@ since its peaks reach thousands; candidates beyond lie at its upper edge. Below 
 the cursor is the same at every sample, 0.1 s before to 0.1 s after each step, found or missed. \
 Rejected candidates below half the threshold are in the results alone.
 * Walkers: the detector's plot has its filtered signal at every sample, with accepted peaks as \
-green triangles, their valleys as blue ones, and rejected ones as red crosses. Masses: what each \
+green dots, their valleys as blue triangles, and rejected ones as red crosses; over raw samples a \
+step is an upright. Masses: what each \
 sensor, and both combined, believe of each candidate; the three add up to one.
 * Headings go from -180 to 180 degrees, counter-clockwise from east, and are interrupted where \
 they pass them. The shade is where a stage finds the field disturbed; the truth's own spans are a \

@@ -14,6 +14,7 @@ from groundtrace_codecs.events import CandidateBlock, StepEvent
 from groundtrace_codecs.signals import SEISMIC_QUANTITIES, SignalBlock
 
 from .context import View
+from .decisions import readable
 from .sketch import Sketch, crosses, ticks
 from .timeline import ACCEPTED, FAINT, MISSED, OUTLINE, TRACE, TRUTH, Entity
 from .wrong_decisions import TOLERANCE_NS
@@ -42,6 +43,8 @@ MOST_SAMPLES, MOST_STEPS = 240, 100
 #: The largest deflection in distances between traces; samples are kept in so many steps of it.
 DEFLECTION, LEVELS = 0.62, 127
 LABEL_UP = 4.0
+#: Of more traces than this, those that picked are named in turn: names would lie on each other.
+MOST_NAMED = 12
 
 
 class Wave(NamedTuple):
@@ -219,15 +222,17 @@ class StepWaves(View):
         }
         true = [(of_step[name], y) for (_, name), y in height.items() if name in of_step]
         sketch.lines(f"{WAVES}/truth", when, [crosses(true, 2.6, upright=True)], TRUTH, -1.1)
+        named = list(height)[:: 1 if len(height) <= MOST_NAMED else 2]
         for what, colour, wanted in (
             ("yes", ACCEPTED, [n for n in height if n in heard and heard[n].picked]),
             ("no", MISSED, [n for n in height if n not in heard or not heard[n].picked]),
         ):
+            wanted = [n for n in wanted if what == "no" or n in named]
             names = [((-12.0, height[n] - LABEL_UP), n[1]) for n in wanted]
             values = [
                 (
                     (WIDE + 12.0, height[n] - LABEL_UP),
-                    f"{heard[n].value:.3g}" if n in heard else "-",
+                    readable(heard[n].value) if n in heard else "-",
                 )
                 for n in wanted
             ]
@@ -238,11 +243,6 @@ class StepWaves(View):
         StepEvent: step,
         CandidateBlock: candidates,
     }
-
-
-def _short(value: float) -> str:
-    """Return a number of three digits, or more before its point: never with an exponent there."""
-    return f"{value:.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
 
 
 def _across(times: Array) -> Array:

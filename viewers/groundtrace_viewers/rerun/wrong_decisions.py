@@ -420,7 +420,7 @@ def doublings(value: float, threshold: float, *, passed: bool) -> float:
 REACH = 2.0
 CARD, BARS, MARGINS = "/decision-at-cursor", "/gates-at-cursor", "/gates-over-time"
 #: Height of a row of bars, half a bar's width, half a bar's length, and where words stand.
-ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 20.0, 4.5, 45.0, -98.0, 98.0
+ROW, HALF_BAR, HALF_LENGTH, NAME_AT, VALUE_AT = 20.0, 4.5, 45.0, -112.0, 112.0
 #: A label stands below its point: so much above the row it is centred on it.
 LABEL_UP = 8.0
 GROOVE = 0x23282EFF
@@ -457,7 +457,7 @@ class DecisionCard:
     def _log_bars(self, times: Sequence[int], gates: Sequence[tuple[GateReading, ...]]) -> None:
         import rerun as rr
 
-        title = "Gates: green passes, red fails"
+        title = "Gates at the cursor"
         top = ROW * self._rows
         self._timeline.declare(Entity(BARS, "bars", title, self._rows, top=top))
         heights = ROW * np.arange(self._rows)

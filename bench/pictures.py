@@ -1,0 +1,235 @@
+"""Pictures of every layout at both sizes, to be looked at: one PNG per layout, size and viewer.
+
+Native is the viewer without a screen; with ``--browser`` also the page in headless Chromium, in
+dark and light; with ``--slider`` six pictures of a threshold that is tried in place. Recordings of
+others (``GROUNDTRACE_DATA``) are named, and left out, where they are not there.
+
+Run: python bench/pictures.py FOLDER [--only NAME] [--size 1280x720] [--browser] [--slider]
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from groundtrace.cli.main import main as groundtrace
+from groundtrace_codecs.recording import Recording
+from groundtrace_codecs.signals import NS_PER_S
+from groundtrace_recordings import path_of
+from groundtrace_viewers.rerun.capture import MENU_POINTS, publishable, screenshot
+from groundtrace_viewers.rerun.moments import moments_of_results
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from playwright.sync_api import Browser, Page
+
+SIZES = ((1920, 1080), (1280, 720))
+FLAGS = ("--no-sandbox", "--disable-dev-shm-usage", "--enable-unsafe-swiftshader")
+PATIENCE_MS = 120_000
+#: The first picture of the viewer's plots is drawn so long after it says that it is ready [ms].
+DRAWN_MS = 12_000
+DATA = Path(os.environ.get("GROUNDTRACE_DATA", "../shared/data"))
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What is drawn: a recording, how it is replayed, and where the cursor is.
+
+    Attributes
+    ----------
+    name
+        Of its pictures.
+    source
+        A bundled recording; else ``simulate`` and its arguments, or ``import`` and its arguments
+        with paths below :data:`DATA`.
+    replay
+        Options of ``groundtrace replay``.
+    at_s
+        The cursor [s]; None is where a page opens.
+    """
+
+    name: str
+    source: tuple[str, ...]
+    replay: tuple[str, ...] = ()
+    at_s: float | None = None
+
+
+LAYOUTS = (
+    Layout("walker-miss", ("lower-back",)),
+    Layout("walker-ways", ("waist-walk",), ("--pipeline", "pedestrian"), 30.0),
+    Layout("walker-phone", ("import", "oxford-step/validation/user1_bag_1506423095164.csv")),
+    Layout("walker-back", ("import", "back-steps/1-1")),
+    Layout("foot", ("foot",), (), 12.0),
+    Layout("room", ("room-walk",), (), 8.04),
+    Layout("room-miss", ("room-walk",), ("--set", "picks.ratio=2000")),
+    Layout("room-16", ("simulate", "room", "--channels", "16", "--seed", "4"), (), 5.0),
+    Layout("heading", ("import", "broad/28_disturbed_stationary_magnet_A.mat"), (), 61.0),
+    Layout("shots", ("import", "refrapy-seg2/field_example_02/data"), (), None),
+    Layout("shots-simulated", ("simulate", "line", "--seed", "2")),
+    Layout("vehicle", ("vehicle-pass",), (), 15.0),
+    Layout("vehicle-passes", ("simulate", "vehicle", "--seed", "3"), (), 20.0),
+)
+#: More that an import needs.
+IMPORTED = {
+    "walker-phone": ("--map", "oxford-step-validation"),
+    "heading": ("--map", "broad-mat"),
+}
+#: What has a pipeline of its own.
+PIPELINES = {"heading": "heading", "shots": "hammer-shots", "shots-simulated": "hammer-shots"}
+
+
+def quietly(*arguments: str) -> None:
+    """Run a command; what it says is told only where it fails."""
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            groundtrace(list(arguments))
+    except SystemExit as ended:
+        if ended.code:
+            raise SystemExit(f"groundtrace {' '.join(arguments)}: {said.getvalue()}") from ended
+
+
+def recorded(layout: Layout, folder: Path) -> Path | None:
+    """Return the recording of a layout; None where it needs data that are not there."""
+    kind, *arguments = layout.source
+    path = folder / f"{layout.name}.mcap"
+    if kind not in ("simulate", "import"):
+        return path_of(f"{kind}.mcap")
+    if path.exists():
+        return path
+    if kind == "simulate":
+        quietly("simulate", *arguments, "-o", str(path))
+        return path
+    source = DATA / arguments[0]
+    if not source.exists():
+        return None
+    more = list(IMPORTED.get(layout.name, ()))
+    if (source / "map.toml").is_file():
+        more += ["--map", str(source / "map.toml"), "--truth", str(source / "truth.csv")]
+        source = source / "signal.csv"
+    if layout.name == "shots":
+        line = source.parent
+        more += ["--truth", str(line / "picks" / f"{line.name}.sgt")]
+    quietly("import", str(source), "-o", str(path), *more)
+    return path
+
+
+def replayed(layout: Layout, recording: Path, folder: Path) -> tuple[Path, Path]:
+    """Replay a layout; return the viewer's file and the results."""
+    rrd, results = (folder / f"{layout.name}{tail}" for tail in (".rrd", ".results.mcap"))
+    own = PIPELINES.get(layout.name)
+    more = ["--pipeline", own] if own else []
+    out = ["--rrd", str(rrd), "--out", str(results), "--force", "--full-rate", "misses"]
+    quietly("replay", str(recording), *layout.replay, *more, *out)
+    return rrd, results
+
+
+def opens_s(recording: Path, results: Path) -> float:
+    """Return where a page of results opens [s]."""
+    from groundtrace.pipeline.results import read_results
+
+    with Recording.open(recording) as opened:
+        found = moments_of_results(read_results(results), opened.streams)
+        shots = [label.time_ns for label in opened.labels if label.kind == "shot"]
+        if shots:
+            return (sorted(shots)[len(shots) // 2] - opened.start_ns) / NS_PER_S + 0.04
+    wrong = [moment.t_s for moment in (*found.misses, *found.events)]
+    return wrong[0] if wrong else 0.0
+
+
+@contextlib.contextmanager
+def browsing() -> Iterator[Browser]:
+    """Run Chromium."""
+    from playwright.sync_api import sync_playwright
+
+    program = os.environ.get("GROUNDTRACE_CHROMIUM", "/usr/bin/chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@contextlib.contextmanager
+def shown(browser: Browser, html: Path, size: tuple[int, int], scheme: Any) -> Iterator[Page]:
+    """Show a page that is one file, when it is ready."""
+    width, height = size
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme)
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.add_init_script("console.debug = () => {}")  # the viewer says very much
+    page.goto(html.resolve().as_uri())
+    page.wait_for_selector("html[data-state=ready]")
+    yield page
+    context.close()
+
+
+def slide(page: Page, folder: Path, name: str) -> None:
+    """Take six pictures of a threshold that is moved from end to end."""
+    last = int(page.get_attribute("#tuning-value", "max") or 0)
+    now = int(page.input_value("#tuning-value"))
+    for number, value in enumerate((now, 0, last // 4, last // 2, 3 * last // 4, last)):
+        move = "(e, v) => { e.value = v; e.dispatchEvent(new Event('input')); }"
+        page.locator("#tuning-value").evaluate(move, value)
+        target = folder / f"{name}-slider-{number + 1}.png"
+        page.locator("#tuning").screenshot(path=target, timeout=PATIENCE_MS)
+        said = page.text_content("#tuning-setting"), page.text_content("#tuning-counts")
+        print(target.name, *said, sep="  ")
+
+
+def main() -> None:
+    """Draw all that is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--only", help="layouts whose name begins so")
+    parser.add_argument("--size", help="one size instead of both")
+    parser.add_argument("--browser", action="store_true")
+    parser.add_argument("--slider", action="store_true")
+    asked = parser.parse_args()
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    sizes = [tuple(map(int, asked.size.split("x")))] if asked.size else SIZES
+    with contextlib.ExitStack() as stack:
+        browser = stack.enter_context(browsing()) if asked.browser or asked.slider else None
+        for layout in LAYOUTS:
+            if asked.only and not layout.name.startswith(asked.only):
+                continue
+            recording = recorded(layout, asked.folder)
+            if recording is None:
+                print(f"{layout.name}: {DATA / layout.source[1]} is not there")
+                continue
+            rrd, results = replayed(layout, recording, asked.folder)
+            at_s = opens_s(recording, results) if layout.at_s is None else layout.at_s
+            for width, height in () if asked.slider else sizes:
+                png = asked.folder / f"{layout.name}-{width}x{height}.png"
+                window = (width, height + MENU_POINTS)
+                state = screenshot(rrd, png, at_s=at_s, size=window)
+                publishable(png, MENU_POINTS)
+                wrong = [f"{v.name}: {v.reports}" for v in state.views if v.reports]
+                print(png.name, f"at {at_s:.3f} s", *wrong, sep="  ", flush=True)
+            if browser is None:
+                continue
+            html = asked.folder / f"{layout.name}.html"
+            given = ("--recording", str(recording), "--rrd", str(rrd))
+            quietly("share", str(results), "-o", str(html), "--single-file", "--force", *given)
+            if asked.slider:
+                with shown(browser, html, SIZES[1], "dark") as page:
+                    if page.is_visible("#tuning"):
+                        slide(page, asked.folder, layout.name)
+                continue
+            for size in sizes:
+                for scheme in ("dark", "light"):
+                    with shown(browser, html, size, scheme) as page:
+                        page.goto(f"{html.resolve().as_uri()}#t={at_s}")
+                        page.wait_for_timeout(DRAWN_MS)
+                        name = f"{layout.name}-page-{scheme}-{size[0]}x{size[1]}.png"
+                        page.screenshot(path=asked.folder / name, timeout=PATIENCE_MS)
+                        print(name, flush=True)
+
+
+if __name__ == "__main__":
+    main()
