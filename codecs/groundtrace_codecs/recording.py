@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
     from .annotations import Annotation
     from .events import Label
     from .mcap.byte_source import ByteSource
-    from .mcap.chunks import ChannelRecord, Message, Schema
+    from .mcap.chunks import ChannelRecord, ChunkEntry, Message, Schema
     from .schemas.ros2 import Definition
     from .schemas.waveform import Waveform
 
@@ -261,6 +262,24 @@ class Recording:
         for logged_ns, block in self._decoded(readers, low, high, joined_ns):
             if block.topic in wanted and len(part := block.between(start_ns, stop_ns)):
                 yield LoggedBlock(logged_ns, part)
+
+    def counted(self, topic: str) -> CountedMessages | None:
+        """Return how many messages a stream has before each chunk, by the index of the file alone.
+
+        None where the index does not say it, samples carry their own times, more than one channel
+        holds the stream, or a clock was set back.
+        """
+        ids = [i for i, r in self._readers.items() if topic in (s.topic for s in r.streams)]
+        if len(ids) != 1 or self._clock is not None or ids[0] not in self._lags:
+            return None
+        reader, lag = self._readers[ids[0]], self._lags[ids[0]]
+        found = self.file.counted(ids[0])
+        stream = next(s for s in reader.streams if s.topic == topic)
+        if stream.irregular or not found:
+            return None
+        before = np.cumsum([0, *(count for _, count in found)], dtype=np.int64)[:-1]
+        chunks = tuple(chunk for chunk, _ in found)
+        return CountedMessages(self.file, ids[0], reader, stream, lag.first_ns, chunks, before)
 
     def _wanted(self, topics: Collection[str] | None) -> set[str]:
         known = {s.topic for s in self.streams}
@@ -750,6 +769,48 @@ class Lag:
     low_ns: int
     high_ns: int
     first_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountedMessages:
+    """Where the messages of a uniform stream are, by the index of its file.
+
+    Attributes
+    ----------
+    file, channel_id, reader, stream
+        What holds the messages, and what is made of them.
+    first_ns
+        The first sample [ns].
+    chunks
+        Those with messages, in the order of the file.
+    before
+        Shape (n_chunks,): messages before each.
+    """
+
+    file: McapFile
+    channel_id: int
+    reader: ChannelReader
+    stream: Stream
+    first_ns: int
+    chunks: tuple[ChunkEntry, ...]
+    before: NDArray[np.int64]
+
+    def chunk_at(self, log_ns: int) -> int:
+        """Return the last chunk that begins at a log time [ns] or before; -1 if none does."""
+        starts = [chunk.start_ns for chunk in self.chunks]
+        return bisect_right(starts, log_ns) - 1
+
+    def blocks(self, chunk: int) -> Iterator[SignalBlock]:
+        """Yield a block for each message from a chunk on; one that cannot be decoded is left out.
+
+        Chunks are read when they are asked for.
+        """
+        for entry in self.chunks[chunk:]:
+            table = self.file.chunk(entry, self.channel_id)
+            for i in range(len(table)):
+                for _, block in readable(self.reader, table[i : i + 1], pass_over):
+                    if block.topic == self.stream.topic:
+                        yield block
 
 
 def lags_of(file: McapFile, readers: dict[int, ChannelReader]) -> dict[int, Lag]:

@@ -481,6 +481,8 @@ class ChunkEntry:
         True for a run of Message records outside any chunk.
     segment
         Which of the files written one after the other it belongs to, from 0.
+    counts
+        Id of each channel with messages inside, and how many; empty = unknown.
     """
 
     offset: int
@@ -490,6 +492,7 @@ class ChunkEntry:
     channel_ids: frozenset[int] | None
     bare: bool = False
     segment: int = 0
+    counts: tuple[tuple[int, int], ...] = ()
 
 
 @dataclass(slots=True)

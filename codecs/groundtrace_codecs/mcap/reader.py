@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from itertools import count
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
@@ -47,6 +48,7 @@ from .chunks import (
     SCHEMA,
     STATISTICS,
     U32,
+    U64,
     U64_U64,
     AttachmentRef,
     ChannelRecord,
@@ -297,6 +299,22 @@ class McapFile:
         """Return at what times some channels are to be read if a clock was set back, else None."""
         near = not self.remote
         return reading_clock(self._source, self._chunks, self._segments, channel_ids, near=near)
+
+    def counted(self, channel_id: int) -> tuple[tuple[ChunkEntry, int], ...]:
+        """Return the chunks with messages of a channel, and how many, by the index alone.
+
+        In the order of the file; nothing where the index does not say it.
+        """
+        own = [c for c in self._chunks if c.channel_ids is None or channel_id in c.channel_ids]
+        found = [(c, n) for c in own for i, n in c.counts if i == channel_id]
+        whole = sum(n for _, n in found) == self.message_counts.get(channel_id)
+        sure = self.indexed and len(self._segments) == 1 and whole and len(found) == len(own)
+        return tuple(sorted(found, key=lambda pair: pair[0].offset)) if sure else ()
+
+    def chunk(self, entry: ChunkEntry, channel_id: int) -> MessageTable:
+        """Return the messages of a channel in one chunk, by log time."""
+        part = _Part(self._source, self._segments[entry.segment], {channel_id})
+        return self._load(part, entry, *ANY_TIME)
 
     def attachment(self, ref: AttachmentRef) -> bytes:
         """Read the content of an attachment.
@@ -625,10 +643,12 @@ class Summary:
 
     def _chunk(self, fields: Fields) -> None:
         start_ns, end_ns, offset, length = fields.unpack(_CHUNK_INDEX)
-        offsets = fields.blob(fields.unpack(U32)[0])
+        offsets = _pairs(fields.blob(fields.unpack(U32)[0]))
         # An empty map means that the writer kept no message index, not that the chunk is empty.
-        ids = frozenset(channel for channel, _ in _pairs(offsets)) or None
-        self.chunks.append(ChunkEntry(offset, length, start_ns, end_ns, ids))
+        ids = frozenset(channel for channel, _ in offsets) or None
+        (indexed,) = fields.unpack(U64)
+        counts = _counts(offsets, offset + length + indexed)
+        self.chunks.append(ChunkEntry(offset, length, start_ns, end_ns, ids, counts=counts))
 
     def _attachment(self, fields: Fields) -> None:
         offset, length, log_time, create_time, size = fields.unpack(_ATTACHMENT_INDEX)
@@ -707,6 +727,33 @@ def _pairs(raw: memoryview) -> list[tuple[Any, ...]]:
     if len(raw) % _COUNT.size:
         raise MalformedError(f"expected a map of 10-byte entries, found {len(raw)} bytes")
     return list(_COUNT.iter_unpack(raw))
+
+
+#: Bytes of a MessageIndex record without entries: its head, a channel's id, the entries' length.
+#: Source: MCAP specification, "Message Index".
+_INDEX_BYTES = RECORD_HEAD.size + 2 + U32.size
+
+
+def _counts(offsets: Sequence[tuple[int, int]], end: int) -> tuple[tuple[int, int], ...]:
+    """Return how many messages each channel has in a chunk, by the lengths of its indexes.
+
+    Parameters
+    ----------
+    offsets
+        Id of each channel, and the offset of its MessageIndex record; they follow each other.
+    end
+        Where the last one ends.
+
+    Returns
+    -------
+    Nothing where the records are of other lengths than such indexes are.
+    """
+    placed = sorted(offsets, key=itemgetter(1))
+    ends = [*(at for _, at in placed[1:]), end]
+    sizes = [(i, stop - at - _INDEX_BYTES) for (i, at), stop in zip(placed, ends, strict=True)]
+    if any(size < 0 or size % U64_U64.size for _, size in sizes):
+        return ()
+    return tuple((i, size // U64_U64.size) for i, size in sizes)
 
 
 class ChunkLoader:

@@ -205,7 +205,8 @@ class PlannedReplay:
     def provenance(self, arguments: tuple[str, ...] = ()) -> Provenance:
         """Return where its results come from; ``arguments`` are those of the command.
 
-        Of a recording that grows or comes from elsewhere the bytes are known when it was read.
+        Of a recording that grows or comes from elsewhere the bytes are known when it was read, and
+        of a part of one from elsewhere they are not.
         """
         session = self.session
         return Provenance(
@@ -235,7 +236,11 @@ class PlannedReplay:
         if live is not None:
             early = set(live.head.labels)
             late = [label for label in live.labels if label not in early]
-        sha256 = self.recording.file.sha256() if live is None else live.sha256()
+        sha256 = ""  # of a part of what is elsewhere: the rest is not fetched for it
+        if live is not None:
+            sha256 = live.sha256()
+        elif self.read_span == (None, None):
+            sha256 = self.recording.file.sha256()
         end_ns = self.session.end_ns if live is None else live.end_ns
         for sink in sinks:
             if isinstance(sink, ResultsSink):

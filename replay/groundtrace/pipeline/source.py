@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from groundtrace_codecs.events import Gap
-from groundtrace_codecs.recording import BATCH_NS
+from groundtrace_codecs.recording import BATCH_NS, Recording
 from groundtrace_codecs.signals import NS_PER_S, SignalBlock, as_one
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from groundtrace_codecs.recording import LoggedBlock
+    from groundtrace_codecs.recording import CountedMessages, LoggedBlock
     from groundtrace_codecs.signals import Stream
 
 #: Samples of the fastest stream that unpaced blocks are joined to: what a block costs, whatever its
@@ -85,8 +85,11 @@ class Source:
     bridge_s
         Longest gap that is filled [s].
     in_whole
-        What comes before ``start_ns`` is read, though not given: so runs, their sample counts and
-        the blocks are those of the whole recording.
+        Runs, their sample counts and the blocks are those of the whole recording. Where a run
+        began is found by the index of the file (:func:`run_before`); where that does not tell it,
+        what comes before ``start_ns`` is read, though not given.
+    runs
+        Where runs stand that were begun before ``start_ns``, by topic, known from elsewhere.
 
     Notes
     -----
@@ -104,6 +107,7 @@ class Source:
         block_s: float | None = None,
         bridge_s: float = BRIDGE_S,
         in_whole: bool = False,
+        runs: Mapping[str, RunBefore] | None = None,
     ) -> None:
         self.recording = recording
         self.topics = topics
@@ -113,6 +117,7 @@ class Source:
         self.block_ns = round(length_s * NS_PER_S)
         self.bridge_s = bridge_s
         self._in_whole = in_whole
+        self._runs = runs
         self._trackers: Trackers = {}
 
     @property
@@ -125,24 +130,63 @@ class Source:
 
     def __iter__(self) -> Iterator[SignalBlock | Gap]:
         """Yield blocks and gaps."""
+        for _, items in self.windows():
+            yield from items
+
+    def windows(self) -> Iterator[tuple[int, Iterable[SignalBlock | Gap]]]:
+        """Yield the number of each window of log time, and what it has; see :attr:`width_ns`.
+
+        A window is given before a sample of a later one is looked at.
+        """
         self._trackers = {}
         waiting: dict[str, list[SignalBlock | Gap]] = {}
-        width_ns = self.block_ns or BATCH_NS
-        window = None
-        read_ns = None if self._in_whole else self.start_ns
+        window = 0
+        read_ns = self._begin()
         wanted = (self.topics, read_ns, self.stop_ns, self.block_ns)
         for log_ns, block in self.recording.blocks(*wanted):
-            if window is not None and log_ns // width_ns > window:
-                yield from self._drain(waiting)
-            window = max(window or 0, log_ns // width_ns)
+            own = log_ns // self.width_ns
+            if own > window:
+                if waiting:
+                    yield window, self._drain(waiting)
+                window = own
             for item in map(self._begun, self._followed(block)):
                 if item is None:
                     continue
                 if self.block_ns == 0:
-                    yield item
+                    yield window, (item,)
                 else:
                     waiting.setdefault(item.topic, []).append(item)
-        yield from self._drain(waiting)
+        if waiting:
+            yield window, self._drain(waiting)
+
+    @property
+    def width_ns(self) -> int:
+        """Length of a window of log time; they are counted from 1970 on [ns]."""
+        return self.block_ns or BATCH_NS
+
+    @property
+    def states(self) -> dict[str, Any]:
+        """Where the runs of all topics stand after the window that was given last, to compare."""
+        return {topic: tracker.state for topic, tracker in self._trackers.items()}
+
+    def _begin(self) -> int | None:
+        """Return from where on to read, and take runs as begun that were begun before [ns]."""
+        start_ns, topics = self.start_ns, [stream.topic for stream in self.streams]
+        known = self._runs
+        if known is None and self._in_whole and start_ns is not None:
+            counted = isinstance(self.recording, Recording)
+            known = (
+                runs_before(self.recording, topics, start_ns, self.bridge_s) if counted else None
+            )
+            if known is None:
+                return None
+        if known is None or start_ns is None:
+            return start_ns
+        for stream in self.recording.streams:
+            if stream.topic in known:
+                self._trackers[stream.topic] = tracker = run_tracker(stream, self.bridge_s)
+                tracker.resume(known[stream.topic])
+        return min([start_ns, *(run.time_ns for run in known.values())])
 
     def _followed(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
         """Yield what a recorded block adds to the run of its stream."""
@@ -153,7 +197,7 @@ class Source:
     def _begun(self, item: SignalBlock | Gap) -> SignalBlock | Gap | None:
         """Return what of an item is to be given, by when the source is to begin."""
         start_ns = self.start_ns
-        if not self._in_whole or start_ns is None:
+        if start_ns is None or not (self._in_whole or self._runs):
             return item
         if isinstance(item, Gap):
             return item if item.end_ns >= start_ns else None
@@ -162,9 +206,12 @@ class Source:
         part = item.slice(item.index_of(start_ns), len(item))
         return part if len(part) else None
 
-    def _drain(self, waiting: dict[str, list[SignalBlock | Gap]]) -> Iterator[SignalBlock | Gap]:
+    def _drain(self, waiting: dict[str, list[SignalBlock | Gap]]) -> list[SignalBlock | Gap]:
+        """Take what waits, stream by stream, with what continues each other joined."""
+        found: list[SignalBlock | Gap] = []
         for stream in self.recording.streams:
-            yield from joined(waiting.pop(stream.topic, []))
+            found += joined(waiting.pop(stream.topic, []))
+        return found
 
 
 def joined(items: list[SignalBlock | Gap]) -> Iterator[SignalBlock | Gap]:
@@ -193,6 +240,25 @@ def run_tracker(stream: Stream, bridge_s: float) -> UniformRuns | IrregularRuns:
     return kind(stream, bridge_s)
 
 
+@dataclass(frozen=True, slots=True)
+class RunBefore:
+    """A run that goes on in the middle of a recording.
+
+    Attributes
+    ----------
+    time_ns
+        From here on the run goes on [ns]; what is earlier is left out.
+    anchor_ns
+        Time of its sample 0 [ns].
+    base
+        The recorded index of that; 0 where samples carry times of their own.
+    """
+
+    time_ns: int
+    anchor_ns: int
+    base: int = 0
+
+
 @dataclass(slots=True)
 class _Counter:
     """Where a uniform run stands: its anchor, the recorded index of its sample 0, the next one."""
@@ -211,9 +277,31 @@ class UniformRuns:
         self.bridge_ns = round(bridge_s * NS_PER_S)
         self.tolerance_ns = max(1.5 * stream.period_ns, CLOCK_TOLERANCE_S * NS_PER_S)
         self._run: _Counter | None = None
+        self._resumed: RunBefore | None = None
+
+    @property
+    def state(self) -> object:
+        """Where the run stands, to compare; None before there is one."""
+        run = self._run
+        return None if run is None else (run.anchor_ns, run.base, run.next, run.last.tobytes())
+
+    @property
+    def begin(self) -> tuple[int, int]:
+        """Time and recorded index of sample 0 of the run under way [ns]."""
+        assert self._run is not None  # a block was taken
+        return self._run.anchor_ns, self._run.base
+
+    def resume(self, run: RunBefore) -> None:
+        """Go on with a run that was begun before."""
+        self._resumed = run
 
     def add(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
         """Take a recorded block; yield blocks of runs and the gaps between them."""
+        if (resumed := self._resumed) is not None:
+            block = block.between(resumed.time_ns, None)
+            if len(block):
+                begin = resumed.anchor_ns, resumed.base
+                self._run, self._resumed = _Counter(*begin, block.first, block.samples[0]), None
         run = self._run
         if not len(block):
             return
@@ -297,9 +385,29 @@ class IrregularRuns:
         self._next = 0
         self._time_ns = 0
         self._value: NDArray[np.float64] = np.empty(0)
+        self._resumed: RunBefore | None = None
+
+    @property
+    def state(self) -> object:
+        """Where the run stands, to compare; None before there is one."""
+        if self._anchor_ns is None:
+            return None
+        return self._anchor_ns, self._next, self._time_ns, self._value.tobytes()
+
+    def resume(self, run: RunBefore) -> None:
+        """Go on with a run that was begun before, from the first sample on that is then given."""
+        self._resumed = run
 
     def add(self, block: SignalBlock) -> Iterator[SignalBlock | Gap]:
         """Take a recorded block; yield blocks of runs and the gaps between them."""
+        if (resumed := self._resumed) is not None:
+            block = block.between(resumed.time_ns, None)
+            if len(block):
+                self._resumed, self._anchor_ns = None, resumed.anchor_ns
+                self._time_ns = int(block.sample_times()[0])
+                self._value = np.asarray(block.samples[0], np.float64)
+                self._next = self._last(np.array([self._time_ns])) + 1
+                block = block.slice(1, len(block))
         times = block.sample_times()
         samples = np.asarray(block.samples, np.float64)
         start = 0
@@ -357,8 +465,7 @@ class IrregularRuns:
         self._time_ns, self._value = int(times[-1]), samples[-1]
         knots = self._snapped(times - self._anchor_ns)
         period = self.stream.period_ns
-        last = round(knots[-1] / period)
-        last -= int(round(last * period) > knots[-1])
+        last = self._last(times)
         if last < self._next:
             return
         index = np.arange(self._next, last + 1)
@@ -366,6 +473,13 @@ class IrregularRuns:
         values = np.column_stack([np.interp(grid, knots, column) for column in samples.T])
         first, self._next = self._next, last + 1
         yield SignalBlock(self.stream, self._anchor_ns, first, values)
+
+    def _last(self, times: NDArray[np.int64]) -> int:
+        """Return the index of the last grid point up to the last of some times."""
+        assert self._anchor_ns is not None  # a run is on
+        period, knot = self.stream.period_ns, self._snapped(times[-1:] - self._anchor_ns)[-1]
+        last = round(float(knot) / period)
+        return last - int(round(last * period) > knot)
 
     def _snapped(self, times: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return times since the anchor [ns], those that only rounding keeps off the grid on it."""
@@ -378,6 +492,110 @@ class IrregularRuns:
 if TYPE_CHECKING:
     #: What makes runs of each topic's blocks.
     Trackers = dict[str, UniformRuns | IrregularRuns]
+
+
+#: A run's begin is given up, and all before is read, after so many looks into the recording. Chosen
+#: by judgement: a gap among a million chunks is found by 20, and each is a chunk to be fetched.
+LOOKS = 64
+
+
+def runs_before(
+    recording: object, topics: Collection[str], start_ns: int, bridge_s: float = BRIDGE_S
+) -> dict[str, RunBefore] | None:
+    """Return the runs that go on at a time, by the index of the file and a few of its chunks.
+
+    Parameters
+    ----------
+    recording, topics
+        Of which recording, and which of its streams.
+    start_ns
+        The time [ns]; runs are given from where they are sure to be before it.
+    bridge_s
+        Longest gap that is filled [s].
+
+    Returns
+    -------
+    By topic; a stream that begins later has none. None where they are not to be known without
+    reading all that is before, or that is nothing, and of what is no file.
+    """
+    found: dict[str, RunBefore] = {}
+    if not isinstance(recording, Recording):
+        return None
+    for topic in topics:
+        counted = recording.counted(topic)
+        if counted is None:
+            return None
+        if counted.first_ns < start_ns:
+            run = run_before(counted, start_ns, bridge_s)
+            if run is None:
+                return None
+            found[topic] = run
+    return found or None
+
+
+def run_before(counted: CountedMessages, start_ns: int, bridge_s: float) -> RunBefore | None:
+    """Return the run that a stream is in before a time [ns], None where nothing tells it.
+
+    All messages of a run have as many samples: so many messages before a chunk leave a recorded
+    index that is known, unless samples are missing. Where they are, the gap is found by halves.
+    Samples whose times are not exactly those of the run, as of clocks that drift, tell nothing.
+    """
+    looked: dict[int, SignalBlock] = {}
+
+    def first_of(place: int) -> SignalBlock:
+        if place not in looked:
+            block = next(counted.blocks(place), None) if place >= 0 else None
+            if block is None or len(looked) >= LOOKS:
+                raise LookupError
+            looked[place] = block
+        return looked[place]
+
+    def lost(place: int) -> int:
+        """Return how many samples are missing before a chunk."""
+        return first_of(place).first - len(first_of(0)) * int(counted.before[place])
+
+    chunk = counted.chunk_at(start_ns)
+    try:
+        while first_of(chunk).start_ns >= start_ns:
+            chunk -= 1
+        begin, wanted = _last_begin(counted, chunk, bridge_s, first_of, lost), first_of(chunk)
+    except LookupError:
+        return None
+    anchor_ns, base = begin
+    expected_ns = anchor_ns + round((wanted.first - base) * counted.stream.period_ns)
+    return RunBefore(wanted.start_ns, *begin) if wanted.start_ns == expected_ns else None
+
+
+def _last_begin(
+    counted: CountedMessages,
+    chunk: int,
+    bridge_s: float,
+    first_of: Callable[[int], SignalBlock],
+    lost: Callable[[int], int],
+) -> tuple[int, int]:
+    """Return time and recorded index of sample 0 of the run that a chunk's first message is of.
+
+    Raises
+    ------
+    LookupError
+        Where messages have other lengths than the first one, without a gap.
+    """
+    while lost(chunk) != lost(0):
+        low, high, missing = 0, chunk, lost(chunk)
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (low, middle) if lost(middle) == missing else (middle, high)
+        runs, gaps = UniformRuns(counted.stream, bridge_s), list[Gap]()
+        for block in counted.blocks(low):
+            gaps += [item for item in runs.add(block) if isinstance(item, Gap)]
+            if block.first >= first_of(high).first:
+                break
+        if not gaps:
+            raise LookupError
+        if not all(gap.bridged for gap in gaps):
+            return runs.begin
+        chunk = low
+    return first_of(0).start_ns, first_of(0).first
 
 
 @dataclass(slots=True)

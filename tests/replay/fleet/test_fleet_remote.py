@@ -6,8 +6,10 @@ import hashlib
 import re
 import time
 import tracemalloc
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from command_runs import assert_same_decisions, check_schema, done, run
 from fleet_runs import Here, ran_fleet, use
@@ -20,11 +22,12 @@ from groundtrace.pipeline.results import provenance_of
 from groundtrace_codecs import CodecError, Recording
 from groundtrace_codecs.location import Location, as_url, is_url
 from groundtrace_codecs.mcap.byte_source import BLOCK_BYTES, RemoteBytes
+from groundtrace_codecs.signals import Channel, SignalBlock, Stream
+from groundtrace_codecs.writer import write_recording
 from groundtrace_recordings import path_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 fsspec = pytest.importorskip("fsspec", reason="fsspec is not installed: groundtrace[fleet]")
 pytest.importorskip("aiohttp", reason="aiohttp is not installed: groundtrace[fleet]")
@@ -101,6 +104,32 @@ def test_replay_of_a_url_is_the_replay_of_its_file(
     one, other = (provenance_of(tmp_path / name) for name in ("remote.mcap", "local.mcap"))
     assert one.sha256 == other.sha256 == hashlib.sha256(ROOM).hexdigest()
     assert_same_decisions(tmp_path / "remote.mcap", tmp_path / "local.mcap")
+
+
+def test_a_span_of_a_url_fetches_itself_and_its_warm_up_alone(
+    memory: Any, capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rng, rate = np.random.default_rng(1), 20_000
+    channels = tuple(Channel(f"G{i}", "ground_velocity", "m/s") for i in range(8))
+    stream = Stream("/seismic", channels, float(rate))
+    noise = rng.integers(-30_000, 30_000, (60 * rate, 8)).astype(np.int16)
+    write_recording("noise.mcap", [(stream, "i16le", [SignalBlock(stream, 10**18, 0, noise)])])
+    data = Path("noise.mcap").read_bytes()
+    memory.pipe("/noise.mcap", data)
+    fetched: list[int] = []
+    ranged = RemoteBytes._range
+
+    def counting(self: RemoteBytes, start: int, stop: int) -> bytes:
+        fetched.append(stop - start)
+        return ranged(self, start, stop)
+
+    monkeypatch.setattr(RemoteBytes, "_range", counting)
+    span = ("--pipeline", "signals", "--from", 30, "--to", 31, "--no-viewer")
+    said = done(capsys, "replay", "memory://noise.mcap", *span, "--out", "a.mcap", "--json")
+    assert said.document["samples"] == 8 * rate
+    assert 0 < sum(fetched) < 0.35 * len(data)
+    assert provenance_of(tmp_path / "a.mcap").sha256 == "", "most of it was not read"
 
 
 def test_a_fleet_over_http_decides_what_it_decides_here(
